@@ -1,0 +1,61 @@
+# softcal. `make help` lists the targets. All is installed into .venv beside this file.
+# On first use: python3 -m venv, then pip; later only when pyproject.toml has changed.
+# (--no-compile halves the time; Python compiles what is imported, when it is.)
+
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+INSTALLED := $(VENV)/.installed
+LOWEST := .venv-lowest
+PYTEST_ARGS ?=
+
+.DEFAULT_GOAL := help
+.DELETE_ON_ERROR:
+.PHONY: help study test test-all test-lowest lint types bench clean
+
+# One thread a process: the runs are spread over processes, and sums come in one order.
+export OMP_NUM_THREADS := 1
+export OPENBLAS_NUM_THREADS := 1
+export MKL_NUM_THREADS := 1
+
+help:  ## list the targets
+	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /\1\t/' | expand -t 14
+
+$(INSTALLED): pyproject.toml
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "softcal needs Python 3.11 or newer; name it, e.g.: make PYTHON=python3.12")'
+	@$(BIN)/python -m pip --version > /dev/null 2>&1 || $(PYTHON) -m venv --clear $(VENV)
+	$(BIN)/python -m pip install --disable-pip-version-check --no-compile --editable '.[dev]'
+	@touch $@
+
+study: $(INSTALLED)  ## calibrate on the real forces of the thesis (study thesis-forces)
+	$(BIN)/calib run thesis-forces
+
+test: $(INSTALLED)  ## run the tests, the embedded studies and the notebook among them (some 10 minutes)
+	$(BIN)/python -m pytest -n 2 -m "not slow and not study" $(PYTEST_ARGS)
+	$(BIN)/python -m pytest -m "study and not slow" $(PYTEST_ARGS)
+
+test-all: $(INSTALLED)  ## run all tests, long statistical ones too
+	$(BIN)/python -m pytest -n 2 -m "not study" $(PYTEST_ARGS)
+	$(BIN)/python -m pytest -m study $(PYTEST_ARGS)
+
+lint: $(INSTALLED)  ## check style and format
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+
+types: $(INSTALLED)  ## check types
+	$(BIN)/mypy
+
+bench: $(INSTALLED)  ## time one FE run of each hypothesis and the emulator
+	$(BIN)/python -m benchmarks.stages
+
+$(LOWEST)/.installed: pyproject.toml $(INSTALLED)
+	$(BIN)/uv venv --quiet --clear --python 3.11 $(LOWEST)
+	$(BIN)/uv pip install --quiet --python $(LOWEST)/bin/python --resolution lowest-direct --editable '.[dev,dask]'
+	@touch $@
+
+test-lowest: $(LOWEST)/.installed  ## run the quick tests on the oldest versions pyproject.toml allows
+	$(LOWEST)/bin/python -m pytest -n 2 -m "not slow and not study" $(PYTEST_ARGS)
+
+clean:  ## remove environments and caches; runs/ is kept
+	rm -rf $(VENV) $(LOWEST) build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -1,0 +1,1 @@
+"""What the stages of a study cost on this machine."""

@@ -1,0 +1,160 @@
+"""The command `calib`: one verb a function; what is wrong with the input is said in one sentence.
+
+Heavy modules are imported by the verb that needs them, so that `calib --help` answers at once.
+Exit codes: 0 done, 1 simulations or diagnostics failed, 2 wrong input, 130 stopped by the user.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import shlex
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from calib.study.summary import Summary
+
+FAILED = 1
+WRONG_INPUT = 2
+STOPPED = 130  # 128 + SIGINT, as shells have it
+
+# The matrices of one step are small: threads cost more than they give, and the order of a sum
+# must not depend on the machine. Work is spread over processes instead.
+_ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Carry out one command line (that of the process when None) and return its exit code."""
+    arguments = _parser().parse_args(argv)
+    for name in _ONE_THREAD:
+        os.environ.setdefault(name, "1")
+    try:
+        code: int = arguments.verb(arguments)
+        sys.stdout.flush()
+        return code
+    except KeyboardInterrupt:
+        print("\nstopped; run the same command again to go on", file=sys.stderr)
+        return STOPPED
+    except BrokenPipeError:  # the reader of a pipe, e.g. head, has had enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    except (ValueError, OSError) as error:
+        if arguments.traceback:
+            raise
+        print(f"calib: {error}", file=sys.stderr)
+        return WRONG_INPUT
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="calib",
+        description="Hyperelastic constants of soft materials, with uncertainty.",
+        epilog="Start with `calib run thesis-forces`, or `calib init my-study` for own data.",
+    )
+    parser.add_argument(
+        "--traceback", action="store_true", help="show where in the code wrong input was refused"
+    )
+    verbs = parser.add_subparsers(required=True, metavar="VERB")
+
+    run = verbs.add_parser("run", help="carry out a study; what is up to date is not done again")
+    run.add_argument("study", metavar="STUDY", help="study file, or name of an embedded study")
+    run.add_argument("--out", type=Path, metavar="DIR", help="results (default: runs/<name>)")
+    run.add_argument(
+        "--workers", type=_count, metavar="N", help="processes (default: as the study says; 0: all)"
+    )
+    run.set_defaults(verb=_run)
+
+    summary = verbs.add_parser("summary", help="print the table of a posterior")
+    summary.add_argument("path", type=Path, metavar="PATH", help="posterior.nc, or its folder")
+    style = summary.add_mutually_exclusive_group()
+    style.add_argument("--json", action="store_true", help="a list, one object per hypothesis")
+    style.add_argument("--csv", action="store_true", help="one line per hypothesis and constant")
+    summary.set_defaults(verb=_summary)
+
+    init = verbs.add_parser("init", help="write a commented study and example data to start from")
+    init.add_argument("folder", type=Path, metavar="DIR", help="folder to make")
+    init.set_defaults(verb=_init)
+
+    studies = verbs.add_parser("studies", help="list the embedded studies")
+    studies.set_defaults(verb=_studies)
+    return parser
+
+
+def _count(text: str) -> int:
+    """Type of --workers."""
+    if not (text.isascii() and text.isdigit()):
+        raise argparse.ArgumentTypeError(f"found {text}, expected a whole number, 0 or more")
+    return int(text)
+
+
+def _say(line: str) -> None:
+    print(line, flush=True)
+
+
+def _run(arguments: argparse.Namespace) -> int:
+    from calib.study.config import load_study
+
+    study = load_study(arguments.study)
+    workers = study.compute.workers if arguments.workers is None else arguments.workers
+    out = arguments.out or Path("runs") / study.name
+
+    if out.exists() and not out.is_dir():
+        raise ValueError(f"--out: found the file {out}, expected a folder or a new name")
+
+    from calib.study.stages import run_study
+    from fe.campaign import CampaignFailed
+    from fe.executors import WorkerDied
+
+    try:
+        result = run_study(study, out, workers=workers, echo=_say)
+    except (CampaignFailed, WorkerDied) as error:
+        print(f"calib: {error}", file=sys.stderr)
+        return FAILED
+    return _verdict(result.summaries)
+
+
+def _summary(arguments: argparse.Namespace) -> int:
+    from calib.study.summary import format_table, load_summary, to_csv, to_json
+
+    path = arguments.path / "posterior.nc" if arguments.path.is_dir() else arguments.path
+    if not path.is_file():
+        raise ValueError(f"{path}: found no such file, expected the posterior of a finished study")
+    summaries = load_summary(path)
+    style = to_json if arguments.json else to_csv if arguments.csv else format_table
+    print(style(summaries).rstrip("\n"))
+    return _verdict(summaries)
+
+
+def _verdict(summaries: Sequence[Summary]) -> int:
+    """Say which diagnostics are outside their limits; returns the exit code."""
+    failures = [f"{s.hypothesis}: {failure}" for s in summaries for failure in s.failures]
+    for failure in failures:
+        print(f"calib: {failure}", file=sys.stderr)
+    return FAILED if failures else 0
+
+
+def _init(arguments: argparse.Namespace) -> int:
+    from calib.study.template import write_template
+
+    for path in write_template(arguments.folder):
+        print(f"wrote {path}")
+    study = shlex.quote(str(arguments.folder / "study.toml"))
+    print(f"Put your data into it, then: calib run {study}")
+    return 0
+
+
+def _studies(_: argparse.Namespace) -> int:
+    from calib.study.config import embedded_studies
+
+    studies = embedded_studies()
+    width = max(len(name) for name in studies)
+    for name, title in studies.items():
+        print(f"{name:{width}}  {title}")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

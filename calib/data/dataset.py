@@ -1,0 +1,186 @@
+"""The data of one study: mean forces with their spread between samples, and the field if any."""
+
+from __future__ import annotations
+
+import csv
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from fe.response import Array
+
+COLUMNS = ("travel_mm", "force_mean_N", "force_sd_N", "n_samples")
+
+
+@dataclass(frozen=True)
+class FieldData:
+    """Displacement of the front face, and what is known of its noise.
+
+    Raises ValueError when shapes disagree, values are not finite or the noise is impossible.
+    """
+
+    points: Array
+    """(n_point, 2) reference x, y of the points, mm"""
+    displacement: Array
+    """(n_step, n_point, 3) displacement (x, y, z), mm"""
+    noise_std: Array
+    """(3,) SD of the noise of each component at one point and increment, mm"""
+    correlation_length: float
+    """length over which the noise of neighbouring points is correlated, mm"""
+    reference_share: float
+    """share of the noise variance that the reference image puts on all increments alike, [0, 1)"""
+
+    def __post_init__(self) -> None:
+        if self.points.ndim != 2 or self.points.shape[1] != 2:
+            raise ValueError(f"points: expected shape (n_point, 2), found {self.points.shape}")
+        shape = self.displacement.shape
+        if len(shape) != 3 or shape[1:] != (self.points.shape[0], 3):
+            expected = f"(n_step, {self.points.shape[0]}, 3)"
+            raise ValueError(f"displacement: expected shape {expected}, found {shape}")
+        for name in ("points", "displacement"):
+            if not np.all(np.isfinite(getattr(self, name))):
+                raise ValueError(f"{name}: expected finite values, found NaN or infinity")
+        if self.noise_std.shape != (3,) or not np.all(self.noise_std > 0):
+            raise ValueError(f"noise_std: expected three positive SDs in mm, got {self.noise_std}")
+        if not 0 < self.correlation_length < np.inf:
+            raise ValueError(
+                f"correlation_length: expected a positive mm value, got {self.correlation_length}"
+            )
+        if not 0 <= self.reference_share < 1:
+            raise ValueError(f"reference_share: expected in [0, 1), got {self.reference_share}")
+
+
+@dataclass(frozen=True)
+class Dataset:
+    """Mean force of `n_samples` samples at each travel, positive in compression, whole sample.
+
+    `synthetic` is True for data made by a model; it goes into every output.
+    Raises ValueError when shapes disagree or a value is impossible.
+    """
+
+    name: str
+    synthetic: bool
+    travel: Array
+    """(n_step,) pin travel, increasing, mm"""
+    force_mean: Array
+    """(n_step,) mean over the samples, N"""
+    force_sd: Array
+    """(n_step,) standard deviation between the samples, N"""
+    n_samples: int
+    field: FieldData | None = None
+
+    def __post_init__(self) -> None:
+        if self.travel.ndim != 1 or self.travel.size == 0:
+            raise ValueError(f"travel: expected shape (n_step,), found {self.travel.shape}")
+        for name in ("travel", "force_mean", "force_sd"):
+            values = getattr(self, name)
+            if values.shape != self.travel.shape:
+                raise ValueError(
+                    f"{name}: expected shape {self.travel.shape}, found {values.shape}"
+                )
+            if not (np.all(np.isfinite(values)) and np.all(values > 0)):
+                raise ValueError(f"{name}: expected positive finite values, got {values}")
+        if np.any(np.diff(self.travel) <= 0):
+            raise ValueError(f"travel: expected increasing values in mm, got {self.travel}")
+        if self.n_samples < 1:
+            raise ValueError(f"n_samples: expected at least 1, got {self.n_samples}")
+        if self.field is not None and self.field.displacement.shape[0] != self.travel.size:
+            found = self.field.displacement.shape[0]
+            raise ValueError(
+                f"field: expected {self.travel.size} steps as in travel, found {found}"
+            )
+
+
+def read_force_csv(path: Path | str) -> Dataset:
+    """Read mean forces from a csv with columns travel_mm, force_mean_N, force_sd_N, n_samples.
+
+    Lines that start with # and empty lines are skipped; further columns are refused. The number
+    of samples must be the same on all lines. The dataset takes the file's name.
+    Raises ValueError with one sentence naming file, line, column, what was found and expected.
+    """
+    path = Path(path)
+    rows = _rows(path)
+    travel, mean, sd, count = (np.array(column) for column in zip(*rows, strict=True))
+    try:
+        return Dataset(path.stem, False, travel, mean, sd, int(count[0]))
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from error
+
+
+def _rows(path: Path) -> list[tuple[float, float, float, float]]:
+    """Checked values of every line; at least one."""
+    rows: list[tuple[float, float, float, float]] = []
+    header: list[str] | None = None
+    for number, line in enumerate(_text(path).splitlines(), start=1):
+        if not line.strip() or line.lstrip().startswith("#"):
+            continue
+        cells = [cell.strip() for cell in next(csv.reader([line]))]
+        if header is None:
+            header = _header(path, number, cells)
+            continue
+        rows.append(_row(path, number, header, cells))
+        previous = rows[-2] if len(rows) > 1 else None
+        _check_sequence(path, number, previous, rows[-1])
+    if not rows:
+        raise ValueError(f"{path}: found no data, expected the columns {', '.join(COLUMNS)}")
+    return rows
+
+
+def _text(path: Path) -> str:
+    try:
+        return path.read_text(encoding="utf-8-sig")
+    except (OSError, UnicodeDecodeError) as error:
+        raise ValueError(f"{path}: not a readable text file ({error})") from error
+
+
+def _header(path: Path, number: int, cells: list[str]) -> list[str]:
+    missing = [name for name in COLUMNS if name not in cells]
+    if missing or len(cells) != len(COLUMNS):
+        raise ValueError(
+            f"{path}:{number}: found columns {', '.join(cells)}, expected {', '.join(COLUMNS)}"
+        )
+    return cells
+
+
+def _row(
+    path: Path, number: int, header: list[str], cells: list[str]
+) -> tuple[float, float, float, float]:
+    if len(cells) != len(header):
+        raise ValueError(f"{path}:{number}: found {len(cells)} values, expected {len(header)}")
+    values = {
+        name: _number(path, number, name, cell) for name, cell in zip(header, cells, strict=True)
+    }
+    travel, mean, sd, count = (values[name] for name in COLUMNS)
+    return travel, mean, sd, count
+
+
+def _number(path: Path, number: int, column: str, cell: str) -> float:
+    """A positive finite number; a whole one for n_samples."""
+    whole = column == "n_samples"
+    expected = "a whole number, 2 or more, as an SD needs" if whole else "a positive number"
+    try:
+        value = float(cell)
+    except ValueError:
+        value = np.nan
+    if not (np.isfinite(value) and value > 0) or (whole and (value < 2 or value != int(value))):
+        raise ValueError(f"{path}:{number}: {column}: found {cell!r}, expected {expected}")
+    return value
+
+
+def _check_sequence(
+    path: Path,
+    number: int,
+    previous: tuple[float, float, float, float] | None,
+    current: tuple[float, float, float, float],
+) -> None:
+    if previous is None:
+        return
+    if current[0] <= previous[0]:
+        raise ValueError(
+            f"{path}:{number}: travel_mm: found {current[0]:g}, expected more than {previous[0]:g}"
+        )
+    if current[3] != previous[3]:
+        raise ValueError(
+            f"{path}:{number}: n_samples: found {current[3]:g}, expected {previous[3]:g} as above"
+        )

@@ -1,0 +1,135 @@
+"""The emulator corrected to value and gradient of the direct model at one point."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from calib.inference.coordinates import theta_of, x_of
+from calib.inference.forward import (
+    DirectForward,
+    FieldBasis,
+    ForwardModel,
+    Jacobian,
+    Prediction,
+)
+from fe.response import Array
+
+
+@dataclass(frozen=True)
+class CorrectedForward:
+    """Emulator mean plus a first-order correction about `centre`, with the emulator's errors.
+
+    The correction adds to ln force, so that forces stay positive and stay proportional to kappa,
+    and to the displacement.
+    """
+
+    emulator: ForwardModel
+    centre: Array
+    """(3,) x at which value and gradient agree with the direct model"""
+    log_offset: Array
+    """(n_step,) ln(direct / emulator) at the centre"""
+    log_slope: Array
+    """(n_step, 3) its derivative by x"""
+    basis: FieldBasis | None
+    """the emulator's modes and the correction's four fields"""
+
+    @property
+    def field_basis(self) -> FieldBasis | None:
+        """Modes of the emulator, then the correction at the centre and its slopes by x."""
+        return self.basis
+
+    def predict(self, theta: Array) -> Prediction:
+        """Corrected means at theta (m, 3)."""
+        mean = self.emulator.predict(theta)
+        off = x_of(theta) - self.centre
+        factor = np.exp(self.log_offset + off @ self.log_slope.T)
+        if self.basis is None or mean.weights is None:
+            return Prediction(mean.force * factor, mean.force_covariance)
+        weights = np.column_stack([mean.weights, np.ones(len(off)), off])
+        variance = mean.weight_variance
+        if variance is not None:
+            # The four fields of the correction are known.
+            variance = np.column_stack([variance, np.zeros((len(off), 4))])
+        return Prediction(mean.force * factor, mean.force_covariance, weights, variance)
+
+    def jacobian(self, theta: Array) -> Jacobian:
+        """Derivatives of the corrected means by x."""
+        mean, slope = self.emulator.predict(theta), self.emulator.jacobian(theta)
+        factor = np.exp(self.log_offset + (x_of(theta) - self.centre) @ self.log_slope.T)
+        force = factor[:, :, None] * (slope.force + mean.force[:, :, None] * self.log_slope)
+        if self.basis is None or slope.weights is None:
+            return Jacobian(force)
+        extra = np.vstack([np.zeros((1, 3)), np.eye(3)])
+        extra = np.broadcast_to(extra, (len(theta), 4, 3))
+        return Jacobian(force, np.concatenate([slope.weights, extra], axis=1))
+
+
+def correct(emulator: ForwardModel, direct: DirectForward, x: Array) -> CorrectedForward:
+    """Correct `emulator` to `direct` at x (3,), where the direct model must have been solved.
+
+    Raises ValueError where either predicts a force that is not positive: its logarithm is
+    corrected, and nothing in an emulator of forces keeps them positive.
+    """
+    theta = theta_of(x)[None]
+    mean, slope = emulator.predict(theta), emulator.jacobian(theta)
+    exact, exact_slope = direct.predict(theta), direct.jacobian(theta)
+    _check_positive("emulator", mean.force, x, "train it with more runs around there")
+    _check_positive("direct", exact.force, x, "the pin must press on the block")
+    log_slope = exact_slope.force / exact.force[:, :, None] - slope.force / mean.force[:, :, None]
+    return CorrectedForward(
+        emulator=emulator,
+        centre=x,
+        log_offset=np.log(exact.force[0] / mean.force[0]),
+        log_slope=log_slope[0],
+        basis=_basis(emulator.field_basis, mean, slope, exact, exact_slope),
+    )
+
+
+def without_slope(corrected: CorrectedForward) -> CorrectedForward:
+    """The correction of the forces' values alone: the slopes are the emulator's again."""
+    return replace(corrected, log_slope=np.zeros_like(corrected.log_slope))
+
+
+def with_secant(
+    corrected: CorrectedForward, force: Array, x: Array, scale: Array
+) -> CorrectedForward:
+    """The correction whose slopes are changed least so that it meets `force` (n_step,) N at x (3,).
+
+    Broyden's update in coordinates of `scale` (3,), e.g. posterior SDs. FE forces are rough on a
+    small scale (contact points come and go), so a slope taken at one point may mislead over a step.
+    """
+    predicted = corrected.predict(theta_of(x)[None]).force[0]
+    step = x - corrected.centre
+    direction = step / scale**2
+    change = np.outer(np.log(force / predicted), direction / (step @ direction))
+    return replace(corrected, log_slope=corrected.log_slope + change)
+
+
+def _check_positive(name: str, force: Array, x: Array, remedy: str) -> None:
+    if not (force > 0.0).all():
+        raise ValueError(
+            f"{name}: forces must be positive to be corrected, got {np.min(force):.6g} N at "
+            f"x = {x}; {remedy}"
+        )
+
+
+def _basis(
+    basis: FieldBasis | None,
+    mean: Prediction,
+    slope: Jacobian,
+    exact: Prediction,
+    exact_slope: Jacobian,
+) -> FieldBasis | None:
+    """Emulator's modes with the difference of the fields and of their slopes as further modes."""
+    if basis is None or exact.weights is None or exact_slope.weights is None:
+        return None
+    if basis.modes is None or mean.weights is None or slope.weights is None:
+        raise ValueError("emulator: must give its field in modes to be corrected")
+    shape = basis.offset.shape
+    value = exact.weights.reshape(1, *shape) - basis.fields(mean.weights)
+    by_x = exact_slope.weights[0].T.reshape(3, *shape)
+    difference = by_x - np.tensordot(slope.weights[0].T, basis.modes, axes=1)
+    modes = np.concatenate([basis.modes, value, difference])
+    return FieldBasis(basis.offset, modes, basis.truncation)

@@ -1,0 +1,205 @@
+"""Covariance of the errors of a displacement field, never formed as one dense matrix.
+
+With points P, increments I and components C the covariance is
+
+    A (I x I)  (x)  S (P x P)  (x)  diag(noise_std^2)  +  diag(white_ic^2)  +  patterns^T patterns.
+
+The eigenvectors of S turn the first two terms into P * C independent blocks of size I x I; the
+few patterns enter by Woodbury's formula. Fields have shape (..., n_step, n_point, 3), in mm.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve
+from scipy.spatial.distance import cdist
+
+from calib.data.dataset import FieldData
+from fe.response import Array
+
+Kernel = Literal["exponential", "squared_exponential"]
+
+# Smallest share of uncorrelated noise: a squared exponential over points much closer than its
+# length is singular in double precision.
+NUGGET = 1e-6
+
+
+def spatial_correlation(
+    points: Array, length: float, kernel: Kernel = "exponential", nugget: float = NUGGET
+) -> Array:
+    """(n_point, n_point) correlation of the noise between points (n_point, 2), both in mm.
+
+    exponential: exp(-d/length); squared_exponential: exp(-d^2 / (2 length^2)). A share `nugget`
+    of the variance is uncorrelated.
+    """
+    distance = cdist(points, points) / length
+    if kernel == "exponential":
+        correlation = np.exp(-distance)
+    elif kernel == "squared_exponential":
+        correlation = np.exp(-0.5 * distance**2)
+    else:
+        raise ValueError(f"kernel: expected exponential or squared_exponential, got {kernel!r}")
+    mixed: Array = (1.0 - nugget) * correlation
+    mixed[np.diag_indices_from(mixed)] = 1.0
+    return mixed
+
+
+def step_correlation(n_step: int, reference_share: float) -> Array:
+    """(n_step, n_step) correlation over increments, (1 - q) I + q 1 1^T.
+
+    Every displacement is measured against the same reference image, whose noise is common.
+    """
+    if not 0 <= reference_share < 1:
+        raise ValueError(f"reference_share: expected in [0, 1), got {reference_share}")
+    return (1.0 - reference_share) * np.eye(n_step) + reference_share
+
+
+@dataclass(frozen=True)
+class FieldCovariance:
+    """Covariance of field errors in factored form; build it with `field_covariance`."""
+
+    step: Array
+    """(n_step, n_step) correlation over increments"""
+    spatial_values: Array
+    """(n_point,) eigenvalues of the correlation over points"""
+    spatial_vectors: Array
+    """(n_point, n_point) its eigenvectors in columns"""
+    noise_variance: Array
+    """(3,) variance of each component, mm^2"""
+    white_variance: Array
+    """(n_step, 3) variance independent from point to point, mm^2"""
+    patterns: Array
+    """(q, n_step, n_point, 3) errors of known shape, each with a standard normal factor, mm"""
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """(n_step, n_point, 3)"""
+        return self.step.shape[0], self.spatial_values.size, 3
+
+    def with_patterns(self, patterns: Array) -> FieldCovariance:
+        """The covariance with further errors of known shape (q, n_step, n_point, 3), mm."""
+        if not len(patterns):
+            return self
+        return replace(self, patterns=np.concatenate([self.patterns, patterns]))
+
+    def without_step(self, index: int) -> FieldCovariance:
+        """The covariance of all increments but one: the marginal of the others."""
+        keep = np.delete(np.arange(self.step.shape[0]), index)
+        return replace(
+            self,
+            step=self.step[np.ix_(keep, keep)],
+            white_variance=self.white_variance[keep],
+            patterns=self.patterns[:, keep],
+        )
+
+    @cached_property
+    def _factors(self) -> Array:
+        """(n_point, 3, n_step, n_step) lower Cholesky factors of the independent blocks."""
+        scale = self.spatial_values[:, None] * self.noise_variance
+        blocks = scale[:, :, None, None] * self.step
+        diagonal = np.arange(self.step.shape[0])
+        blocks[:, :, diagonal, diagonal] += self.white_variance.T
+        return np.asarray(np.linalg.cholesky(blocks), dtype=np.float64)
+
+    @cached_property
+    def _inverse_factors(self) -> Array:
+        return np.asarray(np.linalg.inv(self._factors), dtype=np.float64)
+
+    @cached_property
+    def _whitened_patterns(self) -> Array:
+        return self._whiten(self.patterns)
+
+    @cached_property
+    def _capacitance(self) -> tuple[Array, bool]:
+        white = self._whitened_patterns
+        factor: tuple[Array, bool] = cho_factor(np.eye(len(white)) + white @ white.T, lower=True)
+        return factor
+
+    def _whiten(self, fields: Array) -> Array:
+        """(q, n_obs) fields (q, n_step, n_point, 3) in units of the block noise, uncorrelated."""
+        rotated = np.einsum("qipc->qpci", self._rotate(fields, self.spatial_vectors.T))
+        white: Array = np.einsum("pcij,qpcj->qpci", self._inverse_factors, rotated)
+        return white.reshape(len(fields), self.step.shape[0] * self.spatial_values.size * 3)
+
+    @staticmethod
+    def _rotate(fields: Array, matrix: Array) -> Array:
+        """Apply a (n_point, n_point) matrix over the points of (q, n_step, n_point, 3)."""
+        rotated: Array = np.matmul(matrix, fields)
+        return rotated
+
+    def inner(self, left: Array, right: Array) -> Array:
+        """(p, q) products left_p^T covariance^-1 right_q of fields (p, ...) and (q, ...)."""
+        white_left = self._whiten(left)
+        white_right = white_left if right is left else self._whiten(right)
+        product: Array = white_left @ white_right.T
+        if len(self.patterns):
+            pattern = self._whitened_patterns
+            product = product - (white_left @ pattern.T) @ cho_solve(
+                self._capacitance, pattern @ white_right.T
+            )
+        return product
+
+    def solve(self, fields: Array) -> Array:
+        """(q, n_step, n_point, 3) covariance^-1 times each field."""
+        white = self._whiten(fields)
+        if len(self.patterns):
+            pattern = self._whitened_patterns
+            white = white - cho_solve(self._capacitance, pattern @ white.T).T @ pattern
+        n_step, n_point, n_component = self.shape
+        blocks = white.reshape(-1, n_point, n_component, n_step)
+        back = np.einsum("pcji,qpcj->qipc", self._inverse_factors, blocks)
+        return self._rotate(back, self.spatial_vectors)
+
+    @cached_property
+    def logdet(self) -> float:
+        """Natural logarithm of the determinant of the covariance."""
+        diagonal = np.diagonal(self._factors, axis1=2, axis2=3)
+        total = 2.0 * np.log(diagonal).sum()
+        if len(self.patterns):
+            total += 2.0 * np.log(np.diag(self._capacitance[0])).sum()
+        return float(total)
+
+    def sample(self, rng: np.random.Generator, n: int) -> Array:
+        """(n, n_step, n_point, 3) independent draws, mm."""
+        n_step, n_point, n_component = self.shape
+        white = rng.standard_normal((n, n_point, n_component, n_step))
+        blocks = np.einsum("pcij,qpcj->qipc", self._factors, white)
+        weights = rng.standard_normal((n, len(self.patterns)))
+        return self._rotate(blocks, self.spatial_vectors) + np.tensordot(weights, self.patterns, 1)
+
+
+def field_covariance(
+    field: FieldData,
+    *,
+    kernel: Kernel = "exponential",
+    floor: float = 0.0,
+    patterns: Array | None = None,
+) -> FieldCovariance:
+    """Covariance of the errors of `field`, without the emulator's.
+
+    `patterns` (q, n_step, n_point, 3) are model errors of known shape [mm], e.g. the measured
+    difference between a fine and a coarse mesh; `floor` is the SD [mm] of what these leave out.
+    Raises ValueError when shapes disagree or the floor is negative.
+    """
+    n_step, n_point, _ = field.displacement.shape
+    if not floor >= 0:
+        raise ValueError(f"floor: expected zero or a positive SD in mm, got {floor}")
+    if patterns is None:
+        patterns = np.zeros((0, n_step, n_point, 3))
+    if patterns.shape[1:] != (n_step, n_point, 3):
+        expected = f"(q, {n_step}, {n_point}, 3)"
+        raise ValueError(f"patterns: expected shape {expected}, found {patterns.shape}")
+    correlation = spatial_correlation(field.points, field.correlation_length, kernel)
+    values, vectors = np.linalg.eigh(correlation)
+    return FieldCovariance(
+        step=step_correlation(n_step, field.reference_share),
+        spatial_values=np.maximum(values, 0.5 * NUGGET),
+        spatial_vectors=vectors,
+        noise_variance=field.noise_std**2,
+        white_variance=np.full((n_step, 3), floor**2),
+        patterns=patterns,
+    )

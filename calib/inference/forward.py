@@ -1,0 +1,176 @@
+"""Forward models of the inference: theta = (kappa, r, s) -> forces and front-face field."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from fe.response import Array, Response
+from surrogate.symmetry import ScaledEmulator
+
+
+@dataclass(frozen=True)
+class FieldBasis:
+    """Coordinates in which a forward model gives its field: u = offset + weights @ modes.
+
+    `modes` None is the identity: the weights are the field's values themselves, flattened.
+    """
+
+    offset: Array
+    """(n_step, n_point, 3) mm"""
+    modes: Array | None
+    """(k, n_step, n_point, 3) mm per unit weight, or None"""
+    truncation: Array
+    """(q, n_step, n_point, 3) factor of the covariance of what the modes leave out, mm"""
+
+    def fields(self, weights: Array) -> Array:
+        """(m, n_step, n_point, 3) displacement [mm] of weights (m, k)."""
+        if self.modes is None:
+            return self.offset + weights.reshape(-1, *self.offset.shape)
+        fields: Array = self.offset + np.tensordot(weights, self.modes, axes=1)
+        return fields
+
+
+def identity_basis(shape: tuple[int, ...]) -> FieldBasis:
+    """Basis of a model that gives its field (n_step, n_point, 3) value by value."""
+    return FieldBasis(np.zeros(shape), None, np.zeros((0, *shape)))
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """What a forward model says at m parameter vectors; NaN where it failed."""
+
+    force: Array
+    """(m, n_step) mean force of the whole sample, N"""
+    force_covariance: Array | None
+    """(m, n_step, n_step) covariance of the model's own error, N^2; None is zero"""
+    weights: Array | None = None
+    """(m, k) mean weights of the field in the model's `field_basis`"""
+    weight_variance: Array | None = None
+    """(m, k) variance of the weights, independent of each other; None is zero"""
+    field_factor: Array | None = None
+    """(m, q, n_step, n_point, 3) factor of a further covariance of the field, mm; None is zero"""
+
+
+@dataclass(frozen=True)
+class Jacobian:
+    """Derivatives of the means with respect to x = (ln kappa, r, s)."""
+
+    force: Array
+    """(m, n_step, 3) N"""
+    weights: Array | None = None
+    """(m, k, 3)"""
+
+
+class ForwardModel(Protocol):
+    """Anything that predicts forces, and a field when it has a basis for it."""
+
+    @property
+    def field_basis(self) -> FieldBasis | None:
+        """Basis of the predicted fields; None when the model gives forces only."""
+
+    def predict(self, theta: Array) -> Prediction:
+        """Prediction at theta (m, 3)."""
+
+    def jacobian(self, theta: Array) -> Jacobian:
+        """Derivatives at theta (m, 3)."""
+
+
+class EmulatorForward:
+    """The emulator with its own uncertainty: covariance of the forces, variance of the weights."""
+
+    def __init__(self, scaled: ScaledEmulator, *, with_field: bool = False) -> None:
+        self._scaled = scaled
+        self._basis = _emulator_basis(scaled) if with_field else None
+
+    @property
+    def field_basis(self) -> FieldBasis | None:
+        """POD modes of the emulator with their truncation; None for forces only."""
+        return self._basis
+
+    def predict(self, theta: Array) -> Prediction:
+        """Prediction at theta (m, 3)."""
+        force, covariance = self._scaled.force(theta)
+        if self._basis is None:
+            return Prediction(force, covariance)
+        return Prediction(force, covariance, *self._scaled.field_weights(theta))
+
+    def jacobian(self, theta: Array) -> Jacobian:
+        """Derivatives of the means by x; d/d ln kappa = kappa d/d kappa."""
+        by_x = np.ones((len(theta), 1, 3))
+        by_x[:, 0, 0] = theta[:, 0]
+        force = self._scaled.force_jacobian(theta) * by_x
+        if self._basis is None:
+            return Jacobian(force)
+        return Jacobian(force, self._scaled.field_weights_jacobian(theta) * by_x)
+
+
+def _emulator_basis(scaled: ScaledEmulator) -> FieldBasis:
+    emulator = scaled.emulator
+    shape = emulator.field_shape
+    if shape is None:
+        raise ValueError("with_field: the emulator was trained on forces only; train with fields")
+    return FieldBasis(
+        offset=emulator.field_offset.reshape(shape),
+        modes=np.ascontiguousarray(emulator.field_modes.T).reshape(-1, *shape),
+        truncation=np.ascontiguousarray(emulator.field_truncation_factor.T).reshape(-1, *shape),
+    )
+
+
+class DirectForward:
+    """The FE model itself: exact up to its mesh, no covariance of its own.
+
+    `simulate` maps ratios (2,) to the `Response` at kappa = 1 MPa. Runs are remembered by
+    ratios: the force is kappa times that at 1 MPa and the field does not depend on kappa, so
+    one run serves every kappa. A run that did not reach every travel predicts NaN.
+    """
+
+    def __init__(self, simulate: Callable[[Array], Response], *, with_field: bool = False) -> None:
+        self._simulate = simulate
+        self._with_field = with_field
+        self._runs: dict[bytes, Response] = {}
+        self._basis: FieldBasis | None = None
+
+    @property
+    def n_solves(self) -> int:
+        """Number of simulations run so far."""
+        return len(self._runs)
+
+    @property
+    def field_basis(self) -> FieldBasis | None:
+        """Identity basis once a run has shown the field's shape; None for forces only."""
+        return self._basis
+
+    def response(self, ratios: Array) -> Response:
+        """The run at ratios (r, s), from memory when it was made before."""
+        key = np.ascontiguousarray(ratios, dtype=np.float64).tobytes()
+        if key not in self._runs:
+            self._runs[key] = self._simulate(np.array(ratios, dtype=np.float64))
+        response = self._runs[key]
+        if self._with_field and self._basis is None:
+            shape = response.displacement.shape
+            self._basis = identity_basis(shape)
+        return response
+
+    def predict(self, theta: Array) -> Prediction:
+        """Forces and, if asked for, fields at theta (m, 3); one simulation for every new (r, s)."""
+        runs = [self.response(ratios) for ratios in theta[:, 1:]]
+        force = theta[:, :1] * np.array([run.force for run in runs])
+        if not self._with_field:
+            return Prediction(force, None)
+        return Prediction(force, None, np.array([run.displacement.ravel() for run in runs]))
+
+    def jacobian(self, theta: Array) -> Jacobian:
+        """Exact sensitivities of the simulation, converted to x = (ln kappa, r, s)."""
+        runs = [self.response(ratios) for ratios in theta[:, 1:]]
+        kappa = theta[:, 0, None]
+        force = np.array([run.force for run in runs])
+        gradient = np.array([run.force_gradient for run in runs])
+        by_x = np.concatenate([force[:, :, None], gradient], axis=2) * kappa[:, :, None]
+        if not self._with_field:
+            return Jacobian(by_x)
+        slopes = np.array([run.displacement_gradient.reshape(-1, 2) for run in runs])
+        return Jacobian(by_x, np.concatenate([np.zeros_like(slopes[:, :, :1]), slopes], axis=2))

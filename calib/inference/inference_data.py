@@ -1,0 +1,269 @@
+"""Posterior samples as ArviZ InferenceData and netCDF; the only file with xarray and ArviZ."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import arviz as az
+import numpy as np
+import xarray as xr
+
+from calib.data.dataset import Dataset
+from calib.inference.autocorrelation import integrated_time
+from calib.inference.coordinates import CONSTANTS, PARAMETERS, constants_of, theta_of
+from calib.inference.likelihood import Likelihood
+from calib.inference.prediction import expected_forces, predictive_forces
+from calib.inference.sampling import SamplingResult
+from fe.atomic_file import replacing
+from fe.response import Array
+
+UNITS = {"C10": "MPa", "C01": "MPa", "C11": "MPa", "mu": "MPa", "kappa": "MPa", "r": "1", "s": "1"}
+NAMES = {
+    "C10": "Mooney-Rivlin C10",
+    "C01": "Mooney-Rivlin C01",
+    "C11": "Mooney-Rivlin C11",
+    "mu": "small-strain shear modulus 2 (C10 + C01)",
+    "kappa": "C10 + C01",
+    "r": "C01 / kappa",
+    "s": "C11 / kappa",
+}
+MAX_DRAWS = 40_000
+"""largest number of kept samples of one hypothesis (all chains); more are thinned"""
+BATCH = 8192
+
+
+@dataclass(frozen=True)
+class HypothesisSamples:
+    """What one hypothesis brings to the file."""
+
+    likelihood: Likelihood
+    samples: SamplingResult
+
+
+@dataclass(frozen=True)
+class Convergence:
+    """Diagnostics of one quantity under one hypothesis."""
+
+    ess_bulk: float
+    """effective sample size for the centre: the smaller of ArviZ's over walkers and draws/tau"""
+    ess_tail: float
+    """the same for the 5 % and 95 % quantiles"""
+    r_hat: float
+    """rank-normalised split R-hat over the independent ensembles"""
+
+
+def build_inference_data(
+    hypotheses: Mapping[str, HypothesisSamples],
+    dataset: Dataset,
+    provenance: Mapping[str, object],
+    rng: np.random.Generator,
+) -> az.InferenceData:
+    """Groups posterior, posterior_predictive, log_likelihood, observed_data.
+
+    The log likelihood is called `force`, or `force_and_field` where it holds both. A measured field
+    itself is not copied into observed_data; it stays in the study's data file. Acceptance and
+    autocorrelation times belong to ensembles, not draws, and stand in the provenance.
+
+    Samples have dims (hypothesis, chain, draw): a chain is one walker, its coordinate `ensemble`
+    says of which ensemble. Chains are thinned by half the shortest autocorrelation time, more if
+    MAX_DRAWS is exceeded, and cut to the length of the shortest hypothesis (the latest draws are
+    kept). `provenance` must be JSON data; it goes into the attribute `provenance`.
+    Raises ValueError when there is no hypothesis or the ensembles differ in number or walkers.
+    """
+    if not hypotheses:
+        raise ValueError("hypotheses: expected at least one")
+    chains = {name: _thinned(given.samples) for name, given in hypotheses.items()}
+    shapes = {chain.shape[:1] + chain.shape[2:3] for chain in chains.values()}
+    if len(shapes) > 1:
+        raise ValueError(f"hypotheses: ensembles and walkers must agree, found {sorted(shapes)}")
+    n_draw = min(chain.shape[1] for chain in chains.values())
+    x = np.array([_as_chains(chain[:, -n_draw:]) for chain in chains.values()])
+    coords = _coords(tuple(hypotheses), chains, n_draw, dataset)
+    likelihoods = [given.likelihood for given in hypotheses.values()]
+    return az.InferenceData(
+        attrs={"provenance": json.dumps(dict(provenance), sort_keys=True)},
+        posterior=_posterior(x, coords),
+        posterior_predictive=_predictive(x, coords, likelihoods, rng),
+        log_likelihood=_log_likelihood(x, coords, likelihoods),
+        observed_data=_observed(dataset),
+    )
+
+
+def provenance_of(data: az.InferenceData) -> dict[str, object]:
+    """The provenance that was stored with the samples; raises ValueError when it is damaged."""
+    try:
+        stored = json.loads(data.attrs["provenance"])
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"its provenance is not JSON ({error})") from error
+    if not isinstance(stored, dict):
+        raise ValueError(f"its provenance is a {type(stored).__name__}, not a table")
+    return stored
+
+
+def _thinned(samples: SamplingResult) -> Array:
+    """(n_ensemble, n_draw, n_walker, 3) with little more than one draw per memory length."""
+    n_ensemble, n_step, n_walker, _ = samples.chains.shape
+    shortest = samples.autocorrelation_time.min()
+    by_memory = int(shortest / 2) if np.isfinite(shortest) else 1
+    by_size = int(np.ceil(n_ensemble * n_step * n_walker / MAX_DRAWS))
+    step = min(max(1, by_memory, by_size), max(1, n_step // 8))
+    # Counted from the end, so that the last draw is kept.
+    kept: Array = samples.chains[:, ::-1][:, ::step][:, ::-1]
+    return kept
+
+
+def _as_chains(chain: Array) -> Array:
+    """(n_ensemble * n_walker, n_draw, 3), ensembles one after the other."""
+    moved = chain.transpose(0, 2, 1, 3)
+    return moved.reshape(-1, *moved.shape[2:])
+
+
+def _coords(
+    names: tuple[str, ...], chains: Mapping[str, Array], n_draw: int, dataset: Dataset
+) -> dict[str, object]:
+    n_ensemble, _, n_walker, _ = next(iter(chains.values())).shape
+    return {
+        "hypothesis": list(names),
+        "chain": np.arange(n_ensemble * n_walker),
+        "draw": np.arange(n_draw),
+        "ensemble": ("chain", np.repeat(np.arange(n_ensemble), n_walker)),
+        "travel": ("travel", dataset.travel, {"units": "mm", "long_name": "pin travel"}),
+    }
+
+
+def _posterior(x: Array, coords: Mapping[str, object]) -> xr.Dataset:
+    theta = theta_of(x)
+    values = dict(zip(CONSTANTS, np.moveaxis(constants_of(theta), -1, 0), strict=True))
+    values |= dict(zip(PARAMETERS, np.moveaxis(theta, -1, 0), strict=True))
+    dims = ("hypothesis", "chain", "draw")
+    variables = {
+        name: (dims, value, {"units": UNITS[name], "long_name": NAMES[name]})
+        for name, value in values.items()
+    }
+    return xr.Dataset(variables, {k: v for k, v in coords.items() if k != "travel"})
+
+
+def _predictive(
+    x: Array, coords: Mapping[str, object], likelihoods: list[Likelihood], rng: np.random.Generator
+) -> xr.Dataset:
+    """Replicates of the measured mean force, and the model's force without any error."""
+    dims = ("hypothesis", "chain", "draw", "travel")
+    flat = [draws.reshape(-1, 3) for draws in x]
+    pairs = list(zip(likelihoods, flat, strict=True))
+    replicate = np.array([predictive_forces(like, draws, rng) for like, draws in pairs])
+    model = np.array([expected_forces(like, draws) for like, draws in pairs])
+    shape = (*x.shape[:3], -1)
+    note = {"units": "N", "long_name": "replicated mean force of the measured number of samples"}
+    bare = {"units": "N", "long_name": "force of the model without errors"}
+    return xr.Dataset(
+        {
+            "force": (dims, replicate.reshape(shape), note),
+            "model_force": (dims, model.reshape(shape), bare),
+        },
+        dict(coords),
+    )
+
+
+def _log_likelihood(
+    x: Array, coords: Mapping[str, object], likelihoods: list[Likelihood]
+) -> xr.Dataset:
+    """Conditional log density of each increment given the others (for leave-one-out)."""
+    pointwise = []
+    for likelihood, draws in zip(likelihoods, x, strict=True):
+        theta = theta_of(draws.reshape(-1, 3))
+        parts = [likelihood.pointwise(theta[i : i + BATCH]) for i in range(0, len(theta), BATCH)]
+        pointwise.append(np.concatenate(parts).reshape(*draws.shape[:2], -1))
+    dims = ("hypothesis", "chain", "draw", "travel")
+    note = {"units": "1", "long_name": "log density of an increment given all others"}
+    name = "force" if likelihoods[0].field is None else "force_and_field"
+    return xr.Dataset({name: (dims, np.array(pointwise), note)}, dict(coords))
+
+
+def _observed(dataset: Dataset) -> xr.Dataset:
+    travel = ("travel", dataset.travel, {"units": "mm", "long_name": "pin travel"})
+    count = {"units": "N", "n_samples": dataset.n_samples}
+    attrs = {"name": dataset.name, "synthetic": int(dataset.synthetic)}
+    variables = {
+        "force": ("travel", dataset.force_mean, {**count, "long_name": "mean force"}),
+        "force_sd": ("travel", dataset.force_sd, {**count, "long_name": "SD between samples"}),
+    }
+    return xr.Dataset(variables, {"travel": travel}, attrs)
+
+
+def convergence(data: az.InferenceData, hypothesis: str) -> dict[str, Convergence]:
+    """Diagnostics of every posterior variable under one hypothesis.
+
+    R-hat compares ensembles, each one chain in the order of time: walkers of an ensemble are not
+    independent, so comparing them says little. For the effective size every walker is a chain
+    (walkers interleaved in one chain would look less correlated than they are), and the result
+    is not allowed above (number of draws) / (autocorrelation time averaged over walkers).
+    """
+    posterior = data["posterior"].sel(hypothesis=hypothesis)
+    ensemble = posterior["ensemble"].values
+    result = {}
+    for name in (*CONSTANTS, *PARAMETERS):
+        draws = posterior[name].transpose("chain", "draw").values
+        result[name] = Convergence(
+            ess_bulk=min(_ess(draws, "bulk"), _ess_by_tau(draws, ensemble)),
+            ess_tail=min(_ess(draws, "tail"), _tail_by_tau(draws, ensemble)),
+            r_hat=_r_hat(draws, ensemble),
+        )
+    return result
+
+
+def _by_ensemble(draws: Array, ensemble: Array) -> list[Array]:
+    """(n_draw, n_walker) of each ensemble."""
+    return [draws[ensemble == index].T for index in np.unique(ensemble)]
+
+
+def _ess(draws: Array, method: str) -> float:
+    return float(az.ess(draws, method=method))  # type: ignore[no-untyped-call]
+
+
+def _r_hat(draws: Array, ensemble: Array) -> float:
+    in_time = np.array([values.ravel() for values in _by_ensemble(draws, ensemble)])
+    return float(az.rhat(in_time, method="rank"))  # type: ignore[no-untyped-call]
+
+
+def _ess_by_tau(draws: Array, ensemble: Array) -> float:
+    """Draws over the longest autocorrelation time of the ensembles; 0 when it is not known."""
+    return draws.size / max(integrated_time(values) for values in _by_ensemble(draws, ensemble))
+
+
+def _tail_by_tau(draws: Array, ensemble: Array) -> float:
+    low, high = np.quantile(draws, [0.05, 0.95])
+    return min(
+        _ess_by_tau((draws <= low).astype(np.float64), ensemble),
+        _ess_by_tau((draws >= high).astype(np.float64), ensemble),
+    )
+
+
+def save_inference_data(data: az.InferenceData, path: Path) -> None:
+    """Write netCDF atomically: a reader sees the old file or the new one, never half of one."""
+    with replacing(path) as temporary:
+        data.to_netcdf(str(temporary), engine="h5netcdf")
+
+
+def load_inference_data(path: Path) -> az.InferenceData:
+    """Read what `save_inference_data` wrote, into memory.
+
+    Raises ValueError naming the file when it cannot be read or holds no posterior.
+    """
+    try:
+        data: az.InferenceData = az.from_netcdf(  # type: ignore[no-untyped-call]
+            str(path), engine="h5netcdf"
+        )
+        data.load()
+        data.close()
+    except (OSError, ValueError, KeyError) as error:
+        raise ValueError(f"{path}: not a readable posterior ({error})") from error
+    if "posterior" not in data.groups() or "provenance" not in data.attrs:
+        raise ValueError(f"{path}: holds no posterior of this program; run the study again")
+    try:
+        provenance_of(data)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}; run the study again") from error
+    return data

@@ -1,0 +1,62 @@
+"""What a study assumes, value by value, for the report."""
+
+from __future__ import annotations
+
+from calib.study.config import Study
+from calib.study.sections import ParameterPrior
+from calib.study.tables import Table
+
+
+def assumptions_table(study: Study) -> Table:
+    """Everything that is set rather than measured: geometry, contact, material, noise, prior."""
+    geometry, noise, mesh = study.geometry, study.noise, study.mesh
+    rows = [
+        (
+            "sample, width x height x depth",
+            f"{geometry.width:g} x {geometry.height:g} x {geometry.depth:g}",
+            "mm",
+        ),
+        ("pin, width and edge radius", f"{geometry.pin_width:g}, {geometry.pin_fillet:g}", "mm"),
+        ("bulk modulus over shear modulus", f"{study.material.bulk_ratio:g}", "-"),
+    ]
+    for hypothesis in study.hypotheses:
+        contact = f"pin: {hypothesis.pin}, base: {hypothesis.base}"
+        rows.append(
+            (
+                f"contact under {hypothesis.name}",
+                f"{contact}, height {study.height(hypothesis):g} mm",
+                "-",
+            )
+        )
+    rows += [
+        ("load cell, SD of one reading", f"{noise.load_cell_sd:g}", "N"),
+        (
+            "correlation of one sample's deviation between neighbouring increments",
+            f"{noise.sample_correlation:g}",
+            "-",
+        ),
+        ("zero of the travel, SD", f"{noise.travel_zero_sd:g}", "mm"),
+        ("prior of kappa = C10 + C01", _prior(study.prior.kappa), "MPa"),
+        ("prior of r = C01 / kappa", _prior(study.prior.r), "-"),
+        ("prior of s = C11 / kappa", _prior(study.prior.s), "-"),
+        ("mesh of the emulator's runs (quarter of the sample)", _cells(mesh.sampling), "elements"),
+        ("mesh of the check", _cells(mesh.check), "elements"),
+    ]
+    return Table(
+        "What the study assumes",
+        ("assumption", "value", "unit"),
+        tuple(rows),
+        "Contact is either stuck or free of friction; what lies between, other pins, heights, and "
+        "laws other than Mooney-Rivlin are not part of this study unless a hypothesis says so.",
+    )
+
+
+def _prior(prior: ParameterPrior) -> str:
+    text = f"{prior.distribution.replace('_', '-')} on {prior.low:g} to {prior.high:g}"
+    if prior.mean is None:
+        return text
+    return f"{text}, mean {prior.mean:g}, SD {prior.sd:g}"
+
+
+def _cells(cells: tuple[int, int, int]) -> str:
+    return " x ".join(str(count) for count in cells)

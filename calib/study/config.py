@@ -1,0 +1,252 @@
+"""A study: everything that determines a calibration, read from one TOML file.
+
+Every refusal is a `StudyError` of one sentence, `FILE:LINE: key: found X, expected Y`.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import re
+import tomllib
+from importlib import resources
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import AliasChoices, Field, TypeAdapter, ValidationError
+from pydantic.dataclasses import dataclass
+
+from calib.data import read_force_csv, thesis_forces
+from calib.study.refusal import Contradiction, Refusal, refusals, sentence
+from calib.study.sections import (
+    STRICT,
+    VIRTUAL,
+    Compute,
+    DataSource,
+    Design,
+    EmulatorLimits,
+    Geometry,
+    Hypothesis,
+    Material,
+    Mesh,
+    Name,
+    Noise,
+    Positive,
+    Prior,
+    Sampler,
+    Virtual,
+    is_finer,
+)
+from calib.study.toml_lines import key_lines, nearest_line
+
+SAME_TRAVEL = 1e-6  # mm, within which an increment and a measured travel are the same
+FAR_HEIGHT = 3.0  # largest ratio of the heights that hypotheses give to one sample
+_LONGEST_FILE = 1_000_000  # bytes; a study is a page of text, anything longer is another file
+
+
+class StudyError(ValueError):
+    """A study that cannot be run, with a one-sentence reason for its author."""
+
+
+@dataclass(frozen=True, kw_only=True, config=STRICT)
+class Study:
+    """One calibration from data to posterior. Units mm, N, MPa."""
+
+    name: Name
+    """a name of letters, digits, hyphens and underscores"""
+    seed: Annotated[int, Field(ge=0, lt=2**63)]
+    """seed from which every random draw follows"""
+    increments: Annotated[tuple[Positive, ...], Field(min_length=2)]
+    """two or more pin travels to compare at, increasing, mm"""
+    data: DataSource
+    """a section [data]"""
+    virtual: Virtual | None = None
+    """a section [virtual], with data.source = "virtual" only"""
+    geometry: Geometry
+    """a section [geometry]"""
+    material: Material = Material()
+    """a section [material]"""
+    mesh: Mesh = Mesh()
+    """a section [mesh]"""
+    hypotheses: Annotated[tuple[Hypothesis, ...], Field(min_length=1)] = Field(
+        validation_alias=AliasChoices("hypothesis", "hypotheses")
+    )
+    """one or more sections [[hypothesis]]"""
+    noise: Noise
+    """a section [noise]"""
+    prior: Prior
+    """sections [prior.kappa], [prior.r], [prior.s]"""
+    design: Design = Design()
+    """a section [design]"""
+    emulator: EmulatorLimits = EmulatorLimits()
+    """a section [emulator]"""
+    sampler: Sampler = Sampler()
+    """a section [sampler]"""
+    compute: Compute = Compute()
+    """a section [compute]"""
+
+    def __post_init__(self) -> None:
+        self._check_increments()
+        self._check_hypotheses()
+        self._check_virtual()
+
+    def height(self, hypothesis: Hypothesis) -> float:
+        """Height of the sample under a hypothesis, mm."""
+        return self.geometry.height if hypothesis.height is None else hypothesis.height
+
+    def _check_increments(self) -> None:
+        previous = 0.0
+        lowest = min(self.height(hypothesis) for hypothesis in self.hypotheses)
+        for index, travel in enumerate(self.increments):
+            key = f"increments.{index}"
+            if travel <= previous:
+                raise Contradiction(key, travel, f"more than the increment before ({previous:g})")
+            if travel >= lowest:
+                raise Contradiction(key, travel, f"less than the sample's height ({lowest:g} mm)")
+            previous = travel
+
+    def _check_hypotheses(self) -> None:
+        names: set[str] = set()
+        for index, hypothesis in enumerate(self.hypotheses):
+            if hypothesis.name in names:
+                key = f"hypothesis.{index}.name"
+                raise Contradiction(key, hypothesis.name, "a name that no other hypothesis has")
+            names.add(hypothesis.name)
+            ratio = self.height(hypothesis) / self.geometry.height
+            if not 1 / FAR_HEIGHT <= ratio <= FAR_HEIGHT:
+                key = f"hypothesis.{index}.height"
+                expected = f"within a factor {FAR_HEIGHT:g} of geometry.height"
+                expected += f" ({self.geometry.height:g} mm): hypotheses are about one sample"
+                raise Contradiction(key, hypothesis.height, expected)
+
+    def _check_virtual(self) -> None:
+        virtual = self.virtual
+        if virtual is None:
+            if self.data.source == VIRTUAL:
+                raise Contradiction("data.source", VIRTUAL, "a section [virtual] with it")
+            return
+        if self.data.source != VIRTUAL:
+            raise Contradiction("virtual", {}, f"none with data.source = {self.data.source!r}")
+        names = [hypothesis.name for hypothesis in self.hypotheses]
+        if virtual.hypothesis not in names:
+            expected = "one of the hypotheses " + ", ".join(names)
+            raise Contradiction("virtual.hypothesis", virtual.hypothesis, expected)
+        if not is_finer(virtual.cells, self.mesh.sampling):
+            expected = f"a mesh finer than mesh.sampling {list(self.mesh.sampling)}"
+            raise Contradiction("virtual.cells", virtual.cells, expected)
+
+
+def embedded_studies() -> dict[str, str]:
+    """Names and first comment lines of the studies that come with the package."""
+    folder = resources.files("calib.study") / "embedded"
+    texts = {
+        entry.name.removesuffix(".toml"): entry.read_text(encoding="utf-8")
+        for entry in folder.iterdir()
+        if entry.name.endswith(".toml")
+    }
+    return {name: texts[name].partition("\n")[0].lstrip("# ") for name in sorted(texts)}
+
+
+def load_study(study: str | Path) -> Study:
+    """Read and check a study by the path of its file or the name of an embedded one.
+
+    The path of a data file is made absolute, and the increments are looked up in it.
+
+    Raises:
+        StudyError: the study is missing, unreadable or wrong; the message says where.
+    """
+    if isinstance(study, str) and study in embedded_studies():
+        resource = resources.files("calib.study") / "embedded" / f"{study}.toml"
+        return read_study(resource.read_bytes(), file=f"{study}.toml", folder=Path())
+    path = Path(study)
+    if not path.is_file():
+        known = ", ".join(embedded_studies())
+        raise StudyError(f"{path}: found no such file, expected a study file or one of {known}")
+    try:
+        with path.open("rb") as stream:
+            content = stream.read(_LONGEST_FILE + 1)
+    except OSError as error:
+        raise StudyError(f"{path}: cannot be read ({error.strerror})") from error
+    return read_study(content, file=str(path), folder=path.absolute().parent)
+
+
+def read_study(content: bytes, *, file: str, folder: Path) -> Study:
+    """Check the bytes of a study file called `file`; data are looked for in `folder`.
+
+    Raises:
+        StudyError: see `load_study`.
+    """
+    text, document = _parse(content, file)
+    lines = key_lines(text)
+
+    def refuse(refusal: Refusal) -> StudyError:
+        line = nearest_line(lines, refusal.path)
+        return StudyError(f"{file}:{line}: {refusal.key}: {refusal.reason}")
+
+    if "hypotheses" in document:  # the name of the field in Python; a file has one way to say it
+        reason = "found an unknown key, expected sections [[hypothesis]]"
+        raise refuse(Refusal(("hypotheses",), reason))
+    try:
+        # JSON is where pydantic's strict mode takes arrays for tuples and tables for dataclasses
+        study = TypeAdapter(Study).validate_json(json.dumps(document, default=str))
+    except ValidationError as error:
+        found = refusals(error, Study)
+        # a key that is absent may only be misspelt: the misspelling is what to say first
+        first = min(found, key=lambda r: (r.is_absent, nearest_line(lines, r.path)))
+        raise refuse(first) from error
+    if study.data.is_file:
+        path = (folder / study.data.source).resolve()
+        if not path.is_file():
+            reason = sentence(study.data.source, f"a file in {folder}")
+            raise refuse(Refusal(("data", "source"), reason))
+        study = dataclasses.replace(study, data=DataSource(source=str(path)))
+    try:
+        _check_against_data(study)
+    except Contradiction as error:
+        raise refuse(error.refusal()) from error
+    except ValueError as error:  # of the data file, which names its own line
+        raise StudyError(str(error)) from error
+    return study
+
+
+def _check_against_data(study: Study) -> None:
+    """Refuse increments that were not measured and noise that the data exclude."""
+    if study.data.source == VIRTUAL:
+        return
+    measured = read_force_csv(study.data.source) if study.data.is_file else thesis_forces()
+    spread = []
+    for index, travel in enumerate(study.increments):
+        nearest = int(np.argmin(np.abs(measured.travel - travel)))
+        if abs(measured.travel[nearest] - travel) > SAME_TRAVEL:
+            known = ", ".join(f"{value:g}" for value in measured.travel)
+            expected = f"a travel that was measured: {known} mm"
+            raise Contradiction(f"increments.{index}", travel, expected)
+        spread.append(float(measured.force_sd[nearest]))
+    if study.noise.load_cell_sd >= min(spread):
+        expected = f"less than the smallest SD between samples ({min(spread):g} N), a part of it"
+        raise Contradiction("noise.load_cell_sd", study.noise.load_cell_sd, expected)
+
+
+def _parse(content: bytes, file: str) -> tuple[str, dict[str, Any]]:
+    if len(content) > _LONGEST_FILE:
+        raise StudyError(f"{file}: found more than {_LONGEST_FILE} bytes, expected a study file")
+    try:
+        text = content.decode("utf-8-sig").replace("\r\n", "\n")
+    except UnicodeDecodeError as error:
+        line = content.count(b"\n", 0, error.start) + 1
+        byte = content[error.start]
+        raise StudyError(
+            f"{file}:{line}: found the byte 0x{byte:02x}, expected text saved as UTF-8"
+        ) from error
+    try:
+        return text, tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        place = re.search(r" \(at line (\d+), column \d+\)", str(error))
+        line = int(place[1]) if place else text.count("\n") + 1
+        reason = str(error).replace(place[0] if place else " (at end of document)", "")
+        raise StudyError(
+            f"{file}:{line}: found no valid TOML ({reason}), expected key = value"
+        ) from error
+    except (RecursionError, ValueError) as error:  # arrays too deep, numbers too long for Python
+        raise StudyError(f"{file}: found TOML beyond what can be read ({error})") from error

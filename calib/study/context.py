@@ -1,0 +1,93 @@
+"""What every stage of a study is given: the study, where to write, and how to run simulations."""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, is_dataclass
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+
+from calib.study.artifacts import plain
+from calib.study.config import Study
+from calib.study.sections import Cells, Hypothesis
+from fe.executors import MapFn
+from fe.response import Array, Response
+from fe.specimens.block_pin import BlockPin, BlockPinModel, Contact
+
+
+class Simulate(Protocol):
+    """A forward model at kappa = 1 MPa: a picklable frozen dataclass, named by its fields."""
+
+    def __call__(self, ratios: Array) -> Response:
+        """Response for ratios (2,)."""
+        ...
+
+    def points(self) -> Array:
+        """(n_point, 2) reference x, y of the field points, mm."""
+        ...
+
+
+SimulateFactory = Callable[[Study, Hypothesis, Cells], Simulate]
+
+
+@dataclass(frozen=True)
+class Context:
+    """One run of a study."""
+
+    study: Study
+    out: Path
+    """folder of all artifacts"""
+    simulate_factory: SimulateFactory
+    map_fn: MapFn
+    """maps simulations over processes; results do not depend on it"""
+    echo: Callable[[str], None]
+    show_progress: bool
+
+    def model(self, hypothesis: Hypothesis, cells: Cells) -> Simulate:
+        """Forward model of a hypothesis on a mesh."""
+        return self.simulate_factory(self.study, hypothesis, cells)
+
+    def sampling_model(self, hypothesis: Hypothesis) -> Simulate:
+        """Forward model of a hypothesis on the mesh of the emulator's runs."""
+        return self.model(hypothesis, self.study.mesh.sampling)
+
+
+def block_pin_model(study: Study, hypothesis: Hypothesis, cells: Cells) -> Simulate:
+    """The FE model of the study's block under its bar pin, for one contact hypothesis."""
+    geometry = study.geometry
+    specimen = BlockPin(
+        width=geometry.width,
+        depth=geometry.depth,
+        height=study.height(hypothesis),
+        pin_width=geometry.pin_width,
+        pin_fillet=geometry.pin_fillet,
+    )
+    return BlockPinModel(
+        specimen=specimen,
+        contact=Contact(pin=hypothesis.pin, base=hypothesis.base),
+        cells=cells,
+        travel=study.increments,
+        bulk_ratio=study.material.bulk_ratio,
+    )
+
+
+def fingerprint(simulate: Simulate) -> dict[str, object]:
+    """All that a run depends on besides its ratios, as JSON values: the model's name and fields.
+
+    Raises TypeError when the model is not a dataclass, whose fields would say what it is.
+    """
+    if not is_dataclass(simulate) or isinstance(simulate, type):
+        raise TypeError(f"simulate: expected a dataclass, found {type(simulate).__name__}")
+    return {"model": type(simulate).__qualname__, **plain(asdict(simulate))}
+
+
+def stream(study: Study, purpose: str) -> np.random.Generator:
+    """Random numbers of one purpose: they follow from the study's seed and the purpose alone.
+
+    What one stage or hypothesis draws therefore never depends on the others.
+    """
+    key = zlib.crc32(purpose.encode())
+    return np.random.default_rng(np.random.SeedSequence(study.seed, spawn_key=(key,)))

@@ -1,0 +1,135 @@
+"""The data set that the posterior is conditioned on, kept as a file of the study."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from calib.data import PUBLISHED_CONSTANTS, Dataset, FieldData, read_force_csv, thesis_forces
+from calib.study.artifacts import read_json, write_json, write_npz
+from calib.study.config import SAME_TRAVEL, Study, StudyError
+from calib.study.sections import THESIS_TABLE
+from fe.response import Array
+
+DATA = "data"
+"""data.npz holds the arrays, data.json the rest"""
+
+
+@dataclass(frozen=True)
+class StudyData:
+    """Measured or synthetic data and what is known beside them."""
+
+    dataset: Dataset
+    published: dict[str, float] | None
+    """constants published for the same data (C10, C01, C11, mu), MPa"""
+    truth: dict[str, float] | None
+    """constants behind synthetic data (C10, C01, C11, mu), MPa"""
+    truth_hypothesis: str | None
+    """hypothesis behind synthetic data"""
+
+
+def measured(study: Study) -> StudyData:
+    """The data set that the study names, at its increments.
+
+    Raises StudyError when a file cannot be read or an increment was not measured.
+    """
+    try:
+        if study.data.source == THESIS_TABLE:
+            dataset, published = thesis_forces(), with_mu(PUBLISHED_CONSTANTS)
+        else:
+            dataset, published = read_force_csv(Path(study.data.source)), None
+    except (OSError, ValueError) as error:
+        raise StudyError(str(error)) from error
+    return StudyData(at_increments(dataset, study.increments), published, None, None)
+
+
+def at_increments(dataset: Dataset, increments: tuple[float, ...]) -> Dataset:
+    """The part of a force data set measured at the given travels (mm).
+
+    Raises StudyError naming the travel that was not measured.
+    """
+    chosen = []
+    for travel in increments:
+        nearest = int(np.argmin(np.abs(dataset.travel - travel)))
+        if abs(dataset.travel[nearest] - travel) > SAME_TRAVEL:
+            known = ", ".join(f"{value:g}" for value in dataset.travel)
+            raise StudyError(
+                f"increments: found {travel:g} mm, expected a travel that was measured: {known} mm"
+            )
+        chosen.append(nearest)
+    return replace(
+        dataset,
+        travel=dataset.travel[chosen],
+        force_mean=dataset.force_mean[chosen],
+        force_sd=dataset.force_sd[chosen],
+    )
+
+
+def with_mu(constants: dict[str, float]) -> dict[str, float]:
+    """Constants C10, C01, C11 and the small-strain shear modulus mu = 2 (C10 + C01), MPa."""
+    named = {name: float(constants[name]) for name in ("C10", "C01", "C11")}
+    return {**named, "mu": 2.0 * (named["C10"] + named["C01"])}
+
+
+def save_data(out: Path, data: StudyData) -> list[Path]:
+    """Write data.npz and data.json; returns their paths."""
+    dataset = data.dataset
+    arrays = {
+        "travel": dataset.travel,
+        "force_mean": dataset.force_mean,
+        "force_sd": dataset.force_sd,
+    }
+    facts: dict[str, object] = {
+        "units": {"travel": "mm", "force": "N", "displacement": "mm", "constants": "MPa"},
+        "name": dataset.name,
+        "synthetic": dataset.synthetic,
+        "n_samples": dataset.n_samples,
+        "travel": dataset.travel,
+        "force_mean": dataset.force_mean,
+        "force_sd": dataset.force_sd,
+        "published": data.published,
+        "truth": data.truth,
+        "truth_hypothesis": data.truth_hypothesis,
+    }
+    if dataset.field is not None:
+        arrays["points"] = dataset.field.points
+        arrays["displacement"] = dataset.field.displacement
+        arrays["noise_std"] = dataset.field.noise_std
+        facts["correlation_length"] = dataset.field.correlation_length
+        facts["reference_share"] = dataset.field.reference_share
+        facts["n_point"] = len(dataset.field.points)
+    paths = [out / f"{DATA}.npz", out / f"{DATA}.json"]
+    write_npz(paths[0], arrays)
+    write_json(paths[1], facts)
+    return paths
+
+
+def load_data(out: Path) -> StudyData:
+    """Read what `save_data` wrote; raises ValueError naming a damaged file."""
+    facts = read_json(out / f"{DATA}.json")
+    try:
+        with np.load(out / f"{DATA}.npz", allow_pickle=False) as stored:
+            arrays: dict[str, Array] = {name: stored[name] for name in stored.files}
+    except (OSError, ValueError, EOFError) as error:
+        raise ValueError(f"{out / DATA}.npz: not readable ({error}); delete it") from error
+    field = None
+    if "displacement" in arrays:
+        field = FieldData(
+            points=arrays["points"],
+            displacement=arrays["displacement"],
+            noise_std=arrays["noise_std"],
+            correlation_length=facts["correlation_length"],
+            reference_share=facts["reference_share"],
+        )
+    dataset = Dataset(
+        name=facts["name"],
+        synthetic=facts["synthetic"],
+        travel=arrays["travel"],
+        force_mean=arrays["force_mean"],
+        force_sd=arrays["force_sd"],
+        n_samples=facts["n_samples"],
+        field=field,
+    )
+    return StudyData(dataset, facts["published"], facts["truth"], facts["truth_hypothesis"])

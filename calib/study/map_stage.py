@@ -1,0 +1,124 @@
+"""Stage `map`: the maximum of each posterior by emulator, then by the FE model itself."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from calib.inference.coordinates import CONSTANTS, constants_of
+from calib.inference.forward import DirectForward
+from calib.inference.map_estimate import MapPoint, MapResult, MapStatus, emulator_map, refine_map
+from calib.inference.posterior import Posterior
+from calib.study.artifacts import write_json
+from calib.study.context import Context, stream
+from calib.study.posterior_setup import emulator_posterior
+from calib.study.progress import progress_bar
+from calib.study.refine_stage import load_refinement, refine_folder
+from calib.study.sample_stage import StoredSamples, load_samples
+from calib.study.sections import Hypothesis
+from calib.study.simulate_stage import campaign_folder, load_design, manifest_files
+from calib.study.simulations import StoredSimulate
+from fe.response import Array
+
+
+@dataclass(frozen=True)
+class MapTask:
+    """The search for one hypothesis, to be run in a worker process."""
+
+    posterior: Posterior
+    simulate: StoredSimulate
+    with_field: bool
+    sd: Array
+    """(3,) posterior SD of x"""
+    start: MapPoint
+    """the emulator's maximum"""
+
+
+def search(task: MapTask) -> MapResult:
+    """Refine the emulator's maximum with the FE model; every solve is kept on disk."""
+    direct = DirectForward(task.simulate, with_field=task.with_field)
+    return refine_map(task.posterior, direct, task.start, task.sd)
+
+
+def run(context: Context) -> list[Path]:
+    """Search for all hypotheses at once, each in its own process; returns map.json and FE runs."""
+    hypotheses = context.study.hypotheses
+    samples = [load_samples(context.out, hypothesis) for hypothesis in hypotheses]
+    tasks = []
+    for hypothesis, stored in zip(hypotheses, samples, strict=True):
+        posterior = emulator_posterior(context, hypothesis)
+        rng = stream(context.study, f"map {hypothesis.name}")
+        simulate = StoredSimulate(
+            context.sampling_model(hypothesis),
+            map_folder(context.out, hypothesis.name),
+            (campaign_folder(context.out, hypothesis), refine_folder(context.out, hypothesis)),
+        )
+        start = emulator_map(posterior, stored.sd, rng)
+        with_field = posterior.likelihood.field is not None
+        tasks.append(MapTask(posterior, simulate, with_field, stored.sd, start))
+    found: dict[int, MapResult] = {}
+    with progress_bar("maximum by FE", "hypothesis", shown=context.show_progress) as progress:
+        progress(0, len(tasks))
+        for index, result in context.map_fn(search, tasks):
+            found[index] = result
+            progress(len(found), len(tasks))
+    described = {
+        hypothesis.name: describe(found[index], samples[index])
+        | {"fe_is_training_run": is_training_run(context, hypothesis, found[index])}
+        for index, hypothesis in enumerate(hypotheses)
+    }
+    for name, facts in described.items():
+        context.echo(f"  {name}: {facts['message']}")
+    write_json(context.out / "map.json", described)
+    folders = [map_folder(context.out, hypothesis.name) for hypothesis in hypotheses]
+    runs = [path for folder in folders if folder.exists() for path in manifest_files(folder)]
+    return [context.out / "map.json", *runs]
+
+
+def describe(result: MapResult, samples: StoredSamples) -> dict[str, object]:
+    """Both maxima as constants [MPa], their difference in posterior SDs, and how it went."""
+    emulator = _named(constants_of(result.emulator.theta))
+    direct, difference = None, None
+    if result.direct is not None:
+        direct = _named(constants_of(result.direct.theta))
+        off = constants_of(result.direct.theta) - constants_of(result.emulator.theta)
+        difference = _named(off / samples.constants_sd)
+    return {
+        "units": "MPa",
+        "emulator": emulator,
+        "fe": direct,
+        "difference_sd": difference,
+        "x": ["ln kappa [MPa]", "r", "s"],
+        "emulator_x": result.emulator.x,
+        "fe_x": None if result.direct is None else result.direct.x,
+        "difference_sd_x": result.difference_sd,
+        "log_prob_emulator": result.emulator.log_prob,
+        "log_prob_fe": None if result.direct is None else result.direct.log_prob,
+        "projected_gradient_fe": None if result.direct is None else result.direct.gradient,
+        "n_fe_solves": result.n_solves,
+        "converged": result.status is MapStatus.CONVERGED,
+        "status": str(result.status),
+        "message": result.message,
+    }
+
+
+def is_training_run(context: Context, hypothesis: Hypothesis, result: MapResult) -> bool:
+    """Whether the emulator was trained at the FE maximum, where the two agree by construction."""
+    if result.direct is None:
+        return False
+    runs = (load_design(context, hypothesis), load_refinement(context, hypothesis))
+    ratios = np.concatenate(
+        [runs[0].ratios[: context.study.design.n_runs], *(run.ratios for run in runs[1:])]
+    )
+    return bool(np.isclose(ratios, result.direct.x[1:], rtol=0.0, atol=1e-9).all(axis=1).any())
+
+
+def map_folder(out: Path, hypothesis: str) -> Path:
+    """Where the FE solves of the search are kept."""
+    return out / "map" / hypothesis
+
+
+def _named(values: Array) -> dict[str, float]:
+    return dict(zip(CONSTANTS, np.asarray(values).tolist(), strict=True))

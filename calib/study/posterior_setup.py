@@ -1,0 +1,76 @@
+"""The posterior of one hypothesis, put together from the study file and the artifacts so far."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from calib.data import Dataset
+from calib.inference.forward import EmulatorForward
+from calib.inference.likelihood import build_likelihood
+from calib.inference.noise import NoiseSettings
+from calib.inference.posterior import Posterior
+from calib.inference.prior import Marginal, Prior
+from calib.study.config import Study
+from calib.study.context import Context
+from calib.study.data_stage import load_data
+from calib.study.mesh_error import MeshError, load_mesh_error
+from calib.study.sections import Hypothesis, ParameterPrior
+from calib.study.train_stage import load_emulator
+from surrogate import ScaledEmulator
+
+FIELD_FLOOR = 0.5
+"""share of the mesh's RMS field difference that is added as independent error at every point: the
+true shape of the discretisation error is not exactly the one measured (assumption)"""
+
+
+def emulator_posterior(context: Context, hypothesis: Hypothesis) -> Posterior:
+    """Posterior of a hypothesis with its emulator as forward model."""
+    return posterior_of(
+        context.study,
+        load_data(context.out).dataset,
+        ScaledEmulator(load_emulator(context.out, hypothesis)),
+        load_mesh_error(context.out, hypothesis),
+        noise_of(context.study),
+    )
+
+
+def posterior_of(
+    study: Study,
+    dataset: Dataset,
+    emulator: ScaledEmulator,
+    mesh: MeshError,
+    noise: NoiseSettings,
+) -> Posterior:
+    """Prior of the study times the likelihood of the data under an emulator.
+
+    Raises ValueError when the noise is impossible for the data.
+    """
+    forward = EmulatorForward(emulator, with_field=dataset.field is not None)
+    likelihood = build_likelihood(
+        dataset,
+        forward,
+        noise,
+        force_discretisation=mesh.force,
+        field_discretisation=mesh.field,
+        field_floor=FIELD_FLOOR * float(np.sqrt(np.mean(mesh.field**2))),
+    )
+    return Posterior(prior_of(study), likelihood)
+
+
+def noise_of(study: Study) -> NoiseSettings:
+    """The study's assumptions on the errors of the force."""
+    return NoiseSettings(
+        load_cell_sd=study.noise.load_cell_sd,
+        sample_correlation=study.noise.sample_correlation,
+        travel_zero_sd=study.noise.travel_zero_sd,
+    )
+
+
+def prior_of(study: Study) -> Prior:
+    """The study's prior of (kappa, r, s)."""
+    return Prior(marginal(study.prior.kappa), marginal(study.prior.r), marginal(study.prior.s))
+
+
+def marginal(prior: ParameterPrior) -> Marginal:
+    """One parameter's prior; mean and SD are those of the parameter before it is cut off."""
+    return Marginal(prior.distribution, prior.low, prior.high, prior.mean, prior.sd)

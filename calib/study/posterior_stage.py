@@ -1,0 +1,90 @@
+"""Stage `posterior`: posterior.nc, which holds all that is needed to know what it is."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from calib import __version__
+from calib.inference.inference_data import (
+    HypothesisSamples,
+    build_inference_data,
+    save_inference_data,
+)
+from calib.study.artifacts import hash_of_file, plain, read_json
+from calib.study.config import Study
+from calib.study.context import Context, stream
+from calib.study.data_stage import StudyData, load_data
+from calib.study.posterior_setup import emulator_posterior
+from calib.study.sample_stage import load_samples, samples_path
+from calib.study.sections import Hypothesis
+from calib.study.train_stage import emulator_path, load_diagnostics
+
+
+def run(context: Context) -> list[Path]:
+    """Write posterior.nc; returns its path."""
+    study, out = context.study, context.out
+    data = load_data(out)
+    hypotheses = {
+        h.name: HypothesisSamples(
+            emulator_posterior(context, h).likelihood, load_samples(out, h).result
+        )
+        for h in study.hypotheses
+    }
+    found = build_inference_data(
+        hypotheses, data.dataset, provenance(out, study, data), stream(study, "predictive")
+    )
+    save_inference_data(found, out / "posterior.nc")
+    return [out / "posterior.nc"]
+
+
+def provenance(out: Path, study: Study, data: StudyData) -> dict[str, object]:
+    """Where the samples come from, and everything by which they are to be judged (JSON data)."""
+    maps = read_json(out / "map.json")
+    diagnostics = load_diagnostics(out)
+    sampler = study.sampler
+    facts: dict[str, object] = {
+        "study": study.name,
+        "seed": study.seed,
+        "version": __version__,
+        "synthetic": data.dataset.synthetic,
+        "data": data.dataset.name,
+        "published": data.published,
+        "truth": data.truth,
+        "truth_hypothesis": data.truth_hypothesis,
+        "limits": {"max_r_hat": sampler.max_r_hat, "min_ess": sampler.min_ess},
+        "hypotheses": {
+            h.name: _hypothesis(out, h, maps[h.name], diagnostics[h.name]) for h in study.hypotheses
+        },
+        "study_file": plain(study),
+        "input_hashes": _hashes(out, study),
+    }
+    described: dict[str, object] = plain(facts)
+    return described
+
+
+def _hypothesis(
+    out: Path, hypothesis: Hypothesis, maximum: Any, diagnostics: dict[str, Any]
+) -> dict[str, object]:
+    result = load_samples(out, hypothesis).result
+    return {
+        "contact": hypothesis,
+        "map": maximum,
+        "emulator": {
+            key: diagnostics[key] for key in ("n_train", "n_excluded", "leave_one_out", "held_out")
+        },
+        "emulator_failures": diagnostics["failures"],
+        "sampling": {
+            "status": str(result.status),
+            "message": result.message,
+            "autocorrelation_time": result.autocorrelation_time.max(axis=0),
+            "acceptance": result.acceptance,
+        },
+    }
+
+
+def _hashes(out: Path, study: Study) -> dict[str, str]:
+    paths = [out / "data.npz", out / "data.json", out / "map.json"]
+    for hypothesis in study.hypotheses:
+        paths += [emulator_path(out, hypothesis), samples_path(out, hypothesis)]
+    return {path.relative_to(out).as_posix(): hash_of_file(path) for path in paths}

@@ -1,0 +1,47 @@
+"""Progress bars with the time left, on the terminal only."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from tqdm import tqdm
+
+Progress = Callable[[int, int], None]
+"""called with (done, total) after each piece of work"""
+
+
+@contextmanager
+def progress_bar(label: str, unit: str, *, shown: bool = True) -> Iterator[Progress]:
+    """A bar that is told (done, total); it starts at the first call and estimates the time left.
+
+    Work found finished when the bar starts counts as done but not as speed, so the time left is
+    right when an interrupted campaign goes on.
+    """
+    bar: tqdm[Any] | None = None
+
+    def report(done: int, total: int) -> None:
+        nonlocal bar
+        if bar is None:
+            bar = tqdm(
+                total=total,
+                initial=done,
+                desc=label,
+                unit=unit,
+                disable=not shown,
+                file=sys.stderr,
+                dynamic_ncols=True,
+                mininterval=0.5,
+                smoothing=0.1,
+            )
+            return
+        bar.total = total
+        bar.update(done - bar.n)
+
+    try:
+        yield report
+    finally:
+        if bar is not None:
+            bar.close()

@@ -1,0 +1,262 @@
+"""Stage `report`: figures and report from the artifacts of all stages before, and closing words."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from calib.inference.coordinates import CONSTANTS, constants_of, theta_of
+from calib.study.artifacts import read_json, write_bytes
+from calib.study.assumptions import assumptions_table
+from calib.study.config import Study
+from calib.study.context import Context
+from calib.study.figure_style import save_png
+from calib.study.force_figures import (
+    EmulatorErrors,
+    MeasuredForce,
+    PredictedForce,
+    emulator_errors,
+    force_travel,
+)
+from calib.study.mesh_error import check_folder
+from calib.study.posterior_figures import Chains, Samples, chains, marginals, pairs
+from calib.study.report import Picture, Section, render, versions_table
+from calib.study.sample_stage import StoredSamples, load_samples
+from calib.study.study_file import study_text
+from calib.study.summary import Summary, constants_table, load_summary, points_table
+from calib.study.tables import (
+    Table,
+    comparison_table,
+    correlation_table,
+    data_table,
+    emulator_table,
+    map_table,
+    mesh_table,
+    optimization_table,
+    published_table,
+    texts,
+)
+from calib.study.train_stage import DIAGNOSTICS
+from fe.response import Array
+
+
+@dataclass(frozen=True)
+class Findings:
+    """Everything that is shown, as read from the artifacts of a study."""
+
+    data: dict[str, Any]
+    mesh: dict[str, Any]
+    """hypothesis -> mesh_error.json"""
+    diagnostics: dict[str, Any]
+    """hypothesis -> its part of diagnostics.json"""
+    maps: dict[str, Any]
+    comparison: dict[str, Any]
+    summaries: tuple[Summary, ...]
+
+    @property
+    def failures(self) -> list[str]:
+        """Diagnostics outside the limits of the study, one sentence each."""
+        return [f"{s.hypothesis}: {failure}" for s in self.summaries for failure in s.failures]
+
+
+def read_findings(out: Path, study: Study, summaries: Sequence[Summary]) -> Findings:
+    """Read the artifacts of a finished study; raises ValueError naming a damaged one."""
+    return Findings(
+        data=read_json(out / "data.json"),
+        mesh={
+            h.name: read_json(check_folder(out, h) / "mesh_error.json") for h in study.hypotheses
+        },
+        diagnostics=read_json(out / DIAGNOSTICS),
+        maps=read_json(out / "map.json"),
+        comparison=read_json(out / "comparison.json"),
+        summaries=tuple(summaries),
+    )
+
+
+def run(context: Context) -> list[Path]:
+    """Draw the figures and write report.html; returns their paths."""
+    study, out = context.study, context.out
+    findings = read_findings(out, study, load_summary(out / "posterior.nc"))
+    samples = {h.name: load_samples(out, h) for h in study.hypotheses}
+    pictures = _draw(findings, samples, study, out / "figures")
+    html = render(
+        study=study.name,
+        seed=study.seed,
+        synthetic=synthetic_sentence(findings.data),
+        failures=findings.failures,
+        verdict=findings.comparison["verdict"],
+        sections=_sections(findings, pictures, study),
+        study_text=study_text(study),
+    )
+    write_bytes(out / "report.html", html.encode())
+    return [*(picture.path for picture in pictures.values()), out / "report.html"]
+
+
+def closing_lines(out: Path, study: Study, summaries: Sequence[Summary]) -> list[str]:
+    """What a run prints at its end: every table, failures, and where the results are."""
+    findings = read_findings(out, study, summaries)
+    synthetic = synthetic_sentence(findings.data)
+    lines = ["", *([f"SYNTHETIC DATA. {synthetic}", ""] if synthetic else [])]
+    for text in texts(_all_tables(findings, study)):
+        lines += [text, ""]
+    lines += [f"FAILED  {failure}" for failure in findings.failures]
+    if not findings.failures:
+        lines.append("All diagnostics are within the limits of the study.")
+    places = (
+        ("posterior", out / "posterior.nc"),
+        ("report", out / "report.html"),
+        ("figures", out / "figures"),
+    )
+    return [*lines, *(f"{name:<9} {path}" for name, path in places)]
+
+
+def synthetic_sentence(data: dict[str, Any]) -> str:
+    """How synthetic data were made; empty for measured ones."""
+    if not data["synthetic"]:
+        return ""
+    truth = ", ".join(f"{name} {data['truth'][name]:.4g} MPa" for name in CONSTANTS)
+    return (
+        "No experiment was made: forces and front-face field come from the FE model under the "
+        f"hypothesis {data['truth_hypothesis']} on a finer mesh with {truth}, and noise was added."
+    )
+
+
+def _all_tables(findings: Findings, study: Study) -> list[Table | None]:
+    limits = {
+        "max_force_error": study.emulator.max_force_error,
+        "max_field_error": study.emulator.max_field_error,
+    }
+    return [
+        *(
+            table
+            for summary in findings.summaries
+            for table in (constants_table(summary, summary.truth), points_table(summary))
+        ),
+        mesh_table(findings.mesh),
+        emulator_table(findings.diagnostics, limits),
+        map_table(findings.maps),
+        optimization_table(findings.data["published"]),
+        published_table(findings.comparison),
+        comparison_table(findings.comparison),
+        correlation_table(findings.comparison),
+    ]
+
+
+def _sections(findings: Findings, pictures: dict[str, Picture], study: Study) -> list[Section]:
+    tables = _all_tables(findings, study)
+    n = 2 * len(findings.summaries)
+    constants = tables[:n]
+    mesh, emulator, maximum, starts, published, compared, correlated = tables[n:]
+
+    def kept(*found: Table | None) -> list[Table]:
+        return [table for table in found if table is not None]
+
+    return [
+        Section(
+            "Constants",
+            ("One posterior under each contact hypothesis; the comparison is further below.",),
+            kept(*constants),
+            (pictures["marginals"], pictures["pairs"]),
+        ),
+        Section("Forces", (), kept(data_table(findings.data)), (pictures["forces"],)),
+        Section("Hypotheses", (), kept(compared, starts, published)),
+        Section(
+            "Emulator against the FE model", (), kept(maximum, emulator), (pictures["emulator"],)
+        ),
+        Section("Mesh", (), kept(mesh)),
+        Section("Assumptions", (), kept(assumptions_table(study), correlated)),
+        Section("Chains", (), (), (pictures["chains"],)),
+        Section("Versions", (), (versions_table(),)),
+    ]
+
+
+def _draw(
+    findings: Findings, samples: dict[str, StoredSamples], study: Study, folder: Path
+) -> dict[str, Picture]:
+    data = findings.data
+    kind = "synthetic" if data["synthetic"] else "measured"
+    drawn: dict[str, tuple[Figure, str]] = {
+        "forces": (
+            _force_figure(findings, samples),
+            f"Force against travel: {kind} mean with standard error (thick) and SD between "
+            "samples (thin); bands hold 94 % of the posterior predictive draws of the mean force.",
+        ),
+        "marginals": (
+            marginals(_posterior_samples(findings, samples), data["published"], data["truth"]),
+            "Marginal posterior of each constant under each hypothesis, each on its own axis.",
+        ),
+        "pairs": (
+            pairs(_posterior_samples(findings, samples, ("C10", "C01", "C11")), data["truth"]),
+            "Posterior draws and contours that hold 50 % and 94 % of them; note that every "
+            "hypothesis has its own axes.",
+        ),
+        "chains": (
+            chains([_chains(name, stored) for name, stored in samples.items()]),
+            "Chains of every ensemble after burn-in; they should be indistinguishable.",
+        ),
+        "emulator": (
+            emulator_errors(_held_out(findings, study), np.asarray(data["travel"])),
+            "Error of the emulators' force on FE runs that were held out.",
+        ),
+    }
+    pictures = {}
+    for name, (figure, caption) in drawn.items():
+        save_png(figure, folder / f"{name}.png")
+        pictures[name] = Picture(folder / f"{name}.png", caption)
+    return pictures
+
+
+def _force_figure(findings: Findings, samples: dict[str, StoredSamples]) -> Figure:
+    data = findings.data
+    measured = MeasuredForce(
+        label="synthetic" if data["synthetic"] else "measured",
+        travel=np.asarray(data["travel"]),
+        mean=np.asarray(data["force_mean"]),
+        sd=np.asarray(data["force_sd"]),
+        n_samples=data["n_samples"],
+    )
+    predicted = []
+    for name, stored in samples.items():
+        published = findings.comparison["hypotheses"][name]["published"]
+        force = None if published is None else np.asarray(published["force"], dtype=float)
+        predicted.append(PredictedForce(name, stored.predictive, force))
+    return force_travel(measured, predicted)
+
+
+def _posterior_samples(
+    findings: Findings,
+    samples: dict[str, StoredSamples],
+    names: Sequence[str] = CONSTANTS,
+) -> list[Samples]:
+    found = []
+    for hypothesis, stored in samples.items():
+        values = constants_of(theta_of(stored.chains.reshape(-1, 3)))
+        constants = {name: values[:, CONSTANTS.index(name)] for name in names}
+        maximum = findings.maps[hypothesis]
+        found.append(Samples(hypothesis, constants, maximum["emulator"], maximum["fe"] or {}))
+    return found
+
+
+def _chains(name: str, stored: StoredSamples) -> Chains:
+    theta: Array = theta_of(stored.chains)
+    walkers = theta.transpose(3, 0, 2, 1)
+    labels = ("$\\kappa$ [MPa]", "$r$ [-]", "$s$ [-]")
+    return Chains(name, dict(zip(labels, walkers, strict=True)))
+
+
+def _held_out(findings: Findings, study: Study) -> list[EmulatorErrors]:
+    n_step = len(study.increments)
+    return [
+        EmulatorErrors(
+            name,
+            np.asarray(found["held_out_relative_error"], dtype=float).reshape(-1, n_step),
+            np.asarray(found["held_out_standardised_error"], dtype=float).reshape(-1, n_step),
+            study.emulator.max_force_error,
+        )
+        for name, found in findings.diagnostics.items()
+    ]

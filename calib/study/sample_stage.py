@@ -1,0 +1,132 @@
+"""Stage `sample`: chains of every hypothesis and what they predict."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from calib.inference.coordinates import constants_of, theta_of
+from calib.inference.prediction import predictive_forces
+from calib.inference.sampling import (
+    SamplerSettings,
+    SamplingResult,
+    SamplingStatus,
+    sample_posterior,
+)
+from calib.study.artifacts import read_json, write_json, write_npz
+from calib.study.config import Study
+from calib.study.context import Context, stream
+from calib.study.posterior_setup import emulator_posterior
+from calib.study.progress import progress_bar
+from calib.study.sections import Hypothesis
+from fe.response import Array
+
+N_PREDICTIVE = 4000
+"""posterior predictive draws kept for the figures"""
+STEPS_DRAWN = 400
+"""steps of each chain that figures show"""
+
+
+@dataclass(frozen=True)
+class StoredSamples:
+    """Chains of one hypothesis and draws of the mean force."""
+
+    result: SamplingResult
+    predictive: Array
+    """(n, n_step) replicates of the measured mean force, N"""
+
+    @property
+    def chains(self) -> Array:
+        """(n_ensemble, n_step, n_walker, 3) every few steps of the kept chains, for figures"""
+        every = max(1, self.result.chains.shape[1] // STEPS_DRAWN)
+        return self.result.chains[:, ::every]
+
+    @property
+    def sd(self) -> Array:
+        """(3,) posterior SD of x = (ln kappa, r, s)"""
+        sd: Array = self.result.draws.std(axis=0)
+        return sd
+
+    @property
+    def constants_sd(self) -> Array:
+        """(4,) posterior SD of C10, C01, C11, mu, MPa"""
+        sd: Array = constants_of(theta_of(self.result.draws)).std(axis=0)
+        return sd
+
+
+def run(context: Context) -> list[Path]:
+    """Sample every hypothesis; returns the files samples_<hypothesis>.npz and .json."""
+    paths = []
+    for hypothesis in context.study.hypotheses:
+        stored = _sample(context, hypothesis)
+        context.echo(f"  {hypothesis.name}: {stored.result.message}")
+        paths += save_samples(context.out, hypothesis, stored)
+    return paths
+
+
+def settings_of(study: Study) -> SamplerSettings:
+    """The study's sampler."""
+    sampler = study.sampler
+    return SamplerSettings(
+        n_ensembles=sampler.n_ensembles,
+        n_walkers=sampler.n_walkers,
+        n_autocorrelation=sampler.n_autocorrelation,
+        max_steps=sampler.max_steps,
+    )
+
+
+def save_samples(out: Path, hypothesis: Hypothesis, stored: StoredSamples) -> list[Path]:
+    """Write chains and predictive draws; returns the paths."""
+    result = stored.result
+    arrays = {
+        "chains": result.chains,
+        "log_prob": result.log_prob,
+        "autocorrelation_time": result.autocorrelation_time,
+        "acceptance": result.acceptance,
+        "predictive": stored.predictive,
+    }
+    facts = {
+        "coordinates": ["ln kappa [MPa]", "r", "s"],
+        "n_burn": result.n_burn,
+        "status": str(result.status),
+        "message": result.message,
+    }
+    paths = [samples_path(out, hypothesis), samples_path(out, hypothesis).with_suffix(".json")]
+    write_npz(paths[0], arrays)
+    write_json(paths[1], facts)
+    return paths
+
+
+def load_samples(out: Path, hypothesis: Hypothesis) -> StoredSamples:
+    """Read what `save_samples` wrote."""
+    path = samples_path(out, hypothesis)
+    facts = read_json(path.with_suffix(".json"))
+    with np.load(path, allow_pickle=False) as stored:
+        arrays = {name: stored[name] for name in stored.files}
+    predictive = arrays.pop("predictive")
+    result = SamplingResult(
+        **arrays,
+        n_burn=facts["n_burn"],
+        status=SamplingStatus(facts["status"]),
+        message=facts["message"],
+    )
+    return StoredSamples(result, predictive)
+
+
+def samples_path(out: Path, hypothesis: Hypothesis) -> Path:
+    """File of a hypothesis' chains."""
+    return out / f"samples_{hypothesis.name}.npz"
+
+
+def _sample(context: Context, hypothesis: Hypothesis) -> StoredSamples:
+    study = context.study
+    posterior = emulator_posterior(context, hypothesis)
+    rng = stream(study, f"sample {hypothesis.name}")
+    label = f"sample {hypothesis.name}"
+    with progress_bar(label, "step", shown=context.show_progress) as progress:
+        result = sample_posterior(posterior, settings_of(study), rng, progress)
+    draws = result.draws
+    chosen = rng.choice(len(draws), min(N_PREDICTIVE, len(draws)), replace=False)
+    return StoredSamples(result, predictive_forces(posterior.likelihood, draws[chosen], rng))

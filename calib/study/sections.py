@@ -1,0 +1,269 @@
+"""The sections of a study file as frozen data, each value checked where it is declared.
+
+Units are mm, N and MPa. The text under a field is also what a refusal says it expects.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import ConfigDict, Field
+from pydantic.dataclasses import dataclass
+
+from calib.inference.prior import Marginal
+from calib.study.refusal import Contradiction
+
+STRICT = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False, use_attribute_docstrings=True)
+
+Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]*$", max_length=60)]
+Positive = Annotated[float, Field(gt=0)]
+NotNegative = Annotated[float, Field(ge=0)]
+Correlation = Annotated[float, Field(ge=0, lt=1)]
+Count = Annotated[int, Field(ge=1)]
+Cells = tuple[Count, Count, Count]
+
+SHARPEST = 0.05  # mm; the strain at a sharp edge is singular, so that no mesh resolves it
+THESIS_TABLE = "thesis-table-5.1"
+VIRTUAL = "virtual"
+LARGEST_S = 10.0  # C11 / kappa, far beyond any published for a silicone or tissue
+
+
+@dataclass(frozen=True, kw_only=True, config=STRICT)
+class DataSource:
+    """[data] What was measured."""
+
+    source: str
+    """where the data come from: a data set of the package or a csv file beside the study file"""
+
+    def __post_init__(self) -> None:
+        if self.is_file and not self.source.endswith(".csv"):
+            expected = f'"{THESIS_TABLE}", "{VIRTUAL}" or the path of a .csv file'
+            raise Contradiction("source", self.source, expected)
+
+    @property
+    def is_file(self) -> bool:
+        """True when the data are a file of the user's (`source` is then its path)."""
+        return self.source not in {THESIS_TABLE, VIRTUAL}
+
+
+@dataclass(frozen=True, kw_only=True, config=STRICT)
+class Virtual:
+    """[virtual] A synthetic experiment with known constants; with data.source = "virtual"."""
+
+    hypothesis: str
+    """name of the [[hypothesis]] that holds in the virtual experiment"""
+    C10: NotNegative
+    """true C10, MPa"""
+    C01: NotNegative
+    """true C01, MPa"""
+    C11: NotNegative
+    """true C11, MPa"""
+    cells: Cells
+    """three numbers of elements (x, y, z), at least those of mesh.sampling"""
+    n_samples: Annotated[int, Field(ge=2)]
+    """number of samples tested"""
+    force_sd_share: Positive
+    """standard deviation of the force between samples as a share of the force"""
+    field_noise_std: tuple[Positive, Positive, Positive]
+    """noise of the displacement components x, y, z, mm"""
+    field_correlation_length: Positive
+    """length over which the noise of neighbouring points is correlated, mm"""
+    field_reference_share: Correlation
+    """share of the noise variance that the reference image gives to all increments"""
+
+
+@dataclass(frozen=True, kw_only=True, config=STRICT)
+class Geometry:
+    """[geometry] The block and the bar pin that is pressed into its top centre."""
+
+    width: Positive
+    """width of the sample (x), mm"""
+    depth: Positive
+    """depth of the sample (z, along the bar pin), mm"""
+    height: Positive
+    """height of the sample (y), mm"""
+    pin_width: Positive
+    """width of the pin, less than the width of the sample, mm"""
+    pin_fillet: Positive
+    """radius of the pin's edges, less than half its width, mm"""
+
+    def __post_init__(self) -> None:
+        if self.pin_width >= self.width:
+            expected = f"less than geometry.width ({self.width:g} mm)"
+            raise Contradiction("pin_width", self.pin_width, expected)
+        if self.pin_fillet < SHARPEST:
+            expected = f"{SHARPEST:g} mm or more: the force under a sharp edge has no limit"
+            raise Contradiction("pin_fillet", self.pin_fillet, expected)
+        if self.pin_fillet >= self.pin_width / 2:
+            expected = f"less than half of geometry.pin_width ({self.pin_width / 2:g} mm)"
+            raise Contradiction("pin_fillet", self.pin_fillet, expected)
+
+
+@dataclass(frozen=True, kw_only=True, config=STRICT)
+class Material:
+    """[material] What is fixed about the material."""
+
+    bulk_ratio: Annotated[float, Field(gt=1, le=1e5)] = 200.0
+    """bulk modulus over the small-strain shear modulus"""
+
+
+@dataclass(frozen=True, kw_only=True, config=STRICT)
+class Mesh:
+    """[mesh] Elements of the quarter model in x, y, z."""
+
+    sampling: Cells = (12, 6, 2)
+    """three numbers of elements (x, y, z) for the runs that train the emulator"""
+    check: Cells = (20, 8, 3)
+    """three numbers of elements (x, y, z) for the run that measures the discretisation error"""
+
+    def __post_init__(self) -> None:
+        if not is_finer(self.check, self.sampling):
+            expected = f"a mesh finer than mesh.sampling {list(self.sampling)}"
+            raise Contradiction("check", self.check, expected)
+
+
+def is_finer(fine: Cells, coarse: Cells) -> bool:
+    """No direction has fewer elements and at least one has more."""
+    return fine != coarse and all(f >= c for f, c in zip(fine, coarse, strict=True))
+
+
+@dataclass(frozen=True, kw_only=True, config=STRICT)
+class Hypothesis:
+    """[[hypothesis]] One reading of the contact, calibrated on its own and then compared."""
+
+    name: Name
+    """a name of letters, digits, hyphens and underscores"""
+    pin: Literal["stick", "slide"]
+    """contact between sample and pin"""
+    base: Literal["stick", "slide"]
+    """contact between sample and base plate"""
+    height: Positive | None = None
+    """height of the sample under this hypothesis, mm; without it geometry.height"""
+
+
+@dataclass(frozen=True, kw_only=True, config=STRICT)
+class Noise:
+    """[noise] What separates the measured mean force from that of the model."""
+
+    load_cell_sd: Positive
+    """standard deviation of the load cell's noise, N"""
+    sample_correlation: Correlation
+    """correlation of one sample's force errors at neighbouring increments"""
+    correlation_study: tuple[Correlation, ...] = ()
+    """correlations for which the posterior is computed for comparison"""
+    travel_zero_sd: NotNegative
+    """standard deviation of the zero of the travel, mm"""
+
+
+@dataclass(frozen=True, kw_only=True, config=STRICT)
+class ParameterPrior:
+    """[prior.<parameter>] Prior of one parameter between two bounds."""
+
+    distribution: Literal["uniform", "log_uniform", "normal", "lognormal"]
+    """family of the prior"""
+    low: float
+    """lower bound, in the unit of the parameter"""
+    high: float
+    """upper bound, in the unit of the parameter"""
+    mean: float | None = None
+    """mean of a normal or lognormal before it is cut off, in the unit of the parameter"""
+    sd: Positive | None = None
+    """SD of a normal or lognormal before it is cut off, in the unit of the parameter"""
+
+    def __post_init__(self) -> None:
+        if self.high <= self.low:
+            raise Contradiction("high", self.high, f"greater than low ({self.low:g})")
+        if self.distribution in {"log_uniform", "lognormal"} and self.low <= 0:
+            expected = f"greater than 0 with the distribution {self.distribution}"
+            raise Contradiction("low", self.low, expected)
+        is_bell = self.distribution in {"normal", "lognormal"}
+        for key, value in (("mean", self.mean), ("sd", self.sd)):
+            if is_bell != (value is not None):
+                rule = "a number" if is_bell else "no such key"
+                expected = f"{rule} with the distribution {self.distribution}"
+                raise Contradiction(key, value, expected)
+        if self.distribution == "lognormal" and self.mean is not None and self.mean <= 0:
+            raise Contradiction("mean", self.mean, "greater than 0 for a lognormal")
+        self._check_mass()
+
+    def _check_mass(self) -> None:
+        try:
+            Marginal(self.distribution, self.low, self.high, self.mean, self.sd)
+        except (ValueError, ArithmeticError) as error:  # all else that it refuses was refused above
+            within = f"[{self.low:g}, {self.high:g}]"
+            expected = f"a mean and an sd that leave some probability within {within}"
+            raise Contradiction("mean", self.mean, expected) from error
+
+
+@dataclass(frozen=True, kw_only=True, config=STRICT)
+class Prior:
+    """[prior] kappa = C10 + C01 (MPa), r = C01 / kappa, s = C11 / kappa."""
+
+    kappa: ParameterPrior
+    """a section [prior.kappa]"""
+    r: ParameterPrior
+    """a section [prior.r]"""
+    s: ParameterPrior
+    """a section [prior.s]"""
+
+    def __post_init__(self) -> None:
+        if self.kappa.low <= 0:
+            raise Contradiction("kappa.low", self.kappa.low, "greater than 0: kappa is a stiffness")
+        if self.r.low < 0:
+            raise Contradiction("r.low", self.r.low, "0 or more: below, C01 is negative")
+        if self.r.high > 1:
+            raise Contradiction("r.high", self.r.high, "1 or less: above, C10 is negative")
+        if self.s.low < 0:
+            raise Contradiction("s.low", self.s.low, "0 or more: below, C11 is negative")
+        if self.s.high > LARGEST_S:
+            expected = f"{LARGEST_S:g} or less: no soft solid stiffens more"
+            raise Contradiction("s.high", self.s.high, expected)
+
+
+@dataclass(frozen=True, kw_only=True, config=STRICT)
+class Design:
+    """[design] FE runs over the ratios (r, s) within the bounds of their priors."""
+
+    n_runs: Annotated[int, Field(ge=8)] = 20
+    """number of runs that train the emulator"""
+    n_held_out: Annotated[int, Field(ge=2)] = 4
+    """number of further runs that only judge the emulator"""
+    n_refine: Annotated[int, Field(ge=3)] = 6
+    """number of runs added where the posterior is, for each hypothesis; the last two of them at its
+    maximum and mean by the emulator that has the others"""
+
+
+@dataclass(frozen=True, kw_only=True, config=STRICT)
+class EmulatorLimits:
+    """[emulator] Largest held-out errors with which the posterior is called good."""
+
+    max_force_error: Positive = 0.02
+    """largest relative error of a force"""
+    max_field_error: Positive = 0.01
+    """largest root mean square error of a field, mm"""
+
+
+@dataclass(frozen=True, kw_only=True, config=STRICT)
+class Sampler:
+    """[sampler] emcee: independent ensembles, stopped by autocorrelation time."""
+
+    n_ensembles: Annotated[int, Field(ge=2)] = 4
+    """number of independent ensembles, at least 2 so that R-hat means something"""
+    n_walkers: Annotated[int, Field(ge=8, le=1024, multiple_of=2)] = 32
+    """walkers of one ensemble, at least twice the number of parameters"""
+    n_autocorrelation: Annotated[float, Field(ge=1)] = 50.0
+    """length of the chains in integrated autocorrelation times"""
+    max_steps: Annotated[int, Field(ge=100)] = 20_000
+    """steps after which sampling stops in any case"""
+    min_ess: Positive = 400.0
+    """smallest effective sample size that passes"""
+    max_r_hat: Annotated[float, Field(gt=1)] = 1.01
+    """largest R-hat that passes"""
+
+
+@dataclass(frozen=True, kw_only=True, config=STRICT)
+class Compute:
+    """[compute] How the work is done; results do not depend on it."""
+
+    workers: Annotated[int, Field(ge=0)] = 0
+    """number of processes for the FE runs, 0 for one a core"""

@@ -1,0 +1,281 @@
+"""The table of a posterior: constants, intervals, diagnostics, maxima; for readers and programs.
+
+The only module with pandas. Everything is read from posterior.nc, so that the table can be had
+long after the study, from that file alone.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from calib.inference.at_bound import AtBound, at_bound, leaning_sentence
+from calib.inference.coordinates import CONSTANTS, PARAMETERS, x_of
+from calib.inference.inference_data import (
+    Convergence,
+    convergence,
+    load_inference_data,
+    provenance_of,
+)
+from calib.study.artifacts import plain
+from calib.study.figure_style import INTERVAL, Array, hdi
+from calib.study.tables import Table, number
+
+INTERVAL_NAME = f"{INTERVAL:.0%} HDI"
+UNIT = "MPa"
+
+
+@dataclass(frozen=True)
+class ConstantSummary:
+    """Posterior of one constant under one hypothesis; None where something was not found."""
+
+    unit: str
+    mean: float
+    sd: float
+    hdi_low: float
+    hdi_high: float
+    ess_bulk: float
+    ess_tail: float
+    r_hat: float
+    map_emulator: float | None
+    map_fe: float | None
+    map_difference_sd: float | None
+    """direct FE minus emulator, in posterior SDs"""
+    published: float | None
+    published_z: float | None
+    """(published - mean) / SD"""
+
+
+@dataclass(frozen=True)
+class Summary:
+    """Posterior of all constants under one hypothesis, and whether it may be relied on."""
+
+    study: str
+    seed: int
+    version: str
+    hypothesis: str
+    interval: str
+    synthetic: bool
+    truth: dict[str, float] | None
+    """constants behind synthetic data if they were made under this hypothesis, MPa"""
+    constants: dict[str, ConstantSummary]
+    diagnostics: dict[str, Any]
+    at_bound: tuple[AtBound, ...]
+    """bounds of the prior that the posterior leans on"""
+    failures: tuple[str, ...]
+    """diagnostics outside the limits of the study, one sentence each"""
+
+    @property
+    def passed(self) -> bool:
+        """Whether all diagnostics are within the limits of the study."""
+        return not self.failures
+
+
+def load_summary(path: Path) -> list[Summary]:
+    """Summaries of all hypotheses in a posterior.nc.
+
+    Raises ValueError naming the file when it is damaged or no posterior of this program.
+    """
+    data = load_inference_data(path)
+    provenance: dict[str, Any] = dict(provenance_of(data))
+    try:
+        names = [str(name) for name in data["posterior"]["hypothesis"].values]
+        return [
+            summarise(
+                name,
+                {c: data["posterior"][c].sel(hypothesis=name).values.ravel() for c in CONSTANTS},
+                convergence(data, name),
+                provenance,
+                _leaning(data["posterior"].sel(hypothesis=name), provenance),
+            )
+            for name in names
+        ]
+    except KeyError as error:
+        raise ValueError(f"{path}: holds no {error}; run the study again") from error
+
+
+def summarise(
+    hypothesis: str,
+    draws: Mapping[str, Array],
+    found: Mapping[str, Convergence],
+    provenance: Mapping[str, Any],
+    at_bound: tuple[AtBound, ...] = (),
+) -> Summary:
+    """Summary of one hypothesis from draws (n,) of each constant [MPa], diagnostics, provenance."""
+    facts = provenance["hypotheses"][hypothesis]
+    published = provenance["published"] or {}
+    constants = {
+        name: _constant(name, draws[name], found[name], facts["map"], published.get(name))
+        for name in CONSTANTS
+    }
+    limits = provenance["limits"]
+    failures = [
+        *(f for name in CONSTANTS for f in _unconverged(name, constants[name], limits)),
+        *facts["emulator_failures"],
+    ]
+    # A search that ends at the roughness of the FE forces is told, with its distance, not failed.
+    if facts["map"]["fe"] is None:
+        failures.append(f"MAP: the search with the FE model: {facts['map']['message']}")
+    diagnostics = {
+        "limits": limits,
+        "sampling": facts["sampling"],
+        "emulator": facts["emulator"],
+        "map": {key: facts["map"][key] for key in ("converged", "n_fe_solves", "message")},
+    }
+    return Summary(
+        study=provenance["study"],
+        seed=provenance["seed"],
+        version=provenance["version"],
+        hypothesis=hypothesis,
+        interval=INTERVAL_NAME,
+        synthetic=provenance["synthetic"],
+        truth=provenance["truth"] if provenance["truth_hypothesis"] == hypothesis else None,
+        constants=constants,
+        diagnostics=diagnostics,
+        at_bound=at_bound,
+        failures=tuple(failures),
+    )
+
+
+def _leaning(posterior: Any, provenance: Mapping[str, Any]) -> tuple[AtBound, ...]:
+    """Bounds of the stored prior on which the stored draws of one hypothesis lean."""
+    theta = np.stack([posterior[name].values.ravel() for name in PARAMETERS], axis=-1)
+    prior = provenance["study_file"]["prior"]
+    bounds = np.array([[prior[name]["low"], prior[name]["high"]] for name in PARAMETERS])
+    return at_bound(x_of(theta), x_of(bounds.T).T)
+
+
+def _constant(
+    name: str,
+    draws: Array,
+    found: Convergence,
+    maximum: Mapping[str, Any],
+    published: float | None,
+) -> ConstantSummary:
+    mean, sd = float(draws.mean()), float(draws.std(ddof=1))
+    low, high = hdi(draws)
+    return ConstantSummary(
+        unit=UNIT,
+        mean=mean,
+        sd=sd,
+        hdi_low=low,
+        hdi_high=high,
+        ess_bulk=found.ess_bulk,
+        ess_tail=found.ess_tail,
+        r_hat=found.r_hat,
+        map_emulator=maximum["emulator"][name],
+        map_fe=(maximum["fe"] or {}).get(name),
+        map_difference_sd=(maximum["difference_sd"] or {}).get(name),
+        published=published,
+        published_z=None if published is None else (published - mean) / sd,
+    )
+
+
+def _unconverged(
+    name: str, constant: ConstantSummary, limits: Mapping[str, float]
+) -> Iterator[str]:
+    """Rules of convergence that a constant violates; a value that is not a number violates."""
+    if not constant.r_hat <= limits["max_r_hat"]:
+        yield f"{name}: R-hat is {constant.r_hat:.4f}, above {limits['max_r_hat']:g}"
+    for label, value in (("bulk", constant.ess_bulk), ("tail", constant.ess_tail)):
+        if not value >= limits["min_ess"]:
+            yield f"{name}: ESS ({label}) is {value:.0f}, below {limits['min_ess']:g}"
+
+
+def constants_table(summary: Summary, truth: Mapping[str, float] | None = None) -> Table:
+    """Posterior of one hypothesis; with the truth beside it for synthetic data."""
+    columns = ["constant", "unit", "mean", "SD", f"{summary.interval} low", "high"]
+    columns += ["ESS bulk", "ESS tail", "R-hat"]
+    columns += ["synthetic truth", "within"] if truth else []
+    rows = []
+    for name, c in summary.constants.items():
+        row = [name, c.unit, number(c.mean), number(c.sd, 2), number(c.hdi_low)]
+        row += [number(c.hdi_high), f"{c.ess_bulk:.0f}", f"{c.ess_tail:.0f}", f"{c.r_hat:.4f}"]
+        if truth:
+            inside = c.hdi_low <= truth[name] <= c.hdi_high
+            row += [number(truth[name]), "yes" if inside else "no"]
+        rows.append(tuple(row))
+    kind = ", SYNTHETIC data" if summary.synthetic else ""
+    return Table(
+        f"Posterior under {summary.hypothesis} (study {summary.study}{kind})",
+        tuple(columns),
+        tuple(rows),
+    )
+
+
+def points_table(summary: Summary) -> Table:
+    """Maxima by emulator and FE model, and published values, beside the posterior's mean."""
+    columns = ["constant", "unit", "mean", "SD", "MAP emulator", "MAP direct FE"]
+    columns += ["difference [SD]"]
+    with_published = any(c.published is not None for c in summary.constants.values())
+    columns += ["published", "out by [SD]"] if with_published else []
+    rows = []
+    for name, c in summary.constants.items():
+        row = [name, c.unit, number(c.mean), number(c.sd, 2), number(c.map_emulator)]
+        row += [number(c.map_fe), _signed(c.map_difference_sd, 3)]
+        row += [number(c.published), _signed(c.published_z, 1)] if with_published else []
+        rows.append(tuple(row))
+    note = "difference = direct FE minus emulator, in posterior standard deviations."
+    if with_published:
+        note += " out by = (published - mean) / SD: how far out, not a probability."
+    note = f"{note} {leaning_sentence(summary.hypothesis, summary.at_bound)}".rstrip()
+    return Table(f"Maxima under {summary.hypothesis}", tuple(columns), tuple(rows), note)
+
+
+def format_table(summaries: Sequence[Summary]) -> str:
+    """All tables for a terminal, and which diagnostics fail."""
+    parts = []
+    for summary in summaries:
+        parts += [constants_table(summary, summary.truth).text(), ""]
+        parts += [points_table(summary).text(), ""]
+    parts += [f"FAILED  {s.hypothesis}: {failure}" for s in summaries for failure in s.failures]
+    if all(summary.passed for summary in summaries):
+        parts.append("All diagnostics are within the limits of the study.")
+    first = summaries[0]
+    parts.append(f"softcal {first.version}, seed {first.seed}; constants in {UNIT}")
+    return "\n".join(parts)
+
+
+def to_json(summaries: Sequence[Summary]) -> str:
+    """A list with one object for each hypothesis; what was not found is null."""
+    found = [
+        {**plain(summary), "passed": summary.passed, "failures": list(summary.failures)}
+        for summary in summaries
+    ]
+    return json.dumps(found, indent=2, allow_nan=False)
+
+
+def to_frame(summaries: Sequence[Summary]) -> pd.DataFrame:
+    """One row for each hypothesis and constant."""
+    rows = [
+        {
+            "study": summary.study,
+            "seed": summary.seed,
+            "version": summary.version,
+            "hypothesis": summary.hypothesis,
+            "interval": summary.interval,
+            "synthetic": summary.synthetic,
+            "constant": name,
+            **asdict(constant),
+            "truth": None if summary.truth is None else summary.truth[name],
+            "passed": summary.passed,
+        }
+        for summary in summaries
+        for name, constant in summary.constants.items()
+    ]
+    return pd.DataFrame(rows)
+
+
+def to_csv(summaries: Sequence[Summary]) -> str:
+    """One line for each hypothesis and constant, with a header."""
+    return str(to_frame(summaries).to_csv(index=False, lineterminator="\n"))
+
+
+def _signed(value: float | None, digits: int) -> str:
+    return "-" if value is None else f"{value:+.{digits}f}"

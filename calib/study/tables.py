@@ -1,0 +1,314 @@
+"""Tables of a study, made once from its artifacts and shown both on the terminal and in the report.
+
+Numbers are text here, rounded for reading; programs read the JSON artifacts instead.
+"""
+
+from __future__ import annotations
+
+import math
+import textwrap
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from calib.data import PUBLISHED_CONSTANTS
+from calib.data.thesis import optimization_runs, stated_average
+
+NOTE_WIDTH = 100
+CONSTANTS = ("C10", "C01", "C11", "mu")
+
+
+@dataclass(frozen=True)
+class Table:
+    """A titled table of text."""
+
+    title: str
+    columns: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+    note: str = ""
+    """a sentence below the table"""
+
+    def __post_init__(self) -> None:
+        for row in self.rows:
+            if len(row) != len(self.columns):
+                raise ValueError(
+                    f"rows: expected {len(self.columns)} cells as in columns, found {row}"
+                )
+
+    def text(self) -> str:
+        """The table for a terminal, columns aligned."""
+        lines = [self.columns, *self.rows]
+        widths = [max(len(line[i]) for line in lines) for i in range(len(self.columns))]
+        aligned = [
+            "  ".join(
+                cell.ljust(width) if column == 0 else cell.rjust(width)
+                for column, (cell, width) in enumerate(zip(line, widths, strict=True))
+            ).rstrip()
+            for line in lines
+        ]
+        rule = "-" * max(len(line) for line in aligned)
+        parts = [self.title, rule, aligned[0], rule, *aligned[1:], rule]
+        return "\n".join([*parts, *textwrap.wrap(self.note, NOTE_WIDTH)])
+
+
+def number(value: float | None, digits: int = 4) -> str:
+    """A number with the given significant digits; a dash where there is none."""
+    if value is None or not math.isfinite(value):
+        return "-"
+    return f"{value:#.{digits}g}".rstrip(".").replace(".e", "e") if value else "0"
+
+
+def percent(value: float | None, digits: int = 2) -> str:
+    """A ratio as a percentage with a sign, without unit."""
+    return "-" if value is None or not math.isfinite(value) else f"{100 * value:+.{digits}f}"
+
+
+def data_table(data: Mapping[str, Any]) -> Table:
+    """What the posterior is conditioned on; `data` is data.json."""
+    n = data["n_samples"]
+    rows = tuple(
+        (number(d), number(m), number(s), number(s / n**0.5))
+        for d, m, s in zip(data["travel"], data["force_mean"], data["force_sd"], strict=True)
+    )
+    kind = "SYNTHETIC forces" if data["synthetic"] else "measured forces"
+    field = f", and a front-face field of {data['n_point']} points" if "n_point" in data else ""
+    return Table(
+        f"Data: {kind}, {data['name']} ({n} samples{field})",
+        ("travel [mm]", "mean force [N]", "SD between samples [N]", "standard error [N]"),
+        rows,
+    )
+
+
+CONFIRMED_SD = 0.2
+"""largest difference of the maxima, posterior SDs, that confirms the emulator's"""
+
+
+def confirmation(name: str, found: Mapping[str, Any]) -> str:
+    """Whether direct FE confirms the emulator's maximum, as a sentence; `found` is of map.json."""
+    known = [abs(value) for value in found["difference_sd_x"] if value is not None]
+    if len(known) < 3:
+        return f" {name}: the emulator's maximum is not confirmed, direct FE found none."
+    if max(known) <= CONFIRMED_SD:
+        return f" {name}: direct FE confirms the emulator's maximum within {CONFIRMED_SD} SD."
+    return (
+        f" {name}: direct FE does not confirm the emulator's maximum within {CONFIRMED_SD} SD; "
+        f"they lie {max(known):.2g} SD apart."
+    )
+
+
+def map_table(maps: Mapping[str, Any]) -> Table:
+    """How the FE model moved the maximum; `maps` is map.json."""
+    rows = []
+    for name, found in maps.items():
+        off = ["-" if value is None else f"{value:+.3f}" for value in found["difference_sd_x"]]
+        gradient = found["projected_gradient_fe"]
+        slope = None if gradient is None else max(abs(value) for value in gradient)
+        rows.append((name, *off, number(slope, 2), str(found["n_fe_solves"]), found["status"]))
+    return Table(
+        "Maximum of the posterior (MAP): direct FE minus emulator, in posterior SDs",
+        (
+            "hypothesis",
+            "ln kappa [SD]",
+            "r [SD]",
+            "s [SD]",
+            "gradient * SD [-]",
+            "FE solves",
+            "search",
+        ),
+        tuple(rows),
+        "Same density in (ln kappa, r, s): same prior, data and errors, the emulator's included. "
+        "Direct FE has the mesh of the emulator's runs, so the difference holds no discretisation "
+        "error. A search that did not converge leaves its best point, not a maximum. "
+        + " ".join(f"{name}: {found['message']}." for name, found in maps.items())
+        + "".join(confirmation(name, found) for name, found in maps.items())
+        + "".join(
+            f" {name}: the emulator was trained at this point, so the agreement there is by "
+            "construction."
+            for name, found in maps.items()
+            if found["fe_is_training_run"]
+        ),
+    )
+
+
+def mesh_table(errors: Mapping[str, Any]) -> Table:
+    """Discretisation error; `errors` maps a hypothesis to its mesh_error.json."""
+    first = next(iter(errors.values()))
+    rows = []
+    for name, error in errors.items():
+        for ratios, signed in zip(error["ratios"], error["signed_force"], strict=True):
+            at = f"r = {ratios[0]:.3g}, s = {ratios[1]:.3g}"
+            rows.append((f"{name}, force [%]", at, *(percent(value) for value in signed)))
+        field = [number(value, 2) for value in error["field_rms"]]
+        rows.append((f"{name}, field RMS [mm]", "", *field))
+    coarse, fine = (" x ".join(map(str, first[key])) for key in ("coarse_cells", "fine_cells"))
+    return Table(
+        f"Discretisation error: mesh {coarse} of the emulator's runs against {fine}",
+        ("hypothesis", "measured at", *(f"{travel:g} mm" for travel in first["travel"])),
+        tuple(rows),
+        "The likelihood takes this difference as a standard deviation of the model's force. It "
+        "is a difference of two meshes, not a bound on the error of the finer one.",
+    )
+
+
+def emulator_table(diagnostics: Mapping[str, Any], limits: Mapping[str, float]) -> Table:
+    """Emulator errors; `diagnostics` maps a hypothesis to its part of diagnostics.json."""
+    rows = []
+    for name, found in diagnostics.items():
+        kind = "leave_one_out" if found["held_out"] is None else "held_out"
+        errors = found[kind]
+        rows.append(
+            (
+                name,
+                f"{found['n_train']} ({found['n_excluded']})",
+                f"{errors['n_runs']} ({kind.replace('_', '-')})",
+                f"{100 * max(errors['force_rms']):.3f}",
+                f"{100 * errors['force_max']:.3f}",
+                "-" if errors["field_rms"] is None else number(max(errors["field_rms"]), 2),
+                number(errors["force_rms_z"], 3),
+            )
+        )
+    return Table(
+        "Emulator against FE runs that it was not trained on",
+        (
+            "hypothesis",
+            "trained on [runs]",
+            "judged on [runs]",
+            "force [%]",
+            "largest [%]",
+            "field [mm]",
+            "z [-]",
+        ),
+        tuple(rows),
+        "trained: runs (excluded because they did not reach the last increment); force and field: "
+        "RMS over runs at the worst increment; z: RMS of error over stated SD. Limits of the "
+        f"study: force {100 * limits['max_force_error']:g} %, "
+        f"field {limits['max_field_error']:g} mm (where the data have one).",
+    )
+
+
+def published_table(comparison: Mapping[str, Any]) -> Table | None:
+    """Forces that the published constants predict; None when there are no published constants."""
+    rows = []
+    notes = []
+    for name, found in comparison["hypotheses"].items():
+        published = found["published"]
+        if published is None:
+            return None
+        rows.append((f"{name}, force [N]", *(number(force) for force in published["force"])))
+        ratios = zip(published["force"], comparison["force_mean"], strict=True)
+        rows.append((f"{name}, times the data", *(f"{force / mean:.1f}" for force, mean in ratios)))
+        notes.append(
+            f"{name}: the published constants lie {published['mahalanobis']:.1f} posterior SDs "
+            "from the posterior mean (Mahalanobis distance in ln kappa, r, s)"
+            + (", outside the box of the prior's ratios." if published["extrapolated"] else ".")
+            + (
+                " That posterior leans on a bound of its prior; its SDs say little about distance."
+                if found["at_bound"]
+                else ""
+            )
+        )
+    rows.append(("data [N]", *(number(mean) for mean in comparison["force_mean"])))
+    return Table(
+        "Forces that the published constants predict (thesis Table 5.4; MPa implied there)",
+        ("hypothesis", *(f"{travel:g} mm" for travel in comparison["travel"])),
+        tuple(rows),
+        " ".join(notes),
+    )
+
+
+def optimization_table(published: Mapping[str, float] | None) -> Table | None:
+    """Thesis Table 5.3's range beside Table 5.4; None where these are not what was published."""
+    if published is None or any(
+        published[name] != PUBLISHED_CONSTANTS[name] for name in CONSTANTS[:3]
+    ):
+        return None
+    runs, average = optimization_runs(), stated_average()
+    columns = np.column_stack([runs.result, 2.0 * runs.result[:, :2].sum(axis=1)])
+    means = {**average, "mu": 2.0 * (average["C10"] + average["C01"])}
+    rows = tuple(
+        (
+            name,
+            number(published[name]),
+            number(float(values.min())),
+            number(float(values.max())),
+            number(means[name]),
+        )
+        for name, values in zip(CONSTANTS, columns.T, strict=True)
+    )
+    return Table(
+        "Published constants beside the results they were chosen from (thesis Tables 5.3, 5.4)",
+        ("constant", "published [MPa]", "lowest [MPa]", "highest [MPa]", "stated average [MPa]"),
+        rows,
+        f"lowest, highest: over the {len(runs.rmse)} starts of Table 5.3, which the same data "
+        "gave; stated average: of the starts with RMSE 0.1559 mm, which the thesis says Table 5.4 "
+        "is and it is not.",
+    )
+
+
+def comparison_table(comparison: Mapping[str, Any]) -> Table:
+    """Evidence and predictive check of each hypothesis; `comparison` is comparison.json."""
+    rows = tuple(
+        (
+            name,
+            f"{found['log_evidence']:.2f}",
+            f"{found['probability']:.3g}",
+            f"{found['max_log_likelihood']:.2f}",
+            f"{found['best_force_misfit']:.2f}",
+            f"{found['predictive_p']:.3g}",
+            f"{number(found['mu_mean'])} ± {number(found['mu_sd'], 2)}",
+        )
+        for name, found in comparison["hypotheses"].items()
+    )
+    return Table(
+        "Comparison of the contact hypotheses",
+        (
+            "hypothesis",
+            "ln evidence [-]",
+            "share of evidence [-]",
+            "max ln L [-]",
+            "chi2 there [-]",
+            "predictive p [-]",
+            "mu [MPa]",
+        ),
+        rows,
+        "share of evidence: probability at equal prior odds; max ln L: largest ln likelihood in "
+        "the prior's box, and the forces' chi-square there. " + " ".join(comparison["verdict"]),
+    )
+
+
+def correlation_table(comparison: Mapping[str, Any]) -> Table | None:
+    """How the posterior changes with what is assumed of the noise."""
+    rows = tuple(
+        (
+            row["hypothesis"],
+            f"{row['sample_correlation']:g}",
+            f"{row['travel_zero_sd']:g}",
+            *(f"{number(row['mean'][c], 3)} ± {number(row['sd'][c], 2)}" for c in CONSTANTS),
+            f"{row['log_evidence']:.1f}",
+            f"{row['predictive_p']:.2g}",
+        )
+        for row in comparison["correlation_study"]
+    )
+    if not rows:
+        return None
+    return Table(
+        "Posterior under other assumptions on the noise (mean ± SD, by quadrature)",
+        (
+            "hypothesis",
+            "rho [-]",
+            "zero [mm]",
+            *(f"{constant} [MPa]" for constant in CONSTANTS),
+            "ln evid. [-]",
+            "p [-]",
+        ),
+        rows,
+        "rho: correlation of one sample's deviation between neighbouring increments; zero: SD of "
+        "the travel's zero; p: posterior predictive p-value of the forces.",
+    )
+
+
+def texts(tables: Sequence[Table | None]) -> list[str]:
+    """The tables that there are, for a terminal."""
+    return [table.text() for table in tables if table is not None]

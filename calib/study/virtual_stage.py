@@ -1,0 +1,85 @@
+"""Stages `virtual` and `data`: make a synthetic experiment on a finer mesh, or read a real one."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from calib.inference.coordinates import theta_of_constants
+from calib.study.config import Study, StudyError
+from calib.study.context import Context, stream
+from calib.study.data_stage import StudyData, load_data, measured, save_data, with_mu
+from calib.study.progress import progress_bar
+from calib.study.sections import Virtual, is_finer
+from calib.study.simulate_stage import manifest_files
+from calib.study.simulations import RunSet, run_together
+from calib.virtual import VirtualNoise, virtual_experiment
+
+FOLDER = "virtual"
+
+
+def run(context: Context) -> list[Path]:
+    """Solve the truth on the finer mesh, add noise, keep the synthetic experiment.
+
+    Raises StudyError when the mesh is not finer than that of the emulator's runs: the same mesh
+    would hide the discretisation error, and the study would prove nothing.
+    """
+    study, folder = context.study, context.out / FOLDER
+    virtual = _virtual(study)
+    hypothesis = next(h for h in study.hypotheses if h.name == virtual.hypothesis)
+    theta = theta_of_constants(virtual.C10, virtual.C01, virtual.C11)
+    model = context.model(hypothesis, virtual.cells)
+    store = folder / "run"
+    with progress_bar("virtual", "run", shown=context.show_progress) as progress:
+        [campaign] = run_together(
+            [RunSet(model, theta[None, 1:], store, max_failure_rate=1.0)], context.map_fn, progress
+        )
+    try:
+        dataset = virtual_experiment(
+            lambda _: campaign.responses[0],
+            theta,
+            noise(study),
+            stream(study, "virtual experiment"),
+            points=model.points(),
+            name=f"virtual experiment under {hypothesis.name}",
+        )
+    except ValueError as error:
+        raise StudyError(f"virtual: {error}") from error
+    truth = with_mu({"C10": virtual.C10, "C01": virtual.C01, "C11": virtual.C11})
+    data = StudyData(dataset, None, truth, hypothesis.name)
+    return [*save_data(folder, data), *manifest_files(store)]
+
+
+def noise(study: Study) -> VirtualNoise:
+    """Errors of the synthetic experiment, from the families that the likelihood assumes."""
+    virtual = _virtual(study)
+    return VirtualNoise(
+        n_samples=virtual.n_samples,
+        force_sd_share=virtual.force_sd_share,
+        load_cell_sd=study.noise.load_cell_sd,
+        sample_correlation=study.noise.sample_correlation,
+        travel_zero_sd=study.noise.travel_zero_sd,
+        field_noise_std=virtual.field_noise_std,
+        field_correlation_length=virtual.field_correlation_length,
+        field_reference_share=virtual.field_reference_share,
+    )
+
+
+def run_data(context: Context) -> list[Path]:
+    """Keep the data of the study as data.npz and data.json."""
+    if context.study.virtual is None:
+        data = measured(context.study)
+    else:
+        data = load_data(context.out / FOLDER)
+    return save_data(context.out, data)
+
+
+def _virtual(study: Study) -> Virtual:
+    virtual = study.virtual
+    if virtual is None:
+        raise StudyError("virtual: found no such section, expected one to make synthetic data")
+    if not is_finer(virtual.cells, study.mesh.sampling):
+        raise StudyError(
+            f"virtual.cells: found {list(virtual.cells)}, expected a mesh finer than "
+            f"mesh.sampling {list(study.mesh.sampling)}"
+        )
+    return virtual

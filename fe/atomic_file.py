@@ -1,0 +1,30 @@
+"""Files that are there whole or not at all, and that their group may read if the umask lets it."""
+
+from __future__ import annotations
+
+import os
+import secrets
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+
+@contextmanager
+def replacing(path: Path) -> Iterator[Path]:
+    """Give a new empty file beside `path` to be written; on leaving, it takes the place of `path`.
+
+    Readers see the old content or the new, never a part. After an error the old file is left as
+    it was. Raises OSError when the folder cannot be written.
+    """
+    # In the same folder, so that the rename cannot cross file systems; with a random name, so
+    # that two writers do not meet. tempfile would keep everyone but the owner from reading.
+    temporary = path.with_name(f".{secrets.token_hex(8)}.tmp")
+    os.close(os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))
+    try:
+        yield temporary
+        with temporary.open("rb") as stream:
+            os.fsync(stream.fileno())
+        os.replace(temporary, path)
+    except BaseException:
+        temporary.unlink(missing_ok=True)
+        raise

@@ -1,0 +1,303 @@
+"""Contact of the block's free faces with a rigid filleted bar pin and a rigid floor.
+
+Evaluated at Gauss points of the deformed element faces, not at nodes (nodal contact chatters).
+Free points meet a frictionless penalty whose stiffness ramps up over a small penetration, so the
+energy is twice continuously differentiable; tied points (stick) hang on an isotropic spring to an
+anchor that moves with the pin or rests on the floor.  All pressures scale with the material, so
+the scale symmetry of the specimen stays exact.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+Array = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+
+FREE, TIED_TO_PIN, TIED_TO_FLOOR = 0, 1, 2
+
+
+class Faces(NamedTuple):
+    """Quadrature of the faces that may touch something."""
+
+    nodes: IntArray
+    """(n_face, n_a)"""
+    shape: Array
+    """(n_face, n_q, n_a) shape functions"""
+    weights: Array
+    """(n_face, n_q) reference area, mm2"""
+    points: Array
+    """(n_face, n_q, 3) reference position, mm"""
+    floor: npt.NDArray[np.bool_]
+    """(n_face,) whether the face may also touch the floor (side faces)"""
+
+
+@dataclass(frozen=True)
+class PenaltyLaw:
+    """Contact stiffness relative to the shear modulus mu."""
+
+    stiffness: float = 6667.0
+    """pressure per penetration and shear modulus, 1/mm"""
+    ramp: float = 0.1
+    """penetration over which the stiffness grows from 0 to full, mm"""
+
+
+class RigidPin(NamedTuple):
+    """Bar pin above a block on the floor y = 0, with the stiffness of what it meets."""
+
+    height: float
+    """of the pin's flat bottom at travel 0, mm"""
+    half_width: float
+    """mm"""
+    fillet: float
+    """radius of the lower edges, mm"""
+    stiffness: float
+    """contact pressure per penetration, MPa/mm"""
+    ramp: float
+    """mm, see PenaltyLaw"""
+
+
+class ContactSystem(NamedTuple):
+    """Work arrays that `contact_system` fills."""
+
+    force: Array
+    """(n_face, n_a, 3) N"""
+    tangent: Array
+    """(n_face, n_a, 3, 3, n_a) indexed [a, i, k, b], N/mm"""
+    by_travel: Array
+    """(n_face, n_a, 3) derivative of force in the pin travel, N/mm"""
+
+
+def empty_system(faces: Faces) -> ContactSystem:
+    """Zeroed work arrays of the right shapes."""
+    n_face, n_a = faces.nodes.shape
+    return ContactSystem(
+        force=np.zeros((n_face, n_a, 3)),
+        tangent=np.zeros((n_face, n_a, 3, 3, n_a)),
+        by_travel=np.zeros((n_face, n_a, 3)),
+    )
+
+
+@njit(cache=True)
+def bar_distance(
+    x: float, y: float, half_width: float, fillet: float, bottom: float
+) -> tuple[float, float, float, float, float, float]:
+    """Signed distance of (x, y) to a bar pin with filleted lower edges (x >= 0 half, mm).
+
+    Returns (distance, normal_x, normal_y, H_xx, H_xy, H_yy): the outward normal of the pin is the
+    gradient of the distance, H its Hessian (1/mm).
+    """
+    side = 1.0 if x >= 0.0 else -1.0
+    q0 = abs(x) - (half_width - fillet)
+    q1 = bottom + fillet - y
+    if q0 <= 0.0 or q1 <= 0.0:
+        if q0 > q1:
+            return q0 - fillet, side, 0.0, 0.0, 0.0, 0.0
+        return q1 - fillet, 0.0, -1.0, 0.0, 0.0, 0.0
+    radius = np.sqrt(q0 * q0 + q1 * q1)
+    nx = side * q0 / radius
+    ny = -q1 / radius
+    c = 1.0 / max(radius, 1e-6)
+    return radius - fillet, nx, ny, c * ny * ny, -c * nx * ny, c * nx * nx
+
+
+@njit(cache=True)
+def penalty(gap: float, stiffness: float, ramp: float) -> tuple[float, float, float]:
+    """Energy density and its first two derivatives in the gap (negative gap is penetration)."""
+    t = -gap
+    if t <= 0.0:
+        return 0.0, 0.0, 0.0
+    m = min(t, ramp)
+    x = t - m
+    return (
+        stiffness * (m * m * m / (6.0 * ramp) + x * ramp / 2.0 + x * x / 2.0),
+        -stiffness * (m * m / (2.0 * ramp) + x),
+        stiffness * m / ramp,
+    )
+
+
+@njit(cache=True)
+def _tied_point(
+    x: Array, anchor: Array, shift: float, stiffness: float, force: Array, hessian: Array
+) -> float:
+    """Spring energy density to an anchor that has moved up by `shift`; fills derivatives."""
+    energy = 0.0
+    for i in range(3):
+        d = x[i] - anchor[i] - (shift if i == 1 else 0.0)
+        energy += 0.5 * stiffness * d * d
+        force[i] = stiffness * d
+        for k in range(3):
+            hessian[i, k] = stiffness if i == k else 0.0
+    return energy
+
+
+@njit(cache=True)
+def _free_point(
+    x: Array, on_side: bool, travel: float, pin: RigidPin, force: Array, hessian: Array
+) -> tuple[float, float, float]:
+    """Frictionless penalty of pin and floor; fills the derivatives of the energy density.
+
+    Returns (energy density, the pin's share of force_y, the floor's share of hessian_yy).
+    """
+    force[:] = 0.0
+    hessian[:, :] = 0.0
+    gap, nx, ny, hxx, hxy, hyy = bar_distance(
+        x[0], x[1], pin.half_width, pin.fillet, pin.height - travel
+    )
+    energy, slope, curvature = penalty(gap, pin.stiffness, pin.ramp)
+    if slope != 0.0:
+        force[0] = slope * nx
+        force[1] = slope * ny
+        hessian[0, 0] = curvature * nx * nx + slope * hxx
+        hessian[0, 1] = curvature * nx * ny + slope * hxy
+        hessian[1, 0] = hessian[0, 1]
+        hessian[1, 1] = curvature * ny * ny + slope * hyy
+    pin_force = force[1]
+    floor_stiffness = 0.0
+    if on_side and x[1] < 0.0:
+        floor_energy, floor_slope, floor_stiffness = penalty(x[1], pin.stiffness, pin.ramp)
+        energy += floor_energy
+        force[1] += floor_slope
+        hessian[1, 1] += floor_stiffness
+    return energy, pin_force, floor_stiffness
+
+
+@njit(cache=True)
+def contact_system(
+    u: Array,
+    faces: Faces,
+    tied: IntArray,
+    anchor: Array,
+    travel: float,
+    pin: RigidPin,
+    with_derivatives: bool,
+    system: ContactSystem,
+) -> tuple[float, float]:
+    """Contact of all faces: returns (energy N mm, vertical pin force N of the modelled part).
+
+    u (n_node, 3) mm; tied (n_face, n_q) and anchor (n_face, n_q, 3) mm as in `ContactMemory`;
+    travel in mm.  `system` is filled when `with_derivatives`.
+    """
+    n_face, n_quad, n_a = faces.shape.shape
+    x = np.empty(3)
+    f = np.empty(3)
+    h = np.empty((3, 3))
+    energy = 0.0
+    pin_force = 0.0
+    for c in range(n_face):
+        if with_derivatives:
+            system.force[c] = 0.0
+            system.tangent[c] = 0.0
+            system.by_travel[c] = 0.0
+        for q in range(n_quad):
+            for i in range(3):
+                x[i] = faces.points[c, q, i]
+                for a in range(n_a):
+                    x[i] += faces.shape[c, q, a] * u[faces.nodes[c, a], i]
+            w = faces.weights[c, q]
+            on_floor = 0.0
+            if tied[c, q] == FREE:
+                e, fy, on_floor = _free_point(x, faces.floor[c], travel, pin, f, h)
+                moves = 1.0
+            else:
+                moves = 1.0 if tied[c, q] == TIED_TO_PIN else 0.0
+                e = _tied_point(x, anchor[c, q], -moves * travel, pin.stiffness, f, h)
+                fy = moves * f[1]
+            energy += w * e
+            pin_force += w * fy
+            if with_derivatives and e != 0.0:
+                _add_point(c, faces.shape[c, q], w, f, h, moves, on_floor, system)
+    return energy, pin_force
+
+
+@njit(cache=True)
+def _add_point(
+    c: int,
+    shape: Array,
+    w: float,
+    f: Array,
+    h: Array,
+    moves: float,
+    on_floor: float,
+    system: ContactSystem,
+) -> None:
+    """Add one point's derivatives to face c; what moves with the pin depends on x_y + travel."""
+    n_a = shape.size
+    for a in range(n_a):
+        wa = w * shape[a]
+        for i in range(3):
+            system.force[c, a, i] += wa * f[i]
+            by_pin = h[i, 1] - (on_floor if i == 1 else 0.0)
+            system.by_travel[c, a, i] += wa * moves * by_pin
+            for k in range(3):
+                wh = wa * h[i, k]
+                if wh != 0.0:
+                    for b in range(n_a):
+                        system.tangent[c, a, i, k, b] += wh * shape[b]
+
+
+@dataclass
+class ContactMemory:
+    """Which points are tied, where, and how the anchors depend on the ratios (state)."""
+
+    tied: IntArray
+    """(n_face, n_q) FREE, TIED_TO_PIN or TIED_TO_FLOOR"""
+    anchor: Array
+    """(n_face, n_q, 3) mm, relative to the pin at travel 0 or to the floor"""
+    anchor_gradient: Array
+    """(n_face, n_q, 3, 2) d anchor / d(r, s), mm"""
+
+    def copy(self) -> ContactMemory:
+        """Independent copy, so that a rejected step leaves no trace."""
+        return ContactMemory(self.tied.copy(), self.anchor.copy(), self.anchor_gradient.copy())
+
+
+def initial_memory(faces: Faces, glued: npt.NDArray[np.bool_]) -> ContactMemory:
+    """Memory at travel 0: points where `glued` (n_face, n_q) are tied to the pin in place."""
+    return ContactMemory(
+        tied=np.where(glued, TIED_TO_PIN, FREE).astype(np.int64),
+        anchor=faces.points.copy(),
+        anchor_gradient=np.zeros((*faces.points.shape, 2)),
+    )
+
+
+def tie_touching(
+    memory: ContactMemory,
+    faces: Faces,
+    u: Array,
+    u_gradient: Array,
+    travel: float,
+    pin: RigidPin,
+) -> int:
+    """Tie every free point that penetrates pin or floor to its nearest surface point; count them.
+
+    u (n_node, 3) mm, u_gradient (n_node, 3, 2) mm: the anchor's own sensitivity follows from the
+    derivative of the projection (stick is path dependent).
+    """
+    x = faces.points + np.einsum("cqa,cai->cqi", faces.shape, u[faces.nodes])
+    dx = np.einsum("cqa,caij->cqij", faces.shape, u_gradient[faces.nodes])
+    floor = (memory.tied == FREE) & faces.floor[:, None] & (x[..., 1] < 0.0)
+    onto_floor = np.array([1.0, 0.0, 1.0])
+    memory.tied[floor] = TIED_TO_FLOOR
+    memory.anchor[floor] = x[floor] * onto_floor
+    memory.anchor_gradient[floor] = dx[floor] * onto_floor[:, None]
+    count = int(floor.sum())
+    for c, q in zip(*np.nonzero(memory.tied == FREE), strict=True):
+        gap, nx, ny, hxx, hxy, hyy = bar_distance(
+            x[c, q, 0], x[c, q, 1], pin.half_width, pin.fillet, pin.height - travel
+        )
+        if gap >= 0.0:
+            continue
+        normal = np.array([nx, ny, 0.0])
+        hessian = np.array([[hxx, hxy, 0.0], [hxy, hyy, 0.0], [0.0, 0.0, 0.0]])
+        projection = np.eye(3) - np.outer(normal, normal) - gap * hessian
+        memory.tied[c, q] = TIED_TO_PIN
+        memory.anchor[c, q] = x[c, q] - gap * normal + np.array([0.0, travel, 0.0])
+        memory.anchor_gradient[c, q] = projection @ dx[c, q]
+        count += 1
+    return count

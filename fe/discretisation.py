@@ -1,0 +1,146 @@
+"""Tables of one mesh: shape functions from scikit-fem, sparse pattern, and where entries go."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+import scipy.sparse as sp
+from numba import njit
+from skfem import Basis, ElementHex2, FacetBasis, MeshHex
+
+from fe.contact import Faces
+from fe.weak_form import Elements
+
+Array = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+Int32Array = npt.NDArray[np.int32]
+BoolArray = npt.NDArray[np.bool_]
+
+VOLUME_ORDER = 5
+"""exact for the Q2 mass matrix on a box: 3 Gauss points a direction"""
+FACE_ORDER = 9
+"""5 Gauss points a direction: fewer make contact nearly nodal, and it chatters"""
+
+
+@dataclass(frozen=True)
+class Pattern:
+    """Upper-triangular CSR pattern of the free unknowns and the slots of element entries."""
+
+    number: IntArray
+    """(3 n_node,) equation of each unknown, -1 where prescribed"""
+    indptr: Int32Array
+    indices: Int32Array
+    element_slots: Int32Array
+    """(n_elem, 27, 3, 3, 27) slot of entry [a, i, k, b], -1 where dropped"""
+    face_slots: Int32Array
+    """(n_face, 9, 3, 3, 9)"""
+
+
+def elements(mesh: MeshHex) -> tuple[Elements, Basis]:
+    """Q2/P1 tables of a hexahedral mesh, and the scikit-fem basis they come from."""
+    basis = Basis(mesh, ElementHex2(), intorder=VOLUME_ORDER)
+    gradients = np.stack([np.asarray(phi[0].grad) for phi in basis.basis])
+    reference = basis.quadrature[0] - 0.5
+    psi = np.vstack([np.ones(reference.shape[1]), reference]).T.copy()
+    weights = np.ascontiguousarray(basis.dx)
+    mass = np.einsum("eq,qm,qn->emn", weights, psi, psi)
+    return (
+        Elements(
+            nodes=np.ascontiguousarray(basis.element_dofs.T, dtype=np.int64),
+            positions=np.ascontiguousarray(basis.doflocs.T),
+            gradients=np.ascontiguousarray(gradients.transpose(2, 3, 1, 0)),
+            weights=weights,
+            psi=psi,
+            mass_inverse=np.linalg.inv(mass),
+        ),
+        basis,
+    )
+
+
+def faces(mesh: MeshHex, facets: IntArray, floor: BoolArray) -> Faces:
+    """Quadrature of the given facets (n_face,); `floor` marks those that may touch the floor."""
+    basis = FacetBasis(mesh, ElementHex2(), facets=facets, intorder=FACE_ORDER)
+    values = np.stack([np.asarray(phi[0]) for phi in basis.basis])
+    on_face = np.abs(values).max(axis=2) > 1e-12
+    local = np.stack([np.flatnonzero(column) for column in on_face.T])
+    dofs = basis.element_dofs
+    rows = np.arange(len(facets))[:, None]
+    return Faces(
+        nodes=np.ascontiguousarray(dofs[local, rows], dtype=np.int64),
+        shape=np.ascontiguousarray(values[local, rows].transpose(0, 2, 1)),
+        weights=np.ascontiguousarray(basis.dx),
+        points=np.ascontiguousarray(np.asarray(basis.global_coordinates()).transpose(1, 2, 0)),
+        floor=floor,
+    )
+
+
+def pattern(element_nodes: IntArray, face_nodes: IntArray, fixed: BoolArray) -> Pattern:
+    """Sparsity of the tangent over the unknowns that are not `fixed` (3 n_node,)."""
+    n_node = fixed.size // 3
+    number = np.full(fixed.size, -1, dtype=np.int64)
+    number[~fixed] = np.arange(int((~fixed).sum()))
+    n_elem, n_a = element_nodes.shape
+    incidence = sp.csr_matrix(
+        (np.ones(element_nodes.size), (np.repeat(np.arange(n_elem), n_a), element_nodes.ravel())),
+        (n_elem, n_node),
+    )
+    neighbours = (incidence.T @ incidence).tocsr()
+    neighbours.data[:] = 1.0
+    free = np.flatnonzero(~fixed)
+    full = sp.kron(neighbours, np.ones((3, 3)), format="csr")[free][:, free]
+    upper = sp.triu(full, format="csr")
+    upper.sort_indices()
+    indptr = upper.indptr.astype(np.int32)
+    indices = upper.indices.astype(np.int32)
+    return Pattern(
+        number=number,
+        indptr=indptr,
+        indices=indices,
+        element_slots=_slots(element_nodes, number, indptr, indices),
+        face_slots=_slots(face_nodes, number, indptr, indices),
+    )
+
+
+@njit(cache=True)
+def _slots(
+    nodes: IntArray, number: IntArray, indptr: Int32Array, indices: Int32Array
+) -> Int32Array:
+    n_elem, n_a = nodes.shape
+    slots = np.full((n_elem, n_a, 3, 3, n_a), -1, dtype=np.int32)
+    for e in range(n_elem):
+        for a in range(n_a):
+            for i in range(3):
+                row = number[3 * nodes[e, a] + i]
+                if row < 0:
+                    continue
+                for b in range(n_a):
+                    for k in range(3):
+                        column = number[3 * nodes[e, b] + k]
+                        if column < row:
+                            continue
+                        low = indptr[row]
+                        high = indptr[row + 1]
+                        while low < high:
+                            middle = (low + high) // 2
+                            if indices[middle] < column:
+                                low = middle + 1
+                            else:
+                                high = middle
+                        slots[e, a, i, k, b] = low
+    return slots
+
+
+@njit(cache=True)
+def add_entries(tangent: Array, slots: Int32Array, data: Array) -> None:
+    """Add element entries (n, a, 3, 3, a) into the CSR data at their slots."""
+    n_elem, n_a = tangent.shape[0], tangent.shape[1]
+    for e in range(n_elem):
+        for a in range(n_a):
+            for i in range(3):
+                for k in range(3):
+                    for b in range(n_a):
+                        slot = slots[e, a, i, k, b]
+                        if slot >= 0:
+                            data[slot] += tangent[e, a, i, k, b]

@@ -1,0 +1,1 @@
+"""Material laws as bare derivatives, and the chain rule they share."""

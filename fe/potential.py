@@ -1,0 +1,189 @@
+"""The displacement-only potential of block and contact, assembled with gradient and tangent."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from fe import contact, weak_form
+from fe.contact import TIED_TO_PIN, ContactMemory, Faces, RigidPin
+from fe.discretisation import Pattern, add_entries
+from fe.materials.mooney_rivlin import RATIO_DERIVATIVES
+from fe.weak_form import Elements
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Problem:
+    """One specimen with one material, discretised."""
+
+    elements: Elements
+    faces: Faces
+    pattern: Pattern
+    pin: RigidPin
+    constants: Array
+    """(C10, C01, C11), MPa"""
+    bulk: float
+    """bulk modulus, MPa"""
+
+    def __post_init__(self) -> None:
+        if not self.bulk > 0.0:
+            raise ValueError(f"bulk: expected a modulus above 0 MPa, found {self.bulk}")
+        if not self.constants[0] + self.constants[1] > 0.0:
+            raise ValueError(
+                f"constants: expected C10 + C01 > 0 MPa, found {self.constants[:2].tolist()}"
+            )
+
+
+@dataclass(frozen=True)
+class Assembly:
+    """The potential and its derivatives at one state."""
+
+    energy: float
+    """N mm; inf where some det F <= 0"""
+    smallest_J: float
+    gradient: Array
+    """(n_free,) N"""
+    data: Array
+    """(nnz,) upper-triangular tangent, N/mm"""
+    by_travel: Array
+    """(n_free,) d gradient / d travel, N/mm"""
+    pin_force: float
+    """vertical force of the modelled part, N, positive in compression"""
+    force_scale: float
+    """norm of the contact forces, N: what the residual is small against"""
+
+
+class Potential:
+    """Assembles one `Problem`, holding the element work arrays between calls."""
+
+    def __init__(self, problem: Problem) -> None:
+        self.problem = problem
+        self._system = weak_form.empty_system(problem.elements)
+        self._contact_system = contact.empty_system(problem.faces)
+        self._free = problem.pattern.number >= 0
+        self.n_unknowns = int(self._free.sum())
+
+    def zero_state(self) -> tuple[Array, Array]:
+        """Undeformed displacement (n_node, 3) mm and pressure (n_elem, n_p) MPa."""
+        elements = self.problem.elements
+        return np.zeros(elements.positions.shape), np.zeros(
+            (elements.nodes.shape[0], elements.psi.shape[1])
+        )
+
+    def energy(self, u: Array, travel: float, memory: ContactMemory) -> float:
+        """Potential (N mm) at displacement u (n_node, 3) mm; inf where some det F <= 0."""
+        problem = self.problem
+        inner: float = weak_form.element_energy(
+            u, problem.elements, problem.constants, problem.bulk
+        )
+        if not np.isfinite(inner):
+            return inner
+        return inner + self._contact(u, travel, memory, with_derivatives=False)[0]
+
+    def assemble(self, u: Array, p: Array, travel: float, memory: ContactMemory) -> Assembly:
+        """Potential, gradient and condensed tangent at (u, p) and pin travel (mm)."""
+        problem = self.problem
+        energy, smallest = weak_form.element_system(
+            u, p, problem.elements, problem.constants, problem.bulk, True, self._system
+        )
+        contact_energy, pin_force = self._contact(u, travel, memory, with_derivatives=True)
+        forces = self._contact_system.force
+        gradient = self._sum_elements(self._system.residual) + self._sum_faces(forces)
+        data = np.zeros(problem.pattern.indices.size)
+        add_entries(self._system.tangent, problem.pattern.element_slots, data)
+        add_entries(self._contact_system.tangent, problem.pattern.face_slots, data)
+        return Assembly(
+            energy=energy + contact_energy,
+            smallest_J=smallest,
+            gradient=gradient[self._free],
+            data=data,
+            by_travel=self._sum_faces(self._contact_system.by_travel)[self._free],
+            pin_force=pin_force,
+            force_scale=float(np.linalg.norm(self._sum_faces(np.abs(forces)))),
+        )
+
+    def expand(self, free: Array) -> Array:
+        """(n_node, 3) displacement from its (n_free,) free values; prescribed ones are zero."""
+        full = np.zeros(self._free.size)
+        full[self._free] = free
+        return full.reshape(-1, 3)
+
+    def pressure_step(self, du: Array) -> Array:
+        """Pressure increment (n_elem, n_p) MPa that belongs to du (n_node, 3) mm.
+
+        Uses coupling and constraint of the last `assemble`.
+        """
+        e = self.problem.elements
+        change = np.einsum("emai,eai->em", self._system.coupling, du[e.nodes])
+        change += self._system.constraint
+        dp: Array = self.problem.bulk * np.einsum("emn,en->em", e.mass_inverse, change)
+        return dp
+
+    def consistent_pressure(self, u: Array) -> Array:
+        """Pressure (n_elem, n_p) MPa with no residual in the volume equation at u (n_node, 3)."""
+        e = self.problem.elements
+        F = np.einsum("eai,eqja->eqij", u[e.nodes], e.gradients) + np.eye(3)
+        b = np.einsum("eq,qm,eq->em", e.weights, e.psi, np.linalg.det(F) - 1.0)
+        p: Array = self.problem.bulk * np.einsum("emn,en->em", e.mass_inverse, b)
+        return p
+
+    def ratio_gradient(self, u: Array) -> Array:
+        """(n_free, 2) derivative of the gradient with respect to (r, s) at kappa = C10 + C01, N.
+
+        The law is linear in its constants, so this is the residual of the material with the
+        constants' derivatives and no pressure; the bulk modulus does not depend on (r, s).
+        """
+        elements = self.problem.elements
+        kappa = float(self.problem.constants[0] + self.problem.constants[1])
+        no_volume = elements._replace(mass_inverse=np.zeros_like(elements.mass_inverse))
+        no_pressure = np.zeros((elements.nodes.shape[0], elements.psi.shape[1]))
+        system = weak_form.empty_system(elements)
+        columns = []
+        for direction in RATIO_DERIVATIVES:
+            weak_form.element_system(
+                u, no_pressure, no_volume, kappa * direction, 1.0, False, system
+            )
+            columns.append(self._sum_elements(system.residual)[self._free])
+        return np.stack(columns, axis=1)
+
+    def anchor_gradient(self, memory: ContactMemory) -> tuple[Array, Array]:
+        """Derivative through moving anchors: (gradient (n_free, 2) N, pin force (2,) N)."""
+        faces = self.problem.faces
+        pull = -self.problem.pin.stiffness * np.einsum(
+            "cq,cqij,cq->cqij", faces.weights, memory.anchor_gradient, memory.tied > 0
+        )
+        nodal = np.einsum("cqa,cqij->caij", faces.shape, pull)
+        gradient = np.stack([self._sum_faces(nodal[..., j]) for j in range(2)], axis=1)
+        return gradient[self._free], pull[memory.tied == TIED_TO_PIN][:, 1].sum(axis=0)
+
+    def _contact(
+        self, u: Array, travel: float, memory: ContactMemory, *, with_derivatives: bool
+    ) -> tuple[float, float]:
+        energy, pin_force = contact.contact_system(
+            u,
+            self.problem.faces,
+            memory.tied,
+            memory.anchor,
+            travel,
+            self.problem.pin,
+            with_derivatives,
+            self._contact_system,
+        )
+        return float(energy), float(pin_force)
+
+    def _sum_elements(self, values: Array) -> Array:
+        return _sum_to_nodes(self.problem.elements.nodes, values, self._free.size)
+
+    def _sum_faces(self, values: Array) -> Array:
+        return _sum_to_nodes(self.problem.faces.nodes, values, self._free.size)
+
+
+def _sum_to_nodes(nodes: npt.NDArray[np.int64], values: Array, size: int) -> Array:
+    """(3 n_node,) sum of nodal vectors (n, a, 3) over the parts that share a node."""
+    index = 3 * nodes[..., None] + np.arange(3)
+    total = np.bincount(index.ravel(), weights=values.ravel(), minlength=size)
+    return total.astype(np.float64, copy=False)

@@ -1,0 +1,1 @@
+"""Specimens: geometry, contact hypothesis, mesh, and the model to run."""

@@ -1,0 +1,270 @@
+"""Element kernels of the mixed u-p weak form, pressure condensed element by element.
+
+Potential (per element e): Pi = int W_iso(F) + p (J - 1) - p^2 / (2 K) dV with p discontinuous and
+linear in the reference coordinates, displacement triquadratic (Q2/P1, inf-sup stable: Brezzi and
+Fortin, Mixed and Hybrid FEM, 1991, section VI).  Stationarity in p gives the displacement-only
+energy E = int W_iso + K/2 b' M^-1 b with b = int psi (J - 1), M = int psi psi', whose gradient is
+the condensed right-hand side of the u-p Newton step, so a line search on E costs nothing extra.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+from fe.materials.invariant import cofactor, isochoric_energy, isochoric_stress
+
+Array = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+
+
+class Elements(NamedTuple):
+    """Q2 displacement and discontinuous P1 pressure at the volume quadrature points."""
+
+    nodes: IntArray
+    """(n_elem, n_a), n_a = 27"""
+    positions: Array
+    """(n_node, 3) mm"""
+    gradients: Array
+    """(n_elem, n_q, 3, n_a) dN/dX, 1/mm"""
+    weights: Array
+    """(n_elem, n_q) mm3"""
+    psi: Array
+    """(n_q, n_p) pressure functions"""
+    mass_inverse: Array
+    """(n_elem, n_p, n_p) inverse of int psi psi' dV, 1/mm3"""
+
+
+class ElementSystem(NamedTuple):
+    """Work arrays that `element_system` fills."""
+
+    residual: Array
+    """(n_elem, n_a, 3) gradient of the displacement-only energy, N"""
+    coupling: Array
+    """(n_elem, n_p, n_a, 3) derivative of b = int psi (J - 1) in u, mm2"""
+    constraint: Array
+    """(n_elem, n_p) b - M p / K, mm3"""
+    tangent: Array
+    """(n_elem, n_a, 3, 3, n_a) condensed tangent indexed [a, i, k, b], N/mm"""
+
+
+class _Point(NamedTuple):
+    """Work arrays of one quadrature point."""
+
+    F: Array
+    cof: Array
+    P: Array
+    A: Array
+
+
+def empty_system(elements: Elements) -> ElementSystem:
+    """Zeroed work arrays of the right shapes."""
+    n_elem, n_a = elements.nodes.shape
+    n_p = elements.psi.shape[1]
+    return ElementSystem(
+        residual=np.zeros((n_elem, n_a, 3)),
+        coupling=np.zeros((n_elem, n_p, n_a, 3)),
+        constraint=np.zeros((n_elem, n_p)),
+        tangent=np.zeros((n_elem, n_a, 3, 3, n_a)),
+    )
+
+
+@njit(cache=True)
+def _displacement_gradient(u: Array, elements: Elements, e: int) -> Array:
+    """(3 n_q, 3) rows [3 q + j], columns i: du_i/dX_j at the points of element e."""
+    n_quad, n_a = elements.weights.shape[1], elements.nodes.shape[1]
+    ue = np.empty((n_a, 3))
+    for a in range(n_a):
+        for i in range(3):
+            ue[a, i] = u[elements.nodes[e, a], i]
+    H: Array = np.dot(elements.gradients[e].reshape(n_quad * 3, n_a), ue)
+    return H
+
+
+@njit(cache=True)
+def _deformation_gradient(H: Array, q: int, F: Array) -> None:
+    """Fill F (3, 3) at point q from the displacement gradients H (3 n_q, 3)."""
+    for i in range(3):
+        for j in range(3):
+            F[i, j] = H[3 * q + j, i]
+        F[i, i] += 1.0
+
+
+@njit(cache=True)
+def element_energy(u: Array, elements: Elements, constants: Array, bulk: float) -> float:
+    """Displacement-only energy of all elements, N mm; inf where some det F <= 0.
+
+    u (n_node, 3) mm; constants and bulk in MPa.
+    """
+    n_elem, n_quad = elements.weights.shape
+    n_p = elements.psi.shape[1]
+    F = np.empty((3, 3))
+    cof = np.empty((3, 3))
+    b = np.empty(n_p)
+    energy = 0.0
+    for e in range(n_elem):
+        H = _displacement_gradient(u, elements, e)
+        b[:] = 0.0
+        for q in range(n_quad):
+            _deformation_gradient(H, q, F)
+            J = cofactor(F, cof)
+            if not J > 0.0:
+                return np.inf
+            energy += elements.weights[e, q] * isochoric_energy(F, J, constants)
+            for m in range(n_p):
+                b[m] += elements.weights[e, q] * elements.psi[q, m] * (J - 1.0)
+        for m in range(n_p):
+            for n in range(n_p):
+                energy += 0.5 * bulk * b[m] * elements.mass_inverse[e, m, n] * b[n]
+    return energy
+
+
+@njit(cache=True)
+def element_system(
+    u: Array,
+    p: Array,
+    elements: Elements,
+    constants: Array,
+    bulk: float,
+    with_tangent: bool,
+    system: ElementSystem,
+) -> tuple[float, float]:
+    """Residuals and condensed tangents of all elements; returns (energy N mm, smallest det F).
+
+    u (n_node, 3) mm, p (n_elem, n_p) MPa, constants and bulk in MPa; `system` is filled.
+    Returns early with energy inf where some det F <= 0: the arrays are then incomplete.
+    """
+    n_elem, n_quad = elements.weights.shape
+    n_a, n_p = elements.nodes.shape[1], elements.psi.shape[1]
+    point = _Point(np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3, 3, 3)))
+    stack = np.empty((n_quad * 3, 3 * (1 + n_p)))
+    rows = np.empty((n_a * 9, n_quad * 3))
+    energy = 0.0
+    smallest = np.inf
+    for e in range(n_elem):
+        H = _displacement_gradient(u, elements, e)
+        G = elements.gradients[e].reshape(n_quad * 3, n_a)
+        system.constraint[e, :] = 0.0
+        for q in range(n_quad):
+            w = elements.weights[e, q]
+            _deformation_gradient(H, q, point.F)
+            J = cofactor(point.F, point.cof)
+            smallest = min(smallest, J)
+            if not J > 0.0:
+                return np.inf, smallest
+            pressure = 0.0
+            for m in range(n_p):
+                pressure += elements.psi[q, m] * p[e, m]
+            energy += w * isochoric_stress(
+                point.F, point.cof, J, constants, point.P, point.A, with_tangent
+            )
+            for m in range(n_p):
+                gap = J - 1.0 - pressure / bulk
+                system.constraint[e, m] += w * elements.psi[q, m] * gap
+            _stack_forces(stack, q, w, pressure, point, elements.psi[q])
+            if with_tangent:
+                _add_pressure_tangent(point.A, point.F, pressure)
+                _tangent_rows(rows, G, q, w, point.A)
+        energy += _condensed_residual(np.dot(G.T, stack), p[e], elements, e, bulk, system)
+        if with_tangent:
+            system.tangent[e] = np.dot(rows, G).reshape(n_a, 3, 3, n_a)
+            _condense(system.tangent[e], system.coupling[e], elements.mass_inverse[e], bulk)
+    return energy, smallest
+
+
+@njit(cache=True)
+def _stack_forces(
+    stack: Array, q: int, w: float, pressure: float, point: _Point, psi: Array
+) -> None:
+    """Weighted stress in the first three columns of rows 3 q + j, psi_m cof F in the others."""
+    for j in range(3):
+        for i in range(3):
+            stack[3 * q + j, i] = w * (point.P[i, j] + pressure * point.cof[i, j])
+            for m in range(psi.size):
+                stack[3 * q + j, 3 * (m + 1) + i] = w * psi[m] * point.cof[i, j]
+
+
+@njit(cache=True)
+def _tangent_rows(rows: Array, G: Array, q: int, w: float, A: Array) -> None:
+    """rows[9 a + 3 i + k, 3 q + m] = w G[q, j, a] A[i, j, k, m]: left factor of the tangent."""
+    for a in range(G.shape[1]):
+        g0, g1, g2 = w * G[3 * q, a], w * G[3 * q + 1, a], w * G[3 * q + 2, a]
+        for i in range(3):
+            for k in range(3):
+                for m in range(3):
+                    rows[9 * a + 3 * i + k, 3 * q + m] = (
+                        g0 * A[i, 0, k, m] + g1 * A[i, 1, k, m] + g2 * A[i, 2, k, m]
+                    )
+
+
+@njit(cache=True)
+def _condensed_residual(
+    forces: Array, p: Array, elements: Elements, e: int, bulk: float, system: ElementSystem
+) -> float:
+    """Fill coupling and residual of element e from its stacked nodal forces (n_a, 3 (1 + n_p)).
+
+    Returns the volumetric energy K/2 b' M^-1 b, where b = constraint + M p / K.
+    """
+    n_a, n_p = forces.shape[0], p.size
+    b = np.zeros(n_p)
+    lagrange = np.zeros(n_p)
+    for m in range(n_p):
+        b[m] = system.constraint[e, m]
+        for q in range(elements.weights.shape[1]):
+            pressure = 0.0
+            for n in range(n_p):
+                pressure += elements.psi[q, n] * p[n]
+            b[m] += elements.weights[e, q] * elements.psi[q, m] * pressure / bulk
+    energy = 0.0
+    for m in range(n_p):
+        for n in range(n_p):
+            lagrange[m] += bulk * elements.mass_inverse[e, m, n] * system.constraint[e, n]
+            energy += 0.5 * bulk * b[m] * elements.mass_inverse[e, m, n] * b[n]
+    for a in range(n_a):
+        for i in range(3):
+            system.residual[e, a, i] = forces[a, i]
+            for m in range(n_p):
+                system.coupling[e, m, a, i] = forces[a, 3 * (m + 1) + i]
+                system.residual[e, a, i] += forces[a, 3 * (m + 1) + i] * lagrange[m]
+    return energy
+
+
+@njit(cache=True)
+def _add_pressure_tangent(A: Array, F: Array, pressure: float) -> None:
+    """Add pressure * d2J/dFdF to A: d cof[i, j] / dF[k, m] = eps_ikx eps_jmy F[x, y]."""
+    for i in range(3):
+        for k in range(3):
+            if i == k:
+                continue
+            x = 3 - i - k
+            sign_row = 1.0 if (k - i) % 3 == 1 else -1.0
+            for j in range(3):
+                for m in range(3):
+                    if j == m:
+                        continue
+                    y = 3 - j - m
+                    sign_column = 1.0 if (m - j) % 3 == 1 else -1.0
+                    A[i, j, k, m] += pressure * sign_row * sign_column * F[x, y]
+
+
+@njit(cache=True)
+def _condense(tangent: Array, coupling: Array, mass_inverse: Array, bulk: float) -> None:
+    """Add K g' M^-1 g to tangent [a, i, k, b] with g = coupling (n_p, n_a, 3)."""
+    n_p, n_a, _ = coupling.shape
+    scaled = np.zeros((n_p, n_a, 3))
+    for m in range(n_p):
+        for n in range(n_p):
+            factor = bulk * mass_inverse[m, n]
+            if factor != 0.0:
+                scaled[m] += factor * coupling[n]
+    for k in range(3):
+        for m in range(n_p):
+            column = np.ascontiguousarray(scaled[m, :, k])
+            for a in range(n_a):
+                for i in range(3):
+                    g = coupling[m, a, i]
+                    for b in range(n_a):
+                        tangent[a, i, k, b] += g * column[b]

@@ -1,0 +1,196 @@
+"""Emulator of force and front-face field over the ratios (r, s), at kappa = 1 MPa."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from surrogate.emulator_file import Header, read_arrays, write_arrays
+from surrogate.gp import Array
+from surrogate.modal import ModalEmulator, fit_modal, modal_from_arrays, modal_to_arrays
+from surrogate.training_set import TrainingSet
+
+FIELD_TOLERANCE = 1e-3
+"""Share of the field's variation (root mean square) that its modes may leave out"""
+MAX_FIELD_MODES = 12
+
+
+@dataclass(frozen=True)
+class Emulator:
+    """Predictions of a new FE run at ratios x (m, d), each with the emulator's own uncertainty.
+
+    The force itself is emulated, not its logarithm: the law is linear in its constants, which
+    leaves the force nearly linear in the ratios. Each step is divided by its mean training force,
+    so that the small forces of the first steps count as much as the large ones of the last; all
+    modes are kept. The field keeps few: what they leave out is described by `field_truncation_std`
+    (or in full by `field_truncation_factor`) and is not part of the weights' variance. Field
+    values are flattened in the order (step, point, component).
+    """
+
+    force: ModalEmulator
+    """force at kappa = 1 MPa over `force_scale`, n_obs = n_step"""
+    force_scale: Array
+    """(n_step,) mean training force at kappa = 1 MPa, N"""
+    field: ModalEmulator | None
+    """displacement [mm], n_obs = n_step * n_point * 3; None when trained on forces only"""
+    field_shape: tuple[int, int, int] | None
+    """(n_step, n_point, 3)"""
+    header: Header
+
+    def __post_init__(self) -> None:
+        if self.force_scale.shape != (self.n_step,) or not (self.force_scale > 0.0).all():
+            raise ValueError(
+                f"force_scale: expected {self.n_step} positive forces, got {self.force_scale}"
+            )
+        if (self.field is None) != (self.field_shape is None):
+            raise ValueError("field_shape: must be given with a field and only with one")
+        if self.field is not None and self.field_shape is not None:
+            n_obs = len(self.field.pod.offset)
+            if n_obs != np.prod(self.field_shape):
+                raise ValueError(f"field_shape: {self.field_shape} does not hold {n_obs} values")
+
+    @classmethod
+    def fit(cls, training_set: TrainingSet, seed: int, *, n_restarts: int = 6) -> Emulator:
+        """Fit to the training runs; the same set and seed give the same bits.
+
+        Raises ValueError for fewer than 3 runs or runs that do not vary.
+        """
+        x, displacement = training_set.ratios, training_set.displacement
+        # One thread: sums in another order would change last bits, and the matrices are small.
+        with threadpool_limits(limits=1):
+            scale: Array = training_set.force.mean(axis=0)
+            force = fit_modal(x, training_set.force / scale, seed, n_restarts=n_restarts)
+            field = None
+            if displacement is not None:
+                field = fit_modal(
+                    x,
+                    displacement.reshape(len(x), -1),
+                    seed,
+                    tolerance=FIELD_TOLERANCE,
+                    max_modes=MAX_FIELD_MODES,
+                    n_restarts=n_restarts,
+                )
+        header = Header(training_set.fingerprint, seed, len(x), training_set.n_excluded)
+        return cls(force, scale, field, _field_shape(displacement), header)
+
+    def save(self, path: Path) -> None:
+        """Write one npz file with a JSON header, atomically."""
+        arrays = modal_to_arrays(self.force, "force_") | {"scale": self.force_scale}
+        if self.field is not None and self.field_shape is not None:
+            arrays |= modal_to_arrays(self.field, "field_")
+            arrays["shape"] = np.array(self.field_shape, dtype=np.float64)
+        write_arrays(path, self.header, arrays)
+
+    @classmethod
+    def load(cls, path: Path, fingerprint: str | None = None) -> Emulator:
+        """Read what `save` wrote; predictions are the same bit for bit.
+
+        Raises ValueError naming the file when it is damaged, of another version, or, with a
+        `fingerprint`, trained on another `TrainingSet` than the one of this fingerprint.
+        """
+        header, arrays = read_arrays(path, fingerprint)
+        shape = arrays.pop("shape", None)
+        try:
+            force, scale = modal_from_arrays(arrays, "force_"), arrays["scale"]
+            if shape is None:
+                return cls(force, scale, None, None, header)
+            n_step, n_point, n_dim = (int(value) for value in shape)
+            field = modal_from_arrays(arrays, "field_")
+            return cls(force, scale, field, (n_step, n_point, n_dim), header)
+        except (KeyError, ValueError) as error:
+            raise ValueError(f"{path}: not a complete emulator ({error}); train again") from error
+
+    @property
+    def n_step(self) -> int:
+        """Number of travels."""
+        return len(self.force.pod.offset)
+
+    @property
+    def bounds(self) -> Array:
+        """(d, 2) box of the training points; outside it the emulator extrapolates."""
+        low = self.force.processes.low
+        return np.column_stack([low, low + self.force.processes.span])
+
+    def unit_force(self, ratios: Array) -> tuple[Array, Array]:
+        """Mean (m, n_step) N and covariance (m, n_step, n_step) N^2 of the force at 1 MPa.
+
+        Nothing keeps the mean positive where the emulator is bad or extrapolates: check it before
+        taking its logarithm.
+        """
+        return self._in_newton(*self.force.predict(self._checked(ratios)))
+
+    def unit_force_gradient(self, ratios: Array) -> Array:
+        """(m, n_step, d) derivative of the mean force at 1 MPa by the ratios, N."""
+        gradient: Array = self.force_scale[:, None] * self.force.gradient(self._checked(ratios))
+        return gradient
+
+    def unit_force_leave_one_out(self) -> tuple[Array, Array]:
+        """As `unit_force` at each training point given the other runs only."""
+        return self._in_newton(*self.force.leave_one_out())
+
+    def field_weights(self, ratios: Array) -> tuple[Array, Array]:
+        """Mean (m, k) and variance (m, k) of the weights of the field's modes, mm and mm^2."""
+        return self._modal_field.processes.predict(self._checked(ratios))
+
+    def field_weights_gradient(self, ratios: Array) -> Array:
+        """(m, k, d) derivative of the mean weights by the ratios, mm."""
+        return self._modal_field.processes.gradient(self._checked(ratios))
+
+    def displacement(self, ratios: Array) -> Array:
+        """(m, n_step, n_point, 3) mean displacement of the front face, mm."""
+        mean, _ = self.field_weights(ratios)
+        return self._modal_field.pod.reconstruct(mean).reshape(len(mean), *self._shape)
+
+    @property
+    def field_offset(self) -> Array:
+        """(n_obs,) field of zero weights, mm."""
+        return self._modal_field.pod.offset
+
+    @property
+    def field_modes(self) -> Array:
+        """(n_obs, k) orthonormal modes of the field."""
+        return self._modal_field.pod.modes
+
+    @property
+    def field_truncation_std(self) -> Array:
+        """(n_step, 3) root mean square over points of what the modes leave out, mm."""
+        variance = self._modal_field.pod.truncation_variance.reshape(self._shape)
+        std: Array = np.sqrt(variance.mean(axis=1))
+        return std
+
+    @property
+    def field_truncation_factor(self) -> Array:
+        """(n_obs, n) factor L of the covariance L @ L.T of what the modes leave out, mm."""
+        return self._modal_field.pod.truncation_factor
+
+    @property
+    def _modal_field(self) -> ModalEmulator:
+        if self.field is None:
+            raise ValueError("emulator: was trained on forces only; train it with displacements")
+        return self.field
+
+    @property
+    def _shape(self) -> tuple[int, int, int]:
+        assert self.field_shape is not None
+        return self.field_shape
+
+    def _in_newton(self, mean: Array, covariance: Array) -> tuple[Array, Array]:
+        scale = self.force_scale
+        return scale * mean, scale[:, None] * scale * covariance
+
+    def _checked(self, ratios: Array) -> Array:
+        ratios = np.asarray(ratios, dtype=np.float64)
+        d = len(self.force.processes.low)
+        if ratios.ndim != 2 or ratios.shape[1] != d:
+            raise ValueError(f"ratios: expected shape (m, {d}), got {ratios.shape}")
+        return ratios
+
+
+def _field_shape(displacement: Array | None) -> tuple[int, int, int] | None:
+    if displacement is None:
+        return None
+    _, n_step, n_point, n_dim = displacement.shape
+    return n_step, n_point, n_dim

@@ -1,0 +1,76 @@
+"""File of an emulator: one npz with a JSON header that says what it was trained on."""
+
+from __future__ import annotations
+
+import json
+import os
+import secrets
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
+
+EMULATOR_VERSION = 2
+_MAGIC = "softcal emulator"
+
+
+@dataclass(frozen=True)
+class Header:
+    """Where an emulator comes from."""
+
+    fingerprint: str
+    """`TrainingSet.fingerprint` of its runs"""
+    seed: int
+    n_train: int
+    n_excluded: int
+    """runs left out of the training because they did not reach every travel"""
+
+
+def write_arrays(path: Path, header: Header, arrays: dict[str, Array]) -> None:
+    """Write header and arrays to `path`, through a temporary file in the same directory."""
+    text = json.dumps({"format": _MAGIC, "version": EMULATOR_VERSION, **asdict(header)})
+    # Not tempfile, which would keep everyone but the owner from reading.
+    temporary = path.with_name(f".{secrets.token_hex(8)}.tmp")
+    handle = os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666)
+    try:
+        with os.fdopen(handle, "wb") as stream:
+            np.savez(stream, allow_pickle=False, header=np.asarray(text), **arrays)
+            stream.flush()
+            os.fsync(stream.fileno())
+        os.replace(temporary, path)
+    except BaseException:
+        temporary.unlink(missing_ok=True)
+        raise
+
+
+def read_arrays(path: Path, fingerprint: str | None) -> tuple[Header, dict[str, Array]]:
+    """Read header and arrays; raises ValueError naming the file, and FileNotFoundError."""
+    try:
+        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as stored:
+            arrays = {name: stored[name] for name in stored.files}
+        content = json.loads(str(arrays.pop("header")))
+        if content.pop("format") != _MAGIC:
+            raise ValueError("its header is of another program")
+        version = content.pop("version")
+    except FileNotFoundError:
+        raise
+    except Exception as error:  # zip, zlib, struct and JSON errors: damage has many faces
+        raise ValueError(f"{path}: not a readable emulator ({error}); train again") from error
+    if version != EMULATOR_VERSION:
+        raise ValueError(
+            f"{path}: emulator of version {version}, this program reads version "
+            f"{EMULATOR_VERSION}; train again"
+        )
+    try:
+        header = Header(**content)
+    except TypeError as error:
+        raise ValueError(f"{path}: emulator with an unknown header ({error})") from error
+    if fingerprint is not None and header.fingerprint != fingerprint:
+        raise ValueError(
+            f"{path}: emulator trained on other runs (fingerprint {header.fingerprint[:12]}, "
+            f"expected {fingerprint[:12]}); train again"
+        )
+    return header, arrays

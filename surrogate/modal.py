@@ -1,0 +1,94 @@
+"""Emulator of an array over a few inputs: POD of the outputs, a Gaussian process for each mode."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from surrogate.gp import Array, GaussianProcesses, fit_processes, to_arrays
+from surrogate.pod import Pod, fit_pod
+
+
+@dataclass(frozen=True)
+class ModalEmulator:
+    """y(x) = offset + modes @ w(x) + truncation, with independent processes w."""
+
+    pod: Pod
+    processes: GaussianProcesses
+
+    def __post_init__(self) -> None:
+        if self.pod.modes.shape[1] != len(self.processes.offset):
+            raise ValueError(
+                f"processes: expected one for each of {self.pod.modes.shape[1]} modes, "
+                f"got {len(self.processes.offset)}"
+            )
+
+    def predict(self, x: Array) -> tuple[Array, Array]:
+        """Mean (m, n_obs) and covariance (m, n_obs, n_obs) at x (m, d): for a small n_obs."""
+        mean, variance = self.processes.predict(x)
+        return self.pod.reconstruct(mean), self._covariance(variance)
+
+    def gradient(self, x: Array) -> Array:
+        """(m, n_obs, d) derivative of the mean."""
+        gradient: Array = self.pod.modes @ self.processes.gradient(x)
+        return gradient
+
+    def leave_one_out(self) -> tuple[Array, Array]:
+        """Mean (n, n_obs) and covariance (n, n_obs, n_obs) of each run given the others."""
+        mean, variance = self.processes.leave_one_out()
+        return self.pod.reconstruct(mean), self._covariance(variance)
+
+    def _covariance(self, variance: Array) -> Array:
+        n_obs = len(self.pod.offset)
+        products, truncation = self._covariance_parts
+        covariance: Array = variance @ products + truncation
+        return covariance.reshape(len(variance), n_obs, n_obs)
+
+    @cached_property
+    def _covariance_parts(self) -> tuple[Array, Array]:
+        """(k, n_obs^2) product of each mode with itself, (n_obs^2,) truncation covariance."""
+        modes, factor = self.pod.modes, self.pod.truncation_factor
+        products = np.einsum("ik,jk->kij", modes, modes).reshape(modes.shape[1], -1)
+        return products, (factor @ factor.T).ravel()
+
+
+def fit_modal(
+    x: Array,
+    y: Array,
+    seed: int,
+    *,
+    tolerance: float = 0.0,
+    max_modes: int = 12,
+    n_restarts: int = 6,
+) -> ModalEmulator:
+    """Fit to y (n, n_obs) over x (n, d); see `fit_pod` and `fit_processes` for the arguments."""
+    pod = fit_pod(y, tolerance=tolerance, max_modes=max_modes)
+    processes = fit_processes(x, pod.weights(y), seed, n_restarts=n_restarts)
+    return ModalEmulator(pod, processes)
+
+
+def modal_to_arrays(modal: ModalEmulator, prefix: str) -> dict[str, Array]:
+    """All arrays under names with a prefix; `modal_from_arrays` is the inverse."""
+    pod = {
+        "pod_offset": modal.pod.offset,
+        "pod_modes": modal.pod.modes,
+        "pod_truncation": modal.pod.truncation,
+    }
+    return {f"{prefix}{name}": value for name, value in (pod | to_arrays(modal.processes)).items()}
+
+
+def modal_from_arrays(arrays: Mapping[str, Array], prefix: str) -> ModalEmulator:
+    """Inverse of `modal_to_arrays`; raises KeyError or ValueError when arrays do not fit."""
+    own = {
+        name.removeprefix(prefix): value
+        for name, value in arrays.items()
+        if name.startswith(prefix)
+    }
+    pod = Pod(own.pop("pod_offset"), own.pop("pod_modes"), own.pop("pod_truncation"))
+    try:
+        return ModalEmulator(pod, GaussianProcesses(**own))
+    except TypeError as error:  # an array too few or too many
+        raise ValueError(str(error)) from error

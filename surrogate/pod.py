@@ -1,0 +1,97 @@
+"""Proper orthogonal decomposition of snapshots, and the covariance of what it leaves out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Pod:
+    """Snapshots y_i = offset + modes @ weights_i + what is left out, in the unit of y."""
+
+    offset: Array
+    """(n_obs,) mean of the snapshots"""
+    modes: Array
+    """(n_obs, k) orthonormal modes, strongest first"""
+    truncation: Array
+    """(n, n_obs) what the modes of the other runs leave out of each run"""
+
+    @property
+    def truncation_factor(self) -> Array:
+        """(n_obs, n) factor L of the truncation covariance L @ L.T."""
+        factor: Array = self.truncation.T / np.sqrt(len(self.truncation))
+        return factor
+
+    @property
+    def truncation_variance(self) -> Array:
+        """(n_obs,) diagonal of the truncation covariance."""
+        variance: Array = np.mean(self.truncation**2, axis=0)
+        return variance
+
+    def weights(self, snapshots: Array) -> Array:
+        """(m, k) coordinates of snapshots (m, n_obs) in the modes."""
+        projected: Array = (snapshots - self.offset) @ self.modes
+        return projected
+
+    def reconstruct(self, weights: Array) -> Array:
+        """(m, n_obs) snapshots of weights (m, k)."""
+        snapshots: Array = self.offset + weights @ self.modes.T
+        return snapshots
+
+
+def fit_pod(snapshots: Array, *, tolerance: float, max_modes: int) -> Pod:
+    """Decompose snapshots (n, n_obs), n >= 2, by a thin singular value decomposition.
+
+    Keeps the fewest modes that leave out less than the share `tolerance` of the root mean square
+    of the snapshots about their mean, at most `max_modes`; tolerance 0 keeps every mode. The
+    signs are fixed by the largest entry of each mode. The truncation is measured run by run on
+    modes fitted without that run (Sirovich 1987 for the decomposition; leaving a run out because
+    the residual of a fitted run flatters the basis). Raises ValueError for fewer than 2 snapshots
+    or snapshots that are all the same.
+    """
+    n = len(snapshots)
+    if n < 2:
+        raise ValueError(f"snapshots: need at least 2 runs, got {n}")
+    offset = snapshots.mean(axis=0)
+    if not np.ptp(snapshots, axis=0).any():
+        raise ValueError(f"snapshots: must vary, got {n} times the same")
+    left, values, right = np.linalg.svd(snapshots - offset, full_matrices=False)
+    rank = int(np.count_nonzero(values > values[0] * max(snapshots.shape) * np.finfo(float).eps))
+    k = min(_count(values[:rank], tolerance), max_modes)
+    largest = np.argmax(np.abs(right[:k]), axis=1)
+    sign = np.sign(right[np.arange(k), largest])
+    coordinates = left[:, :rank] * values[:rank]
+    if k == snapshots.shape[1]:
+        truncation = np.zeros_like(snapshots)
+    else:
+        truncation = _left_out(coordinates, k) @ right[:rank]
+    return Pod(offset, (right[:k] * sign[:, None]).T, truncation)
+
+
+def _count(values: Array, tolerance: float) -> int:
+    """Fewest leading singular values whose rest is below the tolerance, in root sum of squares."""
+    energy = values**2
+    rest = np.append(np.cumsum(energy[::-1])[::-1][1:], 0.0)
+    enough = rest <= tolerance**2 * energy.sum()
+    return int(np.argmax(enough)) + 1
+
+
+def _left_out(coordinates: Array, k: int) -> Array:
+    """(n, rank) residual of each row after projection on the first k modes of the other rows.
+
+    In the coordinates of the full decomposition, where the n decompositions are small and exact.
+    """
+    residual = np.empty_like(coordinates)
+    k = min(k, len(coordinates) - 2)  # the others about their mean span no more
+    for run in range(len(coordinates)):
+        others = np.delete(coordinates, run, axis=0)
+        mean = others.mean(axis=0)
+        modes = np.linalg.svd(others - mean, full_matrices=False)[2][:k]
+        deviation = coordinates[run] - mean
+        residual[run] = deviation - (deviation @ modes.T) @ modes
+    return residual

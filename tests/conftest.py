@@ -1,0 +1,29 @@
+"""Studies with the real FE model, run once for all tests that need them."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+if TYPE_CHECKING:
+    from calib.study.stages import StudyResult
+
+
+@pytest.fixture(scope="session")
+def finished_studies(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folder of finished studies: SOFTCAL_RUNS if it is set, so that their FE runs are reused."""
+    given = os.environ.get("SOFTCAL_RUNS")
+    return Path(given) if given else tmp_path_factory.mktemp("runs")
+
+
+@pytest.fixture(scope="session")
+def thesis_study(finished_studies: Path) -> StudyResult:
+    """The embedded study thesis-forces, finished."""
+    from calib.study.config import load_study
+    from calib.study.stages import run_study
+
+    out = finished_studies / "thesis-forces"
+    return run_study(load_study("thesis-forces"), out, show_progress=False)

@@ -1,0 +1,255 @@
+"""The command answers in one sentence and with the exit code that it documents."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+from calib import cli
+from calib.study import Study, embedded_studies, load_study
+
+
+def run_python(code: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-c", code]
+    return subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+
+
+class Recorder:
+    """Stands for `run_study`: notes how it was called, and raises what it is told to."""
+
+    def __init__(self, error: BaseException | None = None, failures: tuple[str, ...] = ()) -> None:
+        self.summaries = (SimpleNamespace(hypothesis="stuck", failures=failures),)
+        self.error = error
+        self.calls: list[tuple[Study, Path, int]] = []
+
+    def __call__(self, study, out, *, workers, echo):
+        self.calls.append((study, out, workers))
+        if self.error is not None:
+            raise self.error
+        echo("done")
+        return SimpleNamespace(summaries=self.summaries)
+
+
+@pytest.fixture
+def run_study(monkeypatch):
+    def install(error: BaseException | None = None, failures: tuple[str, ...] = ()) -> Recorder:
+        recorder = Recorder(error, failures)
+        monkeypatch.setattr("calib.study.stages.run_study", recorder)
+        return recorder
+
+    return install
+
+
+def test_help_is_given_without_loading_what_computes():
+    result = run_python(
+        "import sys; from calib import cli\n"
+        "try: cli.main(['--help'])\n"
+        "except SystemExit: print(sorted({'numpy', 'scipy', 'pydantic'} & set(sys.modules)))"
+    )
+    assert result.returncode == 0
+    assert "VERB" in result.stdout
+    assert result.stdout.rstrip().endswith("[]")
+
+
+def test_without_a_verb_the_usage_is_shown(capsys):
+    with pytest.raises(SystemExit) as caught:
+        cli.main([])
+    assert caught.value.code == cli.WRONG_INPUT
+    assert "usage: calib" in capsys.readouterr().err
+
+
+def test_run_takes_folder_and_workers_from_the_study(run_study, capsys):
+    recorder = run_study()
+    assert cli.main(["run", "thesis-forces"]) == 0
+    study, out, workers = recorder.calls[0]
+    assert study == load_study("thesis-forces")
+    assert (out, workers) == (Path("runs/thesis-forces"), study.compute.workers)
+    assert capsys.readouterr().out == "done\n"
+
+
+def test_run_takes_folder_and_workers_from_the_command_line(run_study, tmp_path):
+    recorder = run_study()
+    assert cli.main(["run", "virtual", "--out", str(tmp_path), "--workers", "2"]) == 0
+    assert recorder.calls[0][1:] == (tmp_path, 2)
+
+
+@pytest.mark.parametrize("workers", ["-1", "two", "1.5", ""])
+def test_impossible_workers_are_refused(workers, capsys):
+    with pytest.raises(SystemExit) as caught:
+        cli.main(["run", "virtual", "--workers", workers])
+    assert caught.value.code == cli.WRONG_INPUT
+    expected = f"--workers: found {workers}, expected a whole number, 0 or more"
+    assert expected in capsys.readouterr().err
+
+
+def test_a_wrong_study_is_one_sentence_and_exit_code_2(tmp_path, capsys):
+    path = tmp_path / "own.toml"
+    path.write_text('name = "own"\nseeed = 1\n')
+    assert cli.main(["run", str(path)]) == cli.WRONG_INPUT
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert captured.err.startswith(f"calib: {path}:2: seeed: found an unknown key")
+    assert captured.err.count("\n") == 1
+
+
+def test_the_place_in_the_code_is_shown_on_demand(tmp_path):
+    with pytest.raises(ValueError, match="no such file"):
+        cli.main(["--traceback", "run", str(tmp_path / "none.toml")])
+
+
+def test_a_folder_that_cannot_be_written_is_one_sentence(tmp_path, capsys):
+    (tmp_path / "file").write_text("")
+    assert cli.main(["init", str(tmp_path / "file" / "study")]) == cli.WRONG_INPUT
+    assert capsys.readouterr().err.count("\n") == 1
+
+
+def test_an_interrupt_says_how_to_go_on(run_study, capsys):
+    run_study(KeyboardInterrupt())
+    assert cli.main(["run", "virtual"]) == cli.STOPPED
+    assert "stopped; run the same command again to go on" in capsys.readouterr().err
+
+
+def test_too_many_failed_simulations_are_one_sentence_and_exit_code_1(run_study, capsys):
+    from fe.campaign import CampaignFailed
+
+    run_study(CampaignFailed("9 of 20 runs failed", 9, 20, 20))
+    assert cli.main(["run", "virtual"]) == cli.FAILED
+    assert capsys.readouterr().err == "calib: 9 of 20 runs failed\n"
+
+
+def test_a_worker_that_died_is_one_sentence_and_exit_code_1(run_study, capsys):
+    from fe.executors import WorkerDied
+
+    run_study(WorkerDied("a worker process ended (exit code -9)"))
+    assert cli.main(["run", "virtual"]) == cli.FAILED
+    assert capsys.readouterr().err == "calib: a worker process ended (exit code -9)\n"
+
+
+def test_run_says_which_diagnostics_failed_and_exits_with_1(run_study, capsys):
+    run_study(failures=("R-hat of C10 1.2 above 1.01",))
+    assert cli.main(["run", "virtual"]) == cli.FAILED
+    captured = capsys.readouterr()
+    assert captured.out == "done\n"
+    assert captured.err == "calib: stuck: R-hat of C10 1.2 above 1.01\n"
+
+
+def test_results_do_not_go_where_a_file_is(run_study, tmp_path, capsys):
+    recorder = run_study()
+    (tmp_path / "file").write_text("mine")
+    assert cli.main(["run", "virtual", "--out", str(tmp_path / "file")]) == cli.WRONG_INPUT
+    assert recorder.calls == []
+    assert "expected a folder" in capsys.readouterr().err
+
+
+def test_studies_lists_every_embedded_study(capsys):
+    assert cli.main(["studies"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.split()[0] for line in lines] == list(embedded_studies())
+    assert all(len(line.split()) > 1 for line in lines)
+
+
+def test_init_writes_a_study_that_is_valid_and_named_after_its_folder(tmp_path, capsys):
+    folder = tmp_path / "Prüfstand 3"
+    assert cli.main(["init", str(folder)]) == 0
+    study = load_study(folder / "study.toml")
+    assert study.name == "Pr-fstand-3"
+    assert Path(study.data.source) == folder / "forces.csv"
+    assert "EXAMPLE" in (folder / "forces.csv").read_text().splitlines()[0]
+    assert str(folder / "study.toml") in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("present", ["study.toml", "forces.csv"])
+def test_init_overwrites_nothing(tmp_path, present, capsys):
+    (tmp_path / present).write_text("mine")
+    assert cli.main(["init", str(tmp_path)]) == cli.WRONG_INPUT
+    assert [path.name for path in tmp_path.iterdir()] == [present]
+    assert (tmp_path / present).read_text() == "mine"
+    assert present in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_what_init_writes_runs_to_a_report(tmp_path, capsys):
+    assert cli.main(["init", str(tmp_path / "own")]) == 0
+    path = tmp_path / "own" / "study.toml"
+    text = path.read_text()  # as written but for cost: coarse meshes, few runs, short chains
+    for old, new in {
+        "[12, 6, 2]": "[3, 2, 3]",
+        "[20, 8, 3]": "[4, 2, 4]",
+        "n_runs = 20": "n_runs = 8",
+        "n_held_out = 4": "n_held_out = 2",
+        "max_steps = 20000": "max_steps = 500",
+    }.items():
+        assert old in text
+        text = text.replace(old, new)
+    path.write_text(text)
+    out = tmp_path / "out"
+    code = cli.main(["run", str(path), "--out", str(out), "--workers", "2"])
+    assert code in {0, cli.FAILED}  # a cheap study need not pass its diagnostics
+    assert str(out / "report.html") in capsys.readouterr().out
+    assert (out / "report.html").stat().st_size > 0
+    assert cli.main(["summary", str(out), "--json"]) == code
+    found = json.loads(capsys.readouterr().out)
+    assert [entry["hypothesis"] for entry in found] == ["stuck", "sliding"]
+
+
+def test_the_template_writes_out_every_section_of_a_study():
+    text = (Path(cli.__file__).parent / "study/template/study.toml").read_text()
+    for name, field in Study.__pydantic_fields__.items():
+        key = "hypothesis" if name == "hypotheses" else name
+        assert f"{key} = " in text or f"[{key}" in text or name == "virtual", field
+
+
+@pytest.fixture
+def saved(monkeypatch, tmp_path):
+    """A folder with a posterior whose summaries are those given."""
+
+    def install(*summaries: SimpleNamespace) -> Path:
+        (tmp_path / "posterior.nc").write_bytes(b"")
+        module = "calib.study.summary"
+        monkeypatch.setattr(f"{module}.load_summary", lambda path: list(summaries))
+        for name in ("format_table", "to_json", "to_csv"):
+            monkeypatch.setattr(f"{module}.{name}", lambda found, name=name: f"{name}\n")
+        return tmp_path
+
+    return install
+
+
+@pytest.mark.parametrize(
+    ("option", "style"), [([], "format_table"), (["--json"], "to_json"), (["--csv"], "to_csv")]
+)
+def test_summary_prints_in_the_style_asked_for(saved, option, style, capsys):
+    folder = saved(SimpleNamespace(hypothesis="stuck", failures=()))
+    assert cli.main(["summary", str(folder), *option]) == 0
+    assert capsys.readouterr().out == f"{style}\n"
+    assert cli.main(["summary", str(folder / "posterior.nc"), *option]) == 0
+
+
+def test_summary_says_which_diagnostics_failed_and_exits_with_1(saved, capsys):
+    folder = saved(
+        SimpleNamespace(hypothesis="stuck", failures=("R-hat of C10 1.2 above 1.01",)),
+        SimpleNamespace(hypothesis="sliding", failures=()),
+    )
+    assert cli.main(["summary", str(folder), "--json"]) == cli.FAILED
+    captured = capsys.readouterr()
+    assert captured.out == "to_json\n"
+    assert captured.err == "calib: stuck: R-hat of C10 1.2 above 1.01\n"
+
+
+def test_summary_of_nothing_is_refused(tmp_path, capsys):
+    assert cli.main(["summary", str(tmp_path)]) == cli.WRONG_INPUT
+    assert "posterior.nc: found no such file" in capsys.readouterr().err
+
+
+def test_a_reader_that_has_had_enough_is_no_error():
+    reader, writer = os.pipe()
+    os.close(reader)
+    command = [sys.executable, "-m", "calib.cli", "studies"]
+    result = subprocess.run(command, stdout=writer, stderr=subprocess.PIPE, text=True, check=False)
+    os.close(writer)
+    assert (result.returncode, result.stderr) == (0, "")

@@ -1,0 +1,69 @@
+"""EmulatorForward passes on what the fitted emulator says, in the coordinates of the inference."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+from analytic_models import AnalyticBlock
+
+from calib.inference import DirectForward, EmulatorForward
+from surrogate import Emulator, ScaledEmulator, TrainingSet, sobol_design
+
+POINTS = np.random.default_rng(4).random((9, 2)) * 3
+BLOCK = AnalyticBlock(0.05, points=POINTS)
+THETA = np.array([[0.02, 0.31, 0.12], [0.04, 0.77, 0.33], [0.03, 0.5, 0.02]])
+
+
+@cache
+def scaled() -> ScaledEmulator:
+    ratios = sobol_design(24, np.array([[0.0, 1.0], [0.0, 0.5]]), 1)
+    runs = [BLOCK(x) for x in ratios]
+    training = TrainingSet(
+        ratios=ratios,
+        force=np.array([run.force for run in runs]),
+        displacement=np.array([run.displacement for run in runs]),
+        n_excluded=0,
+    )
+    return ScaledEmulator(Emulator.fit(training, 1, n_restarts=2))
+
+
+def test_emulator_of_a_smooth_model_predicts_its_forces_and_fields() -> None:
+    forward, direct = EmulatorForward(scaled(), with_field=True), DirectForward(BLOCK)
+    found, exact = forward.predict(THETA), direct.predict(THETA)
+    assert found.force == pytest.approx(exact.force, rel=5e-3)
+    assert forward.field_basis is not None and found.weights is not None
+    fields = forward.field_basis.fields(found.weights)
+    for field, theta in zip(fields, THETA, strict=True):
+        assert np.abs(field - BLOCK(theta[1:]).displacement).max() < 5e-3
+
+
+@pytest.mark.parametrize("with_field", [False, True])
+def test_jacobian_is_the_derivative_by_ln_kappa_r_s(with_field: bool) -> None:
+    forward = EmulatorForward(scaled(), with_field=with_field)
+    slope = forward.jacobian(THETA)
+    h = 1e-3
+    for i in range(3):
+        sides = []
+        for sign in (1, -1):
+            theta = THETA.copy()
+            theta[:, i] = theta[:, i] * np.exp(sign * h) if i == 0 else theta[:, i] + sign * h
+            sides.append(forward.predict(theta))
+        difference = (sides[0].force - sides[1].force) / (2 * h)
+        assert slope.force[:, :, i] == pytest.approx(difference, rel=1e-3, abs=1e-4)
+        if with_field:
+            assert sides[0].weights is not None and sides[1].weights is not None
+            assert slope.weights is not None
+            difference = (sides[0].weights - sides[1].weights) / (2 * h)
+            assert slope.weights[:, :, i] == pytest.approx(difference, rel=1e-3, abs=1e-4)
+
+
+def test_field_of_an_emulator_trained_on_forces_is_refused() -> None:
+    ratios = sobol_design(12, np.array([[0.0, 1.0], [0.0, 0.5]]), 1)
+    force = np.array([BLOCK(x).force for x in ratios])
+    bare = TrainingSet(ratios=ratios, force=force, displacement=None, n_excluded=0)
+    emulator = ScaledEmulator(Emulator.fit(bare, 1, n_restarts=1))
+    assert EmulatorForward(emulator).field_basis is None
+    with pytest.raises(ValueError, match="forces only"):
+        EmulatorForward(emulator, with_field=True)

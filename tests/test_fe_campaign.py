@@ -1,0 +1,190 @@
+"""Campaigns: every run once, kept in one file, refused when it is not what it was."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from toy_simulation import FINGERPRINT, RATIOS, Raises, Toy, assert_same, files, run
+
+from fe.campaign import Campaign, CampaignFailed, run_campaign, run_key
+from fe.response import Status
+
+
+def test_results_follow_the_design_and_each_run_has_one_file(tmp_path: Path) -> None:
+    campaign = run(tmp_path)
+    assert len(files(tmp_path)) == len(RATIOS)
+    for row, response in zip(RATIOS, campaign.responses, strict=True):
+        np.testing.assert_array_equal(response.force, Toy()(row).force)
+    assert campaign.reached.all() and campaign.n_reused == 0
+
+
+def test_a_finished_campaign_is_not_run_again(tmp_path: Path) -> None:
+    first = run(tmp_path / "store")
+    again = run(tmp_path / "store", Raises())
+    assert_same(first, again)
+    assert again.n_reused == len(RATIOS)
+
+
+def test_a_changed_design_runs_only_its_new_points(tmp_path: Path) -> None:
+    run(tmp_path / "store", ratios=RATIOS[:4])
+    log = tmp_path / "log"
+    changed = np.vstack([[0.9, 0.4], RATIOS[3], RATIOS[1]])
+    campaign = run(tmp_path / "store", Toy(log=str(log)), ratios=changed)
+    assert log.read_text().splitlines() == ["[0.9, 0.4]"]
+    assert campaign.n_reused == 2
+    np.testing.assert_array_equal(campaign.responses[1].force, Toy()(RATIOS[3]).force)
+
+
+def test_a_changed_fingerprint_runs_everything_again(tmp_path: Path) -> None:
+    run(tmp_path)
+    other = run_campaign(Toy(), RATIOS, tmp_path, fingerprint={**FINGERPRINT, "bulk_ratio": 100.0})
+    assert other.n_reused == 0
+    assert len(files(tmp_path)) == 2 * len(RATIOS)
+
+
+def test_equal_points_are_run_once(tmp_path: Path) -> None:
+    log = tmp_path / "log"
+    ratios = np.array([[0.0, 0.2], [0.5, 0.2], [-0.0, 0.2]])
+    campaign = run(tmp_path / "store", Toy(log=str(log)), ratios=ratios)
+    assert len(log.read_text().splitlines()) == 2
+    np.testing.assert_array_equal(campaign.force[0], campaign.force[2])
+
+
+def test_the_key_depends_on_every_bit_of_the_ratios_and_on_the_fingerprint_alone() -> None:
+    here = np.array([0.1, 0.2])
+    reordered = dict(reversed(FINGERPRINT.items()))
+    assert run_key(here, FINGERPRINT) == run_key(here.copy(), reordered)
+    assert run_key(here, FINGERPRINT) != run_key(np.nextafter(here, 1.0), FINGERPRINT)
+    assert run_key(here, FINGERPRINT) != run_key(here[::-1], FINGERPRINT)
+
+
+def test_an_interrupt_in_the_parent_closes_the_map_and_keeps_what_arrived(tmp_path: Path) -> None:
+    closed: list[bool] = []
+
+    def interrupted(f: Callable[[Any], Any], items: Sequence[Any], /) -> Iterator[tuple[int, Any]]:
+        try:
+            yield 3, f(items[3])
+            raise KeyboardInterrupt
+        finally:
+            closed.append(True)
+
+    with pytest.raises(KeyboardInterrupt):
+        run(tmp_path, map_fn=interrupted)
+    assert closed == [True]
+    assert [name[:8] for name in files(tmp_path)] == ["run_0003"]
+    assert run(tmp_path).n_reused == 1
+
+
+@pytest.mark.parametrize("damage", ["truncate", "flip", "empty"])
+def test_a_damaged_run_is_refused_by_name(tmp_path: Path, damage: str) -> None:
+    run(tmp_path)
+    path = sorted(tmp_path.glob("run_*.npz"))[2]
+    content = bytearray(path.read_bytes())
+    if damage == "flip":
+        content[bytes(content).index(Toy()(RATIOS[2]).force.tobytes())] ^= 4
+    path.write_bytes({"truncate": content[:700], "flip": content, "empty": b""}[damage])
+    with pytest.raises(ValueError, match=f"{path.name}.*delete it to run it again"):
+        run(tmp_path)
+    path.unlink()
+    assert run(tmp_path).n_reused == len(RATIOS) - 1
+
+
+def test_any_flipped_byte_of_a_run_is_either_harmless_or_refused_by_name(tmp_path: Path) -> None:
+    one = RATIOS[:1]
+    reference = run(tmp_path, ratios=one)
+    path = next(tmp_path.glob("run_*.npz"))
+    intact = path.read_bytes()
+    n_refused = 0
+    for position in np.random.default_rng(0).integers(0, len(intact), size=200):
+        content = bytearray(intact)
+        content[position] ^= 0xFF
+        path.write_bytes(content)
+        try:
+            campaign = run(tmp_path, ratios=one)
+        except ValueError as error:
+            assert path.name in str(error)
+            n_refused += 1
+        else:
+            assert_same(reference, campaign)
+    assert n_refused > 100
+
+
+def test_a_run_under_the_name_of_another_is_refused_as_foreign(tmp_path: Path) -> None:
+    run(tmp_path)
+    first, second, *_ = sorted(tmp_path.glob("run_*.npz"))
+    second.write_bytes(first.read_bytes())
+    with pytest.raises(ValueError, match=f"{second.name}: foreign run"):
+        run(tmp_path)
+
+
+def test_a_file_that_is_not_of_a_campaign_is_refused_by_name(tmp_path: Path) -> None:
+    np.savez(tmp_path / "run_best.npz", a=np.ones(2))
+    with pytest.raises(ValueError, match=r"run_best\.npz: not a file of a campaign"):
+        run(tmp_path)
+
+
+def test_a_failed_run_is_kept_with_its_status_and_not_repeated(tmp_path: Path) -> None:
+    simulate = Toy(fails_above=0.9)
+    ratios = np.vstack([RATIOS[1], np.column_stack([np.linspace(0, 0.8, 6), np.full(6, 0.1)])])
+    campaign = run(tmp_path, simulate, ratios=ratios)
+    assert campaign.n_failed == 1
+    assert campaign.responses[0].status is Status.STOPPED
+    np.testing.assert_array_equal(campaign.reached, [False] + [True] * 6)
+    again = run(tmp_path, Raises(), ratios=ratios)
+    assert again.n_failed == 1 and again.n_reused == 7
+    runs = json.loads((tmp_path / "manifest.json").read_text())["runs"]
+    assert runs[0]["status"] == "stopped" and runs[0]["reached_mm"] == 0.8
+
+
+def test_a_converged_run_with_numbers_that_are_not_finite_does_not_count_as_reached() -> None:
+    response = Toy()(RATIOS[0])
+    broken = replace(response, displacement=response.displacement * np.nan)
+    campaign = Campaign(RATIOS[:2], (response, broken), 0)
+    assert campaign.reached.tolist() == [True, False]
+
+
+def test_a_campaign_stops_as_soon_as_too_many_runs_have_failed(tmp_path: Path) -> None:
+    ratios = np.column_stack([np.linspace(1.0, 0.0, 10), np.zeros(10)])
+    with pytest.raises(CampaignFailed, match="3 of 10 runs failed") as caught:
+        run(tmp_path, Toy(fails_above=0.5), ratios=ratios)
+    assert (caught.value.n_failed, caught.value.n_done, caught.value.n_total) == (3, 3, 10)
+    assert len(files(tmp_path)) == 3
+
+
+def test_a_fifth_of_failed_runs_is_still_accepted(tmp_path: Path) -> None:
+    ratios = np.column_stack([np.linspace(1.0, 0.0, 10), np.zeros(10)])
+    assert run(tmp_path, Toy(fails_above=0.85), ratios=ratios).n_failed == 2
+
+
+def test_progress_counts_from_the_reused_runs_to_all(tmp_path: Path) -> None:
+    run(tmp_path, ratios=RATIOS[:2])
+    calls: list[tuple[int, int]] = []
+    run(tmp_path, progress=lambda done, total: calls.append((done, total)))
+    assert calls == [(2, 6), (3, 6), (4, 6), (5, 6), (6, 6)]
+
+
+@pytest.mark.parametrize(
+    ("ratios", "message"),
+    [
+        (np.ones(3), r"ratios: must be a non-empty \(n, d\) array, got shape \(3,\)"),
+        (np.ones((0, 2)), r"got shape \(0, 2\)"),
+        (np.array([[0.1, 0.2], [np.nan, 0.2]]), "ratios: must be finite, got .* in row 1"),
+    ],
+)
+def test_ratios_that_are_no_design_are_refused(
+    tmp_path: Path, ratios: np.ndarray, message: str
+) -> None:
+    with pytest.raises(ValueError, match=message):
+        run(tmp_path, ratios=ratios)
+
+
+@pytest.mark.parametrize("value", [np.ones(2), float("nan"), {1, 2}])
+def test_a_fingerprint_that_is_not_json_is_refused(tmp_path: Path, value: object) -> None:
+    with pytest.raises(ValueError, match="fingerprint: must consist of finite JSON values"):
+        run_campaign(Toy(), RATIOS, tmp_path, fingerprint={"mesh": value})

@@ -1,0 +1,130 @@
+"""Campaigns in processes: the same bits for any number of workers, whatever stops them."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from toy_simulation import FINGERPRINT, RATIOS, Toy, assert_same, files, run
+
+from fe.campaign import run_key
+from fe.executors import process_map
+from fe.response import save_response
+
+
+def test_one_and_two_worker_processes_give_the_same_bits(tmp_path: Path) -> None:
+    reference = run(tmp_path / "a", map_fn=process_map(1))
+    campaign = run(tmp_path / "b", map_fn=process_map(2))
+    assert_same(reference, campaign)
+    assert files(tmp_path / "a") == files(tmp_path / "b")
+    assert (tmp_path / "a/manifest.json").read_text() == (tmp_path / "b/manifest.json").read_text()
+
+
+SCRIPT = """
+import sys
+from pathlib import Path
+sys.path.insert(0, {tests!r})
+import toy_simulation as t
+from fe.campaign import run_campaign
+from fe.executors import process_map
+if __name__ == "__main__":
+    simulate = t.Toy(seconds={seconds}, log={log!r})
+    print("started", flush=True)
+    run_campaign(
+        simulate, t.RATIOS, Path(sys.argv[1]), fingerprint=t.FINGERPRINT,
+        map_fn=process_map({n_workers}),
+    )
+"""
+
+
+def _start_campaign(folder: Path, n_workers: int, seconds: float) -> subprocess.Popen[str]:
+    script = folder / "script.py"
+    script.write_text(
+        SCRIPT.format(
+            tests=str(Path(__file__).parent),
+            seconds=seconds,
+            log=str(folder / "log"),
+            n_workers=n_workers,
+        )
+    )
+    root = str(Path(__file__).parents[1])
+    return subprocess.Popen(
+        [sys.executable, str(script), str(folder / "store")],
+        cwd=root,
+        env={**os.environ, "PYTHONPATH": root},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+
+
+def _wait_until(condition: Callable[[], bool], what: str, seconds: float = 60.0) -> None:
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end, f"not within {seconds} s: {what}"
+        time.sleep(0.01)
+
+
+def _n_started(folder: Path) -> int:
+    log = folder / "log"
+    return len(log.read_text().splitlines()) if log.exists() else 0
+
+
+def _session_is_empty(session: int) -> bool:
+    try:
+        os.killpg(session, 0)
+    except ProcessLookupError:
+        return True
+    return False
+
+
+@pytest.mark.parametrize("n_workers", [1, 2])
+def test_a_killed_campaign_goes_on_where_it_was_with_the_same_bits(
+    tmp_path: Path, n_workers: int
+) -> None:
+    process = _start_campaign(tmp_path, n_workers, seconds=0.4)
+    store = tmp_path / "store"
+    _wait_until(lambda: len(files(store)) >= 2, "two finished runs")
+    process.kill()
+    process.communicate()
+    n_before = len(files(store))
+    assert 2 <= n_before < len(RATIOS)
+    _wait_until(lambda: _session_is_empty(process.pid), "workers gone with their parent")
+
+    resumed = run(store, map_fn=process_map(n_workers))
+    undisturbed = run(tmp_path / "undisturbed", map_fn=process_map(1))
+    assert resumed.n_reused == n_before
+    assert_same(resumed, undisturbed)
+    assert files(store) == files(tmp_path / "undisturbed")
+
+
+def test_ctrl_c_ends_the_workers_at_once_and_keeps_the_finished_runs(tmp_path: Path) -> None:
+    process = _start_campaign(tmp_path, n_workers=2, seconds=30.0)
+    store = tmp_path / "store"
+    store.mkdir()
+    response = Toy()(RATIOS[0])
+    save_response(
+        store / f"run_0000_{run_key(RATIOS[0], FINGERPRINT)}.npz",
+        response,
+        ratios=RATIOS[0],
+        fingerprint=np.asarray(json.dumps(FINGERPRINT, sort_keys=True)),
+    )
+    _wait_until(lambda: _n_started(tmp_path) >= 2, "two runs under way")
+    begin = time.monotonic()
+    os.killpg(process.pid, signal.SIGINT)  # what a terminal does: parent and workers get it
+    _, errors = process.communicate(timeout=20.0)
+    assert time.monotonic() - begin < 10.0
+    assert errors.count("Traceback") == 1 and errors.rstrip().endswith("KeyboardInterrupt")
+    _wait_until(lambda: _session_is_empty(process.pid), "workers gone", seconds=5.0)
+    assert len(files(store)) == 1
+    runs = json.loads((store / "manifest.json").read_text())["runs"]
+    assert [run["status"] for run in runs] == ["converged"] + ["missing"] * 5

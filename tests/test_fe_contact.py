@@ -1,0 +1,150 @@
+"""Geometry, energy, derivatives and memory of the contact with pin and floor."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from fe.contact import (
+    FREE,
+    TIED_TO_FLOOR,
+    TIED_TO_PIN,
+    RigidPin,
+    bar_distance,
+    contact_system,
+    empty_system,
+    initial_memory,
+    penalty,
+    tie_touching,
+)
+from fe.specimens.block_pin import BlockPin, BlockPinModel, Contact
+
+PIN = RigidPin(height=2.5, half_width=2.0, fillet=0.3, stiffness=500.0, ramp=0.1)
+
+
+def patch():
+    model = BlockPinModel(BlockPin(), Contact("slide", "slide"), (4, 2, 2), (0.5,))
+    discrete = model.discretise()
+    rng = np.random.default_rng(5)
+    u = 0.15 * rng.standard_normal(discrete.elements.positions.shape)
+    u[:, 1] -= 0.1
+    return discrete, u
+
+
+def evaluate(discrete, u, memory, travel):
+    system = empty_system(discrete.faces)
+    energy, force = contact_system(
+        u, discrete.faces, memory.tied, memory.anchor, travel, PIN, True, system
+    )
+    return energy, force, system
+
+
+def mixed_memory(discrete):
+    memory = initial_memory(discrete.faces, np.zeros(discrete.faces.weights.shape, bool))
+    memory.tied[::3, ::2] = TIED_TO_PIN
+    memory.tied[1::3, ::3] = TIED_TO_FLOOR
+    memory.anchor += 0.05
+    return memory
+
+
+@pytest.mark.parametrize(
+    ("x", "y", "distance"),
+    [
+        (0.5, 1.5, 0.5),  # below the flat bottom at y = 2
+        (0.5, 2.2, -0.2),  # inside, above the bottom
+        (2.4, 3.0, 0.4),  # beside the wall
+        (1.7, 2.3, -0.3),  # centre of the fillet
+        (1.7 + 0.5 * np.sqrt(0.5), 2.3 - 0.5 * np.sqrt(0.5), 0.2),  # off the rounded edge
+    ],
+)
+def test_distance_to_the_bar_is_euclidean(x, y, distance):
+    assert bar_distance(x, y, 2.0, 0.3, 2.0)[0] == pytest.approx(distance, abs=1e-12)
+
+
+@pytest.mark.parametrize("point", [(0.4, 1.9), (1.9, 2.05), (1.8, 2.1), (2.05, 2.6)])
+def test_normal_and_hessian_are_derivatives_of_the_distance(point):
+    h = 1e-6
+    x, y = point
+    _, nx, ny, hxx, hxy, hyy = bar_distance(x, y, 2.0, 0.3, 2.0)
+    up, down = bar_distance(x + h, y, 2.0, 0.3, 2.0), bar_distance(x - h, y, 2.0, 0.3, 2.0)
+    left, right = bar_distance(x, y + h, 2.0, 0.3, 2.0), bar_distance(x, y - h, 2.0, 0.3, 2.0)
+    gradient = [(up[0] - down[0]) / (2 * h), (left[0] - right[0]) / (2 * h)]
+    np.testing.assert_allclose([nx, ny], gradient, atol=1e-8)
+    np.testing.assert_allclose([hxx, hxy], [(up[k] - down[k]) / (2 * h) for k in (1, 2)], atol=1e-7)
+    np.testing.assert_allclose(hyy, (left[2] - right[2]) / (2 * h), atol=1e-7)
+
+
+@pytest.mark.parametrize("gap", [0.05, -0.02, -0.09, -0.25])
+def test_penalty_derivatives_match_finite_differences(gap):
+    h = 1e-6
+    energy = [penalty(gap + k * h, 500.0, 0.1)[0] for k in (-1, 1)]
+    slope = [penalty(gap + k * h, 500.0, 0.1)[1] for k in (-1, 1)]
+    assert penalty(gap, 500.0, 0.1)[1] == pytest.approx((energy[1] - energy[0]) / (2 * h), abs=1e-6)
+    assert penalty(gap, 500.0, 0.1)[2] == pytest.approx((slope[1] - slope[0]) / (2 * h), abs=1e-4)
+
+
+def test_contact_force_is_the_gradient_of_its_energy_and_tangent_its_derivative():
+    discrete, u = patch()
+    memory = mixed_memory(discrete)
+    _, _, system = evaluate(discrete, u, memory, 0.4)
+    rng = np.random.default_rng(1)
+    du = rng.standard_normal(u.shape)
+    h = 1e-6
+    plus, minus = (evaluate(discrete, u + k * h * du, memory, 0.4) for k in (1, -1))
+    along = np.sum(system.force * du[discrete.faces.nodes])
+    assert along == pytest.approx((plus[0] - minus[0]) / (2 * h), rel=1e-6)
+    change = np.einsum("caikb,cbk->cai", system.tangent, du[discrete.faces.nodes])
+    expected = (plus[2].force - minus[2].force) / (2 * h)
+    np.testing.assert_allclose(change, expected, atol=2e-5 * np.abs(expected).max())
+
+
+def test_travel_derivative_of_the_force_matches_finite_differences():
+    discrete, u = patch()
+    memory = mixed_memory(discrete)
+    _, _, system = evaluate(discrete, u, memory, 0.4)
+    h = 1e-6
+    plus, minus = (evaluate(discrete, u, memory, 0.4 + k * h) for k in (1, -1))
+    expected = (plus[2].force - minus[2].force) / (2 * h)
+    np.testing.assert_allclose(system.by_travel, expected, atol=2e-5 * np.abs(expected).max())
+
+
+def test_pin_force_is_the_derivative_of_the_energy_in_the_travel():
+    discrete, u = patch()
+    memory = mixed_memory(discrete)
+    h = 1e-6
+    plus, minus = (evaluate(discrete, u, memory, 0.4 + k * h)[0] for k in (1, -1))
+    assert evaluate(discrete, u, memory, 0.4)[1] == pytest.approx(
+        (plus - minus) / (2 * h), rel=1e-6
+    )
+
+
+def test_points_that_touch_are_tied_to_the_nearest_surface_point():
+    discrete, u = patch()
+    memory = initial_memory(discrete.faces, np.zeros(discrete.faces.weights.shape, bool))
+    gradient = np.random.default_rng(2).standard_normal((*u.shape, 2))
+    travel = 0.4
+    count = tie_touching(memory, discrete.faces, u, gradient, travel, PIN)
+    assert count == np.count_nonzero(memory.tied) > 0
+    for anchor in memory.anchor[memory.tied == TIED_TO_PIN]:
+        gap = bar_distance(anchor[0], anchor[1], PIN.half_width, PIN.fillet, PIN.height)[0]
+        assert gap == pytest.approx(0.0, abs=1e-12)
+    assert np.all(memory.anchor[memory.tied == TIED_TO_FLOOR][:, 1] == 0.0)
+    before = memory.copy()
+    assert tie_touching(memory, discrete.faces, u, gradient, travel, PIN) == 0
+    np.testing.assert_array_equal(memory.anchor, before.anchor)
+
+
+def test_anchor_sensitivity_is_the_derivative_of_the_projection():
+    discrete, u = patch()
+    direction = 0.1 * np.random.default_rng(3).standard_normal((*u.shape, 2))
+    h = 1e-6
+
+    def anchors(shift: float) -> np.ndarray:
+        memory = initial_memory(discrete.faces, np.zeros(discrete.faces.weights.shape, bool))
+        tie_touching(memory, discrete.faces, u + shift * direction[..., 0], direction, 0.4, PIN)
+        return memory
+
+    base, plus, minus = anchors(0.0), anchors(h), anchors(-h)
+    same = (base.tied != FREE) & (plus.tied == base.tied) & (minus.tied == base.tied)
+    expected = (plus.anchor - minus.anchor)[same] / (2 * h)
+    np.testing.assert_allclose(base.anchor_gradient[same][..., 0], expected, atol=1e-6)

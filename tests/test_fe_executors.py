@@ -1,0 +1,77 @@
+"""Maps over processes: one thread each, every index once, and the truth when one fails."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+from toy_simulation import Raises, Toy, run
+
+from fe.executors import SINGLE_THREAD, WorkerDied, process_map, serial_map
+from fe.response import Response
+
+
+@dataclass(frozen=True)
+class Dies:
+    """A simulation whose process is killed."""
+
+    def __call__(self, ratios: np.ndarray) -> Response:
+        os.kill(os.getpid(), signal.SIGKILL)
+        raise AssertionError
+
+
+def _thread_environment(_: int) -> dict[str, str | None]:
+    return {name: os.environ.get(name) for name in SINGLE_THREAD}
+
+
+def _square(x: int) -> int:
+    time.sleep(0.05 * (x % 2))
+    return x * x
+
+
+def test_an_exception_of_the_simulation_reaches_the_caller_from_a_worker(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="r must be below 1") as caught:
+        run(tmp_path, Raises(), map_fn=process_map(1))
+    assert "in a worker process" in caught.value.__notes__[0]
+    assert "in __call__" in caught.value.__notes__[0]
+
+
+def test_a_killed_worker_is_reported_with_its_signal(tmp_path: Path) -> None:
+    with pytest.raises(WorkerDied, match=r"exit code -9"):
+        run(tmp_path, Dies(), map_fn=process_map(2))
+
+
+def test_a_simulation_that_cannot_be_pickled_is_refused_before_any_process_starts(
+    tmp_path: Path,
+) -> None:
+    with pytest.raises(ValueError, match="simulate: must be picklable"):
+        run(tmp_path, lambda ratios: Toy()(ratios), map_fn=process_map(1))
+
+
+def test_a_worker_sees_one_thread_and_the_parent_keeps_its_environment(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setenv("OMP_NUM_THREADS", "7")
+    monkeypatch.delenv("MKL_NUM_THREADS", raising=False)
+    ((_, seen),) = process_map(1)(_thread_environment, [0])
+    assert seen == SINGLE_THREAD
+    assert os.environ["OMP_NUM_THREADS"] == "7"
+    assert "MKL_NUM_THREADS" not in os.environ
+
+
+@pytest.mark.parametrize("n_items", [0, 1, 5])
+def test_maps_yield_every_index_once(n_items: int) -> None:
+    items = list(range(n_items))
+    expected = [(i, i * i) for i in items]
+    assert list(serial_map(_square, items)) == expected
+    assert sorted(process_map(2)(_square, items)) == expected
+
+
+def test_a_negative_number_of_workers_is_refused() -> None:
+    with pytest.raises(ValueError, match="n_workers: must be 0"):
+        process_map(-1)
