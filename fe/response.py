@@ -69,7 +69,7 @@ def save_response(path: Path, response: Response, **extra: npt.NDArray[np.generi
     values = {f.name: np.asarray(getattr(response, f.name)) for f in fields(Response)}
     values["status"] = np.asarray(str(response.status))
     with replacing(path) as temporary, temporary.open("wb") as stream:
-        np.savez(stream, allow_pickle=False, **values, **extra)
+        np.savez(stream, **values, **extra)
 
 
 def load_response(path: Path) -> Response:

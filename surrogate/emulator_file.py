@@ -37,7 +37,7 @@ def write_arrays(path: Path, header: Header, arrays: dict[str, Array]) -> None:
     handle = os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666)
     try:
         with os.fdopen(handle, "wb") as stream:
-            np.savez(stream, allow_pickle=False, header=np.asarray(text), **arrays)
+            np.savez(stream, header=np.asarray(text), **arrays)
             stream.flush()
             os.fsync(stream.fileno())
         os.replace(temporary, path)

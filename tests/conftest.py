@@ -1,4 +1,4 @@
-"""Studies with the real FE model, run once for all tests that need them."""
+"""Settings of random tests; studies with the real FE model, run once for all tests."""
 
 from __future__ import annotations
 
@@ -7,9 +7,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
+from hypothesis import settings
 
 if TYPE_CHECKING:
     from calib.study.stages import StudyResult
+
+# The same examples everywhere, and no limit on the time of one: machines differ.
+settings.register_profile("softcal", deadline=None, derandomize=True)
+settings.load_profile("softcal")
 
 
 @pytest.fixture(scope="session")

@@ -69,7 +69,7 @@ def write_json(path: Path, value: object) -> None:
 def write_npz(path: Path, arrays: Mapping[str, npt.NDArray[np.generic]]) -> None:
     """Write arrays as one npz file, atomically; the same arrays give the same bytes."""
     stream = io.BytesIO()
-    np.savez(stream, allow_pickle=False, **dict(arrays))
+    np.savez(stream, **dict(arrays))
     write_bytes(path, stream.getvalue())
 
 
