@@ -129,15 +129,18 @@ def dense_field(posterior: Posterior) -> tuple[Array, Array]:
     field = posterior.likelihood.field
     assert field is not None
     noise = field.covariance.with_patterns(field.basis.truncation)
-    keep = np.arange(0, noise.spatial_values.size, 3)
-    vectors = noise.spatial_vectors[keep]
-    space = (vectors * noise.spatial_values) @ vectors.T
+    keep = np.arange(0, noise.floor_values.size, 3)
+    own = noise.correlation[np.ix_(keep, keep)]
+    inverse = np.linalg.inv(noise.vectors)
+    smooth = ((inverse.T * noise.floor_values) @ inverse)[np.ix_(keep, keep)]
     n_step = noise.step.shape[0]
-    total = np.kron(noise.step, np.kron(space, np.diag(noise.noise_variance)))
-    white = np.repeat(noise.white_variance[:, None, :], keep.size, axis=1).ravel()
+    total = np.kron(noise.step, np.kron(own, np.diag(noise.noise_variance)))
+    for step, variance in enumerate(noise.floor_variance):
+        rows = slice(step * keep.size * 3, (step + 1) * keep.size * 3)
+        total[rows, rows] += np.kron(smooth, np.diag(variance))
     flat = noise.patterns[:, :, keep].reshape(-1, n_step * keep.size * 3)
     residual = (field.observed - field.basis.offset)[:, keep].ravel()
-    return residual, total + np.diag(white) + flat.T @ flat
+    return residual, total + flat.T @ flat
 
 
 if __name__ == "__main__":

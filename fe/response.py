@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 from enum import StrEnum
 from pathlib import Path
+from typing import Any, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -69,7 +70,7 @@ def save_response(path: Path, response: Response, **extra: npt.NDArray[np.generi
     values = {f.name: np.asarray(getattr(response, f.name)) for f in fields(Response)}
     values["status"] = np.asarray(str(response.status))
     with replacing(path) as temporary, temporary.open("wb") as stream:
-        np.savez(stream, **values, **extra)
+        np.savez(stream, **cast("dict[str, Any]", values | extra))
 
 
 def load_response(path: Path) -> Response:

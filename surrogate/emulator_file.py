@@ -7,6 +7,7 @@ import os
 import secrets
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -37,7 +38,7 @@ def write_arrays(path: Path, header: Header, arrays: dict[str, Array]) -> None:
     handle = os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666)
     try:
         with os.fdopen(handle, "wb") as stream:
-            np.savez(stream, header=np.asarray(text), **arrays)
+            np.savez(stream, header=np.asarray(text), **cast("dict[str, Any]", arrays))
             stream.flush()
             os.fsync(stream.fileno())
         os.replace(temporary, path)

@@ -9,6 +9,7 @@ import pytest
 from analytic_models import AnalyticBlock
 
 from calib.inference import DirectForward, EmulatorForward
+from calib.inference.forward import MeshCorrection
 from surrogate import Emulator, ScaledEmulator, TrainingSet, sobol_design
 
 POINTS = np.random.default_rng(4).random((9, 2)) * 3
@@ -57,6 +58,26 @@ def test_jacobian_is_the_derivative_by_ln_kappa_r_s(with_field: bool) -> None:
             assert slope.weights is not None
             difference = (sides[0].weights - sides[1].weights) / (2 * h)
             assert slope.weights[:, :, i] == pytest.approx(difference, rel=1e-3, abs=1e-4)
+
+
+def test_a_mesh_correction_is_the_same_for_emulator_and_direct_model() -> None:
+    rng = np.random.default_rng(6)
+    shape = BLOCK(THETA[0, 1:]).displacement.shape
+    correction = MeshCorrection(1.0 + 0.05 * rng.random(shape[0]), 0.01 * rng.random(shape))
+    for make in (lambda **k: EmulatorForward(scaled(), **k), lambda **k: DirectForward(BLOCK, **k)):
+        plain, corrected = make(with_field=True), make(with_field=True, correction=correction)
+        before, after = plain.predict(THETA), corrected.predict(THETA)
+        assert after.force == pytest.approx(before.force * correction.force, rel=1e-14)
+        if before.force_covariance is not None:
+            assert after.force_covariance is not None
+            factor = np.outer(correction.force, correction.force)
+            assert after.force_covariance == pytest.approx(before.force_covariance * factor)
+        fields = [f.field_basis.fields(p.weights) for f, p in ((plain, before), (corrected, after))]
+        assert fields[1] == pytest.approx(fields[0] + correction.field, abs=1e-15)
+        slopes = [model.jacobian(THETA) for model in (plain, corrected)]
+        by_force = slopes[0].force * correction.force[:, None]
+        assert slopes[1].force == pytest.approx(by_force, rel=1e-13)
+        assert slopes[1].weights == pytest.approx(slopes[0].weights)
 
 
 def test_field_of_an_emulator_trained_on_forces_is_refused() -> None:

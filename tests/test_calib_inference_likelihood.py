@@ -11,7 +11,12 @@ from scipy.stats import multivariate_normal
 
 from calib.data import Dataset, FieldData, thesis_forces
 from calib.inference import DirectForward, Likelihood, NoiseSettings, build_likelihood
-from calib.inference.field_noise import FieldCovariance, field_covariance
+from calib.inference.field_noise import (
+    FLOOR_NUGGET,
+    FieldCovariance,
+    field_covariance,
+    spatial_correlation,
+)
 from calib.inference.noise import between_sample_covariance, mean_covariance, slope_matrix
 from fe.response import Array
 
@@ -28,6 +33,7 @@ def field_data() -> FieldData:
 
 
 FIELD = field_data()
+FLOOR = np.linspace(0.001, 0.006, 15).reshape(5, 3)
 
 
 def dataset(with_field: bool) -> Dataset:
@@ -36,26 +42,29 @@ def dataset(with_field: bool) -> Dataset:
 
 def dense_field(covariance: FieldCovariance) -> Array:
     """The definition, element by element of the Kronecker product."""
-    vectors = covariance.spatial_vectors
-    space = vectors @ np.diag(covariance.spatial_values) @ vectors.T
     n_step, n_point, _ = covariance.shape
-    total = np.einsum(
-        "ij,pq,cd->ipcjqd", covariance.step, space, np.diag(covariance.noise_variance)
-    ).reshape(n_step * n_point * 3, -1)
-    white = np.repeat(covariance.white_variance[:, None, :], n_point, axis=1).ravel()
+    smooth = spatial_correlation(POINTS, 1.0, "squared_exponential", FLOOR_NUGGET)
+    noise = np.einsum(
+        "ij,pq,cd->ipcjqd",
+        covariance.step,
+        covariance.correlation,
+        np.diag(covariance.noise_variance),
+    )
+    floor = np.einsum(
+        "ij,pq,ic,cd->ipcjqd", np.eye(n_step), smooth, covariance.floor_variance, np.eye(3)
+    )
+    total = (noise + floor).reshape(n_step * n_point * 3, -1)
     flat = covariance.patterns.reshape(-1, len(total))
-    return total + np.diag(white) + flat.T @ flat
+    return total + flat.T @ flat
 
 
 def likelihood(with_field: bool, error: float = 0.02) -> Likelihood:
-    patterns = 0.02 * RNG.standard_normal((2, 5, 7, 3))
     return build_likelihood(
         dataset(with_field),
         AnalyticForward(BLOCK, error, with_field),
         NoiseSettings(),
         force_discretisation=np.array([0.01, 0.02, 0.03, 0.04, 0.06]),
-        field_discretisation=patterns,
-        field_floor=0.004,
+        field_floor=np.linspace(0.001, 0.006, 15).reshape(5, 3),
     )
 
 
@@ -170,7 +179,7 @@ def test_pointwise_field_likelihood_is_the_conditional_normal_of_an_increment(
 @pytest.mark.parametrize("kernel", ["exponential", "squared_exponential"])
 def test_field_covariance_contract_holds_against_the_dense_matrix(kernel: str) -> None:
     patterns = 0.02 * RNG.standard_normal((3, 5, 7, 3))
-    covariance = field_covariance(FIELD, kernel=kernel, floor=0.002, patterns=patterns)  # type: ignore[arg-type]
+    covariance = field_covariance(FIELD, kernel=kernel, floor=FLOOR, patterns=patterns)  # type: ignore[arg-type]
     for case in (covariance, covariance.without_step(2), field_covariance(FIELD)):
         dense = dense_field(case)
         fields = RNG.standard_normal((2, *case.shape))
@@ -184,7 +193,7 @@ def test_field_covariance_contract_holds_against_the_dense_matrix(kernel: str) -
 def test_field_noise_samples_have_the_stated_covariance() -> None:
     """Largest of 8 whitened-product z scores below 5: false alarm 5e-6 (fixed seed)."""
     patterns = 0.02 * RNG.standard_normal((2, 5, 7, 3))
-    covariance = field_covariance(FIELD, floor=0.002, patterns=patterns)
+    covariance = field_covariance(FIELD, floor=FLOOR, patterns=patterns)
     dense = dense_field(covariance)
     n = 4000
     draws = covariance.sample(np.random.default_rng(3), n).reshape(n, -1)

@@ -2,10 +2,13 @@
 
 With points P, increments I and components C the covariance is
 
-    A (I x I)  (x)  S (P x P)  (x)  diag(noise_std^2)  +  diag(white_ic^2)  +  patterns^T patterns.
+    A (I x I)  (x)  S (P x P)  (x)  diag(noise_std^2)  +  diag(floor_ic^2) (x) L (P x P)
+                                                           +  patterns^T patterns.
 
-The eigenvectors of S turn the first two terms into P * C independent blocks of size I x I; the
-few patterns enter by Woodbury's formula. Fields have shape (..., n_step, n_point, 3), in mm.
+S is the correlation of the measurement's noise over the points and L, with a longer length, that
+of the model's errors. Vectors V with V^T S V = I and V^T L V diagonal turn the first two terms into
+P * C independent blocks of size I x I; the few patterns enter by Woodbury's formula. Fields have
+shape (..., n_step, n_point, 3), in mm.
 """
 
 from __future__ import annotations
@@ -15,7 +18,7 @@ from functools import cached_property
 from typing import Literal
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg import cho_factor, cho_solve, eigh
 from scipy.spatial.distance import cdist
 
 from calib.data.dataset import FieldData
@@ -26,6 +29,8 @@ Kernel = Literal["exponential", "squared_exponential"]
 # Smallest share of uncorrelated noise: a squared exponential over points much closer than its
 # length is singular in double precision.
 NUGGET = 1e-6
+FLOOR_NUGGET = 0.1
+"""share of the variance of the model's errors that is not correlated over the points"""
 
 
 def spatial_correlation(
@@ -64,21 +69,23 @@ class FieldCovariance:
 
     step: Array
     """(n_step, n_step) correlation over increments"""
-    spatial_values: Array
-    """(n_point,) eigenvalues of the correlation over points"""
-    spatial_vectors: Array
-    """(n_point, n_point) its eigenvectors in columns"""
+    vectors: Array
+    """(n_point, n_point) V in columns: V^T S V = I"""
+    floor_values: Array
+    """(n_point,) diagonal of V^T L V"""
+    correlation: Array
+    """(n_point, n_point) S"""
     noise_variance: Array
     """(3,) variance of each component, mm^2"""
-    white_variance: Array
-    """(n_step, 3) variance independent from point to point, mm^2"""
+    floor_variance: Array
+    """(n_step, 3) variance of the model's errors, independent over increments, mm^2"""
     patterns: Array
     """(q, n_step, n_point, 3) errors of known shape, each with a standard normal factor, mm"""
 
     @property
     def shape(self) -> tuple[int, int, int]:
         """(n_step, n_point, 3)"""
-        return self.step.shape[0], self.spatial_values.size, 3
+        return self.step.shape[0], self.floor_values.size, 3
 
     def with_patterns(self, patterns: Array) -> FieldCovariance:
         """The covariance with further errors of known shape (q, n_step, n_point, 3), mm."""
@@ -92,17 +99,19 @@ class FieldCovariance:
         return replace(
             self,
             step=self.step[np.ix_(keep, keep)],
-            white_variance=self.white_variance[keep],
+            floor_variance=self.floor_variance[keep],
             patterns=self.patterns[:, keep],
         )
 
     @cached_property
     def _factors(self) -> Array:
         """(n_point, 3, n_step, n_step) lower Cholesky factors of the independent blocks."""
-        scale = self.spatial_values[:, None] * self.noise_variance
-        blocks = scale[:, :, None, None] * self.step
+        noise = self.noise_variance[:, None, None] * self.step
+        blocks = np.repeat(noise[None], self.floor_values.size, axis=0)
         diagonal = np.arange(self.step.shape[0])
-        blocks[:, :, diagonal, diagonal] += self.white_variance.T
+        blocks[:, :, diagonal, diagonal] += np.multiply.outer(
+            self.floor_values, self.floor_variance.T
+        )
         return np.asarray(np.linalg.cholesky(blocks), dtype=np.float64)
 
     @cached_property
@@ -121,9 +130,9 @@ class FieldCovariance:
 
     def _whiten(self, fields: Array) -> Array:
         """(q, n_obs) fields (q, n_step, n_point, 3) in units of the block noise, uncorrelated."""
-        rotated = np.einsum("qipc->qpci", self._rotate(fields, self.spatial_vectors.T))
+        rotated = np.einsum("qipc->qpci", self._rotate(fields, self.vectors.T))
         white: Array = np.einsum("pcij,qpcj->qpci", self._inverse_factors, rotated)
-        return white.reshape(len(fields), self.step.shape[0] * self.spatial_values.size * 3)
+        return white.reshape(len(fields), self.step.shape[0] * self.floor_values.size * 3)
 
     @staticmethod
     def _rotate(fields: Array, matrix: Array) -> Array:
@@ -152,13 +161,15 @@ class FieldCovariance:
         n_step, n_point, n_component = self.shape
         blocks = white.reshape(-1, n_point, n_component, n_step)
         back = np.einsum("pcji,qpcj->qipc", self._inverse_factors, blocks)
-        return self._rotate(back, self.spatial_vectors)
+        return self._rotate(back, self.vectors)
 
     @cached_property
     def logdet(self) -> float:
         """Natural logarithm of the determinant of the covariance."""
         diagonal = np.diagonal(self._factors, axis1=2, axis2=3)
         total = 2.0 * np.log(diagonal).sum()
+        # |V|^-2 = |S|, once for each increment and component.
+        total -= 2.0 * np.linalg.slogdet(self.vectors)[1] * self.step.shape[0] * 3
         if len(self.patterns):
             total += 2.0 * np.log(np.diag(self._capacitance[0])).sum()
         return float(total)
@@ -169,37 +180,48 @@ class FieldCovariance:
         white = rng.standard_normal((n, n_point, n_component, n_step))
         blocks = np.einsum("pcij,qpcj->qipc", self._factors, white)
         weights = rng.standard_normal((n, len(self.patterns)))
-        return self._rotate(blocks, self.spatial_vectors) + np.tensordot(weights, self.patterns, 1)
+        # V^-T = S V
+        return self._rotate(blocks, self.correlation @ self.vectors) + np.tensordot(
+            weights, self.patterns, 1
+        )
 
 
 def field_covariance(
     field: FieldData,
     *,
     kernel: Kernel = "exponential",
-    floor: float = 0.0,
+    floor: Array | float = 0.0,
+    floor_length: float = 1.0,
     patterns: Array | None = None,
 ) -> FieldCovariance:
     """Covariance of the errors of `field`, without the emulator's.
 
-    `patterns` (q, n_step, n_point, 3) are model errors of known shape [mm], e.g. the measured
-    difference between a fine and a coarse mesh; `floor` is the SD [mm] of what these leave out.
-    Raises ValueError when shapes disagree or the floor is negative.
+    `patterns` (q, n_step, n_point, 3) are model errors of known shape [mm]; `floor`, one SD [mm] or
+    (n_step, 3) of them, is for model errors of unknown shape, correlated over the points as a
+    squared exponential of `floor_length` [mm]: errors of a mesh are smooth, and taken as
+    independent from point to point they would average away, as they do not in truth.
+    Raises ValueError when shapes disagree or a floor is negative.
     """
     n_step, n_point, _ = field.displacement.shape
-    if not floor >= 0:
-        raise ValueError(f"floor: expected zero or a positive SD in mm, got {floor}")
+    floors = np.broadcast_to(np.asarray(floor, dtype=np.float64), (n_step, 3))
+    if not np.all(floors >= 0):
+        raise ValueError(f"floor: expected zero or a positive SD in mm, got {floors.min()}")
     if patterns is None:
         patterns = np.zeros((0, n_step, n_point, 3))
     if patterns.shape[1:] != (n_step, n_point, 3):
         expected = f"(q, {n_step}, {n_point}, 3)"
         raise ValueError(f"patterns: expected shape {expected}, found {patterns.shape}")
     correlation = spatial_correlation(field.points, field.correlation_length, kernel)
-    values, vectors = np.linalg.eigh(correlation)
+    smooth = spatial_correlation(
+        field.points, floor_length, "squared_exponential", nugget=FLOOR_NUGGET
+    )
+    values, vectors = eigh(smooth, correlation)
     return FieldCovariance(
         step=step_correlation(n_step, field.reference_share),
-        spatial_values=np.maximum(values, 0.5 * NUGGET),
-        spatial_vectors=vectors,
+        vectors=vectors,
+        floor_values=values,
+        correlation=correlation,
         noise_variance=field.noise_std**2,
-        white_variance=np.full((n_step, 3), floor**2),
+        floor_variance=np.array(floors**2),
         patterns=patterns,
     )

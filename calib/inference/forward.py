@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -37,6 +37,25 @@ class FieldBasis:
 def identity_basis(shape: tuple[int, ...]) -> FieldBasis:
     """Basis of a model that gives its field (n_step, n_point, 3) value by value."""
     return FieldBasis(np.zeros(shape), None, np.zeros((0, *shape)))
+
+
+@dataclass(frozen=True)
+class MeshCorrection:
+    """Takes the predictions of one mesh to those of a finer one, as measured where both ran."""
+
+    force: Array
+    """(n_step,) factor of the force"""
+    field: Array
+    """(n_step, n_point, 3) added to the displacement, mm"""
+
+    def response(self, response: Response) -> Response:
+        """A run on the coarser mesh, corrected; the slopes of the field are left as they are."""
+        return replace(
+            response,
+            force=response.force * self.force,
+            force_gradient=response.force_gradient * self.force[:, None],
+            displacement=response.displacement + self.field,
+        )
 
 
 @dataclass(frozen=True)
@@ -80,11 +99,23 @@ class ForwardModel(Protocol):
 
 
 class EmulatorForward:
-    """The emulator with its own uncertainty: covariance of the forces, variance of the weights."""
+    """The emulator with its own uncertainty: covariance of the forces, variance of the weights.
 
-    def __init__(self, scaled: ScaledEmulator, *, with_field: bool = False) -> None:
+    With a `correction` it predicts for the finer mesh.
+    """
+
+    def __init__(
+        self,
+        scaled: ScaledEmulator,
+        *,
+        with_field: bool = False,
+        correction: MeshCorrection | None = None,
+    ) -> None:
         self._scaled = scaled
         self._basis = _emulator_basis(scaled) if with_field else None
+        self._factor = None if correction is None else correction.force
+        if self._basis is not None and correction is not None:
+            self._basis = replace(self._basis, offset=self._basis.offset + correction.field)
 
     @property
     def field_basis(self) -> FieldBasis | None:
@@ -94,6 +125,9 @@ class EmulatorForward:
     def predict(self, theta: Array) -> Prediction:
         """Prediction at theta (m, 3)."""
         force, covariance = self._scaled.force(theta)
+        if self._factor is not None:
+            force = force * self._factor
+            covariance = covariance * np.outer(self._factor, self._factor)
         if self._basis is None:
             return Prediction(force, covariance)
         return Prediction(force, covariance, *self._scaled.field_weights(theta))
@@ -103,6 +137,8 @@ class EmulatorForward:
         by_x = np.ones((len(theta), 1, 3))
         by_x[:, 0, 0] = theta[:, 0]
         force = self._scaled.force_jacobian(theta) * by_x
+        if self._factor is not None:
+            force = force * self._factor[:, None]
         if self._basis is None:
             return Jacobian(force)
         return Jacobian(force, self._scaled.field_weights_jacobian(theta) * by_x)
@@ -121,15 +157,22 @@ def _emulator_basis(scaled: ScaledEmulator) -> FieldBasis:
 
 
 class DirectForward:
-    """The FE model itself: exact up to its mesh, no covariance of its own.
+    """The FE model itself: exact up to its mesh, no covariance of its own; `correction` as above.
 
     `simulate` maps ratios (2,) to the `Response` at kappa = 1 MPa. Runs are remembered by
     ratios: the force is kappa times that at 1 MPa and the field does not depend on kappa, so
     one run serves every kappa. A run that did not reach every travel predicts NaN.
     """
 
-    def __init__(self, simulate: Callable[[Array], Response], *, with_field: bool = False) -> None:
+    def __init__(
+        self,
+        simulate: Callable[[Array], Response],
+        *,
+        with_field: bool = False,
+        correction: MeshCorrection | None = None,
+    ) -> None:
         self._simulate = simulate
+        self._correction = correction
         self._with_field = with_field
         self._runs: dict[bytes, Response] = {}
         self._basis: FieldBasis | None = None
@@ -148,7 +191,8 @@ class DirectForward:
         """The run at ratios (r, s), from memory when it was made before."""
         key = np.ascontiguousarray(ratios, dtype=np.float64).tobytes()
         if key not in self._runs:
-            self._runs[key] = self._simulate(np.array(ratios, dtype=np.float64))
+            run = self._simulate(np.array(ratios, dtype=np.float64))
+            self._runs[key] = run if self._correction is None else self._correction.response(run)
         response = self._runs[key]
         if self._with_field and self._basis is None:
             shape = response.displacement.shape

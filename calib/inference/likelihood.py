@@ -91,28 +91,24 @@ def build_likelihood(
     noise: NoiseSettings,
     *,
     force_discretisation: Array | float = 0.0,
-    field_discretisation: Array | None = None,
-    field_floor: float = 0.0,
+    field_floor: Array | float = 0.0,
     kernel: Kernel = "exponential",
 ) -> Likelihood:
     """Likelihood of `dataset` under `forward`; the field is used when the dataset has one.
 
     `force_discretisation` (n_step,) is the relative SD of the mesh error of the force,
-    `field_discretisation` (q, n_step, n_point, 3) its measured shapes in the field [mm],
-    `field_floor` the SD [mm] of what these leave out.
+    `field_floor` that of the field [mm], one for all or (n_step, 3).
     Raises ValueError when shapes disagree, the noise is impossible (see `noise`), or the
     forward model has no field where the data have one.
     """
     errors = force_errors(dataset, noise, force_discretisation)
     if dataset.field is None:
         return Likelihood(forward, dataset.force_mean, errors)
-    shift = travel_zero_pattern(dataset, noise.travel_zero_sd)
-    if field_discretisation is None:
-        patterns = shift
-    else:
-        patterns = np.concatenate([field_discretisation, shift])
     covariance = field_covariance(
-        dataset.field, kernel=kernel, floor=field_floor, patterns=patterns
+        dataset.field,
+        kernel=kernel,
+        floor=field_floor,
+        patterns=travel_zero_pattern(dataset, noise.travel_zero_sd),
     )
     basis = forward.field_basis
     if basis is None:

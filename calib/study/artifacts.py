@@ -14,7 +14,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, is_dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -69,7 +69,7 @@ def write_json(path: Path, value: object) -> None:
 def write_npz(path: Path, arrays: Mapping[str, npt.NDArray[np.generic]]) -> None:
     """Write arrays as one npz file, atomically; the same arrays give the same bytes."""
     stream = io.BytesIO()
-    np.savez(stream, **dict(arrays))
+    np.savez(stream, **cast("dict[str, Any]", dict(arrays)))
     write_bytes(path, stream.getvalue())
 
 

@@ -7,24 +7,25 @@ from pathlib import Path
 from calib.study.context import Context
 from calib.study.mesh_error import check_folder, mesh_error, save_mesh_error
 from calib.study.progress import progress_bar
-from calib.study.refine_stage import check_sets, load_refinement
+from calib.study.refine_stage import CHECKED, check_sets, load_refinement
 from calib.study.simulate_stage import manifest_files
 from calib.study.simulations import run_together
 from fe.campaign import Campaign
 
 
 def run(context: Context) -> list[Path]:
-    """Solve the finer mesh at the first refinement run and measure the difference.
+    """Solve the finer mesh at two of the runs at the posterior and measure the difference.
 
-    One npz and json a hypothesis. Raises CampaignFailed when a run on the finer mesh does not
-    reach the last increment.
+    One npz and json a hypothesis. Raises CampaignFailed when no run on the finer mesh reaches
+    the last increment.
     """
     with progress_bar("check mesh", "run", shown=context.show_progress) as progress:
         fine = run_together(check_sets(context), context.map_fn, progress)
     paths = []
     for hypothesis, campaign in zip(context.study.hypotheses, fine, strict=True):
         runs = load_refinement(context, hypothesis)
-        coarse = Campaign(runs.ratios[:1], runs.responses[:1], n_reused=1)
+        kept = tuple(runs.responses[i] for i in CHECKED)
+        coarse = Campaign(runs.ratios[CHECKED], kept, n_reused=len(kept))
         error = mesh_error(campaign, coarse, hypothesis.name)
         paths += save_mesh_error(context.out, hypothesis, context.study, error)
         paths += manifest_files(check_folder(context.out, hypothesis))

@@ -8,11 +8,12 @@ from pathlib import Path
 import numpy as np
 
 from calib.inference.coordinates import CONSTANTS, constants_of
-from calib.inference.forward import DirectForward
+from calib.inference.forward import DirectForward, MeshCorrection
 from calib.inference.map_estimate import MapPoint, MapResult, MapStatus, emulator_map, refine_map
 from calib.inference.posterior import Posterior
 from calib.study.artifacts import write_json
 from calib.study.context import Context, stream
+from calib.study.mesh_error import load_mesh_error
 from calib.study.posterior_setup import emulator_posterior
 from calib.study.progress import progress_bar
 from calib.study.refine_stage import load_refinement, refine_folder
@@ -30,6 +31,7 @@ class MapTask:
     posterior: Posterior
     simulate: StoredSimulate
     with_field: bool
+    correction: MeshCorrection
     sd: Array
     """(3,) posterior SD of x"""
     start: MapPoint
@@ -38,7 +40,7 @@ class MapTask:
 
 def search(task: MapTask) -> MapResult:
     """Refine the emulator's maximum with the FE model; every solve is kept on disk."""
-    direct = DirectForward(task.simulate, with_field=task.with_field)
+    direct = DirectForward(task.simulate, with_field=task.with_field, correction=task.correction)
     return refine_map(task.posterior, direct, task.start, task.sd)
 
 
@@ -57,7 +59,8 @@ def run(context: Context) -> list[Path]:
         )
         start = emulator_map(posterior, stored.sd, rng)
         with_field = posterior.likelihood.field is not None
-        tasks.append(MapTask(posterior, simulate, with_field, stored.sd, start))
+        correction = load_mesh_error(context.out, hypothesis).correction
+        tasks.append(MapTask(posterior, simulate, with_field, correction, stored.sd, start))
     found: dict[int, MapResult] = {}
     with progress_bar("maximum by FE", "hypothesis", shown=context.show_progress) as progress:
         progress(0, len(tasks))

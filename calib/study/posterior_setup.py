@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from calib.data import Dataset
 from calib.inference.forward import EmulatorForward
 from calib.inference.likelihood import build_likelihood
@@ -17,10 +15,6 @@ from calib.study.mesh_error import MeshError, load_mesh_error
 from calib.study.sections import Hypothesis, ParameterPrior
 from calib.study.train_stage import load_emulator
 from surrogate import ScaledEmulator
-
-FIELD_FLOOR = 0.5
-"""share of the mesh's RMS field difference that is added as independent error at every point: the
-true shape of the discretisation error is not exactly the one measured (assumption)"""
 
 
 def emulator_posterior(context: Context, hypothesis: Hypothesis) -> Posterior:
@@ -41,18 +35,19 @@ def posterior_of(
     mesh: MeshError,
     noise: NoiseSettings,
 ) -> Posterior:
-    """Prior of the study times the likelihood of the data under an emulator.
+    """Prior of the study times the likelihood of the data under a corrected emulator.
 
     Raises ValueError when the noise is impossible for the data.
     """
-    forward = EmulatorForward(emulator, with_field=dataset.field is not None)
+    forward = EmulatorForward(
+        emulator, with_field=dataset.field is not None, correction=mesh.correction
+    )
     likelihood = build_likelihood(
         dataset,
         forward,
         noise,
         force_discretisation=mesh.force,
-        field_discretisation=mesh.field,
-        field_floor=FIELD_FLOOR * float(np.sqrt(np.mean(mesh.field**2))),
+        field_floor=mesh.field_floor,
     )
     return Posterior(prior_of(study), likelihood)
 

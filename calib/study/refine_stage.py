@@ -26,7 +26,7 @@ from calib.study.progress import progress_bar
 from calib.study.sections import Hypothesis
 from calib.study.simulate_stage import load_design, manifest_files, nothing_to_run
 from calib.study.simulations import RunSet, run_together
-from calib.study.train_stage import FIRST, fit_and_judge, load_emulator, split
+from calib.study.train_stage import FIRST, fit_and_judge, has_field, load_emulator, split
 from fe.campaign import Campaign, run_campaign
 from fe.response import Array
 from surrogate import Emulator, ScaledEmulator, TrainingSet
@@ -34,9 +34,14 @@ from surrogate import Emulator, ScaledEmulator, TrainingSet
 CANDIDATE_MASS = 0.94
 """posterior mass of the region in which runs are added"""
 N_SECOND = 2
-"""runs of the second round: at the maximum and at the mean"""
-NOMINAL_MESH_ERROR = 0.02
+"""runs of the second round: at the maximum and at the mean; half of all runs where there is a
+field, which narrows the posterior to much less than the forces alone do"""
+CHECKED = [0, -1]
+"""runs at which the error of the mesh is measured: the mean of either round"""
+NOMINAL_FORCE_ERROR = 0.02
 """relative error of the force that stands in for the mesh's until it is measured"""
+NOMINAL_FIELD_ERROR = 0.005
+"""the same for the field, mm"""
 REFINEMENT = "refinement.json"
 SAME_POINT = 1e-4
 
@@ -44,21 +49,18 @@ SAME_POINT = 1e-4
 def run(context: Context) -> list[Path]:
     """Add runs at the posterior, train again; returns emulators, diagnostics and runs.
 
-    In two rounds: spread over the first emulator's posterior, then at the maximum and the mean of
-    the better emulator's, so that the final one has been at the place it names.
+    In two rounds: spread over the first emulator's posterior by the forces, then at the maximum
+    and the mean of the better emulator's by all data, so that the final one has been at the place
+    it names. The mean of either round is solved on the finer mesh too.
     """
     study = context.study
     sets = [_first_round(context, hypothesis) for hypothesis in study.hypotheses]
-    # The long runs on the finer mesh, which the next stage wants, go first in the same pool.
-    checks = _check_sets(context, sets)
-    with progress_bar("refine", "run", shown=context.show_progress) as progress:
-        campaigns = run_together([*checks, *sets], context.map_fn, progress)[len(checks) :]
+    campaigns = _run_with_checks(context, sets, CHECKED[:1], "refine")
     sets = [
         _second_round(context, hypothesis, run_set, added)
         for hypothesis, run_set, added in zip(study.hypotheses, sets, campaigns, strict=True)
     ]
-    with progress_bar("refine again", "run", shown=context.show_progress) as progress:
-        campaigns = run_together(sets, context.map_fn, progress)
+    campaigns = _run_with_checks(context, sets, CHECKED[1:], "refine again")
     training = {}
     errors = {}
     for hypothesis, added in zip(study.hypotheses, campaigns, strict=True):
@@ -84,7 +86,7 @@ def load_refinement(context: Context, hypothesis: Hypothesis) -> Campaign:
 
 
 def check_sets(context: Context) -> list[RunSet]:
-    """The run on the finer mesh at the posterior's mean, one set a hypothesis."""
+    """The runs on the finer mesh at the posterior's means, one set a hypothesis."""
     sets = [
         RunSet(
             context.sampling_model(hypothesis),
@@ -93,14 +95,23 @@ def check_sets(context: Context) -> list[RunSet]:
         )
         for hypothesis in context.study.hypotheses
     ]
-    return _check_sets(context, sets)
+    return _check_sets(context, sets, CHECKED)
 
 
-def _check_sets(context: Context, sets: list[RunSet]) -> list[RunSet]:
+def _run_with_checks(
+    context: Context, sets: list[RunSet], checked: list[int], name: str
+) -> list[Campaign]:
+    # The long runs on the finer mesh, which the next stage wants, go first in the same pool.
+    checks = _check_sets(context, sets, checked)
+    with progress_bar(name, "run", shown=context.show_progress) as progress:
+        return run_together([*checks, *sets], context.map_fn, progress)[len(checks) :]
+
+
+def _check_sets(context: Context, sets: list[RunSet], checked: list[int]) -> list[RunSet]:
     return [
         RunSet(
             context.model(hypothesis, context.study.mesh.check),
-            run_set.ratios[:1],
+            run_set.ratios[checked],
             check_folder(context.out, hypothesis),
             max_failure_rate=1.0,
         )
@@ -117,10 +128,11 @@ def refine_folder(out: Path, hypothesis: Hypothesis) -> Path:
     return out / "refine" / hypothesis.name
 
 
-def refinement_points(quadrature: Quadrature, n: int) -> Array:
-    """(n, 2) ratios (r, s) spread over the posterior: its mean, then ever the farthest node.
+def refinement_points(quadrature: Quadrature, n: int, *given: Array) -> Array:
+    """(n, 2) ratios (r, s) spread over the posterior: first its mean, then ever the farthest node.
 
-    Distance is in posterior SDs, among the nodes that hold `CANDIDATE_MASS` of the posterior.
+    Farthest from the mean, the points `given` (2,) and those before, in posterior SDs, among the
+    nodes that hold `CANDIDATE_MASS` of the posterior.
     """
     weights = quadrature.weights / quadrature.weights.sum()
     order = np.argsort(-weights)
@@ -130,7 +142,8 @@ def refinement_points(quadrature: Quadrature, n: int) -> Array:
     chosen = [quadrature.mean[1:]]
     while len(chosen) < n:
         distance = np.min(
-            [np.linalg.norm((candidates - point) / sd, axis=1) for point in chosen], axis=0
+            [np.linalg.norm((candidates - point) / sd, axis=1) for point in (*given, *chosen)],
+            axis=0,
         )
         chosen.append(candidates[int(np.argmax(distance))])
     return np.array(chosen)
@@ -138,8 +151,8 @@ def refinement_points(quadrature: Quadrature, n: int) -> Array:
 
 def _first_round(context: Context, hypothesis: Hypothesis) -> RunSet:
     emulator = load_emulator(context.out / FIRST, hypothesis)
-    first = integrate(_posterior(context.study, context.out, emulator))
-    n = context.study.design.n_refine - N_SECOND
+    first = integrate(_posterior(context.study, context.out, emulator, with_field=False))
+    n = context.study.design.n_refine - _n_second(context.study)
     return RunSet(
         context.sampling_model(hypothesis),
         refinement_points(first, n),
@@ -151,15 +164,20 @@ def _first_round(context: Context, hypothesis: Hypothesis) -> RunSet:
 def _second_round(
     context: Context, hypothesis: Hypothesis, first: RunSet, added: Campaign
 ) -> RunSet:
-    """The runs of the first round, and two at maximum and mean by the emulator with them."""
+    """The runs of the first round, then those by the emulator with them: the mean comes last."""
     training, _ = _training(context, hypothesis, added)
     emulator = Emulator.fit(training, context.study.seed)
-    posterior = _posterior(context.study, context.out, emulator)
+    posterior = _posterior(context.study, context.out, emulator, with_field=True)
     quadrature = integrate(posterior)
     rng = stream(context.study, f"refine {hypothesis.name}")
-    maximum = emulator_map(posterior, quadrature.sd, rng)
-    points = np.array([maximum.x[1:], quadrature.mean[1:]])
+    maximum = emulator_map(posterior, quadrature.sd, rng).x[1:]
+    n = _n_second(context.study)
+    points = np.array([maximum, *refinement_points(quadrature, n - 1, maximum)[::-1]])
     return replace(first, ratios=np.concatenate([first.ratios, points]))
+
+
+def _n_second(study: Study) -> int:
+    return max(N_SECOND, study.design.n_refine // 2) if has_field(study) else N_SECOND
 
 
 def _training(
@@ -170,16 +188,21 @@ def _training(
     return _joined(design, added), held_out
 
 
-def _posterior(study: Study, out: Path, emulator: Emulator) -> Posterior:
-    """The posterior by an emulator and the forces alone.
+def _posterior(study: Study, out: Path, emulator: Emulator, *, with_field: bool) -> Posterior:
+    """The posterior by an emulator and the forces, and if asked the field where there is one.
 
-    The mesh's error is not known yet, and a field would narrow the region to less than a first
-    emulator can tell; a nominal error of the force stands in.
+    The mesh's error is not known yet; a nominal one stands in. By a field the region would be
+    narrower than a first emulator can tell.
     """
-    forward = EmulatorForward(ScaledEmulator(emulator))
-    forces = replace(load_data(out).dataset, field=None)
+    dataset = load_data(out).dataset
+    if not with_field:
+        dataset = replace(dataset, field=None)
     likelihood = build_likelihood(
-        forces, forward, noise_of(study), force_discretisation=NOMINAL_MESH_ERROR
+        dataset,
+        EmulatorForward(ScaledEmulator(emulator), with_field=dataset.field is not None),
+        noise_of(study),
+        force_discretisation=NOMINAL_FORCE_ERROR,
+        field_floor=NOMINAL_FIELD_ERROR,
     )
     return Posterior(prior_of(study), likelihood)
 

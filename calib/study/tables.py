@@ -137,18 +137,21 @@ def mesh_table(errors: Mapping[str, Any]) -> Table:
     first = next(iter(errors.values()))
     rows = []
     for name, error in errors.items():
-        for ratios, signed in zip(error["ratios"], error["signed_force"], strict=True):
+        measured = zip(error["ratios"], error["signed_force"], error["field_rms"], strict=True)
+        for ratios, signed, field in measured:
             at = f"r = {ratios[0]:.3g}, s = {ratios[1]:.3g}"
             rows.append((f"{name}, force [%]", at, *(percent(value) for value in signed)))
-        field = [number(value, 2) for value in error["field_rms"]]
-        rows.append((f"{name}, field RMS [mm]", "", *field))
+            rows.append((f"{name}, field RMS [mm]", at, *(number(value, 2) for value in field)))
+        left = (f"{100 * value:.2f}" for value in error["force"])
+        rows.append((f"{name}, SD of force left [%]", "", *left))
     coarse, fine = (" x ".join(map(str, first[key])) for key in ("coarse_cells", "fine_cells"))
     return Table(
         f"Discretisation error: mesh {coarse} of the emulator's runs against {fine}",
         ("hypothesis", "measured at", *(f"{travel:g} mm" for travel in first["travel"])),
         tuple(rows),
-        "The likelihood takes this difference as a standard deviation of the model's force. It "
-        "is a difference of two meshes, not a bound on the error of the finer one.",
+        "Predictions are corrected by the mean difference. SD left: of the error that the "
+        "likelihood still allows for, half the difference and its spread over the points; it is "
+        "an estimate from two meshes, not a bound.",
     )
 
 
