@@ -89,6 +89,24 @@ def dense_force(like: Likelihood, theta: Array) -> tuple[Array, Array]:
     return data.force_mean - f, total
 
 
+def dense_joint(
+    like: Likelihood, theta: Array, residual: Array, covariance: Array
+) -> tuple[Array, Array]:
+    """Residual and covariance of force and field, with the travel's zero that they share.
+
+    `residual` and `covariance` are the field's, without the zero.
+    """
+    force_residual, force_covariance = dense_force(like, theta)
+    slope = slope_matrix(TRAVEL)
+    by_force = slope @ like.forward.predict(theta[None]).force[0]
+    by_field = np.tensordot(slope, FIELD.displacement, axes=1).ravel()
+    sd = NoiseSettings().travel_zero_sd
+    cross = sd**2 * np.outer(by_force, by_field)
+    own = covariance + sd**2 * np.outer(by_field, by_field)
+    both = np.block([[force_covariance, cross], [cross.T, own]])
+    return np.concatenate([force_residual, residual]), both
+
+
 @pytest.mark.parametrize("error", [0.0, 0.02])
 def test_force_likelihood_equals_the_dense_normal(error: float) -> None:
     like = likelihood(False, error)
@@ -114,10 +132,8 @@ def test_field_likelihood_equals_the_dense_normal(error: float) -> None:
         if prediction.weight_variance is not None:
             covariance = total + modes.T @ np.diag(prediction.weight_variance[i]) @ modes
         residual = FIELD.displacement.ravel() - prediction.weights[i] @ modes
-        dense = multivariate_normal.logpdf(residual, cov=covariance)
-        dense += multivariate_normal.logpdf(
-            dense_force(like, theta)[0], cov=dense_force(like, theta)[1]
-        )
+        joint, both = dense_joint(like, theta, residual, covariance)
+        dense = multivariate_normal.logpdf(joint, cov=both)
         assert like.log_prob(theta[None])[0] == pytest.approx(dense, rel=1e-8)
 
 
@@ -157,7 +173,6 @@ def test_pointwise_field_likelihood_is_the_conditional_normal_of_an_increment(
     like = likelihood(True)
     if direct:
         like = like.with_forward(DirectForward(BLOCK, with_field=True))
-    force_only = replace(like, field=None)
     theta = THETA[1:2]
     prediction = like.forward.predict(theta)
     like.log_prob(theta)
@@ -167,13 +182,13 @@ def test_pointwise_field_likelihood_is_the_conditional_normal_of_an_increment(
     if basis.modes is not None and prediction.weight_variance is not None:
         modes = basis.modes.reshape(4, -1)
         covariance = covariance + modes.T @ np.diag(prediction.weight_variance[0]) @ modes
-    mean = basis.fields(prediction.weights)[0].ravel()
-    rows = np.arange(5 * 21).reshape(5, 21)
+    field_residual = FIELD.displacement.ravel() - basis.fields(prediction.weights)[0].ravel()
+    residual, both = dense_joint(like, theta[0], field_residual, covariance)
+    rows = 5 + np.arange(5 * 21).reshape(5, 21)
     expected = [
-        conditional(mean, covariance, FIELD.displacement.ravel(), rows[i]) for i in range(5)
+        conditional(np.zeros(len(both)), both, residual, np.append(rows[i], i)) for i in range(5)
     ]
-    found = like.pointwise(theta)[0] - force_only.pointwise(theta)[0]
-    assert found == pytest.approx(np.array(expected), rel=1e-7)
+    assert like.pointwise(theta)[0] == pytest.approx(np.array(expected), rel=1e-7)
 
 
 @pytest.mark.parametrize("kernel", ["exponential", "squared_exponential"])

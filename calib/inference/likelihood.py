@@ -5,13 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+import numpy.typing as npt
 
-from calib.data.dataset import Dataset
+from calib.data.dataset import Dataset, FieldData
 from calib.inference.field_likelihood import FieldLikelihood
 from calib.inference.field_noise import Kernel, field_covariance
 from calib.inference.forward import ForwardModel, Prediction, identity_basis
-from calib.inference.gaussian import conditional_log_densities, log_density
+from calib.inference.gaussian import conditional_log_densities, log_density_along
 from calib.inference.noise import ForceErrors, NoiseSettings, force_errors, slope_matrix
+from calib.inference.shared_error import AlongError, marginal
 from fe.response import Array
 
 
@@ -19,8 +21,8 @@ from fe.response import Array
 class Likelihood:
     """ln p(data | theta) with all errors in the covariance, which depends on theta.
 
-    Force: N(y; f(theta), Sigma_mean + emulator + discretisation + travel zero).
-    Field: N(u; u(theta), noise + discretisation + emulator). Given theta the two are independent.
+    Force: N(y; f(theta), Sigma_mean + emulator + discretisation). Field: N(u; u(theta), noise +
+    discretisation + emulator). Given theta they share one error, the zero of the travel.
     """
 
     forward: ForwardModel
@@ -32,33 +34,48 @@ class Likelihood:
     def log_prob(self, theta: Array) -> Array:
         """(m,) log-likelihood at theta (m, 3); -inf where the forward model failed."""
         prediction = self.forward.predict(theta)
-        force = np.ascontiguousarray(prediction.force.T)
-        covariance = self.errors.covariance(force, prediction.force_covariance)
-        value = log_density(covariance, self.force[:, None] - force)
+        parts = [self._force_along(prediction, np.arange(self.force.size))]
         if self.field is not None:
-            value = value + self._field(self.field).log_prob(prediction)
-        return value
+            parts.append(self._field(self.field).along(prediction))
+        return marginal(parts)
 
     def pointwise(self, theta: Array) -> Array:
         """(m, n_step) log density of each increment given all others, for leave-one-out scores.
 
         Increments are dependent, so the density of one alone would count shared errors as if
         they were independent evidence (Buerkner, Gabry, Vehtari 2021). With a field, an
-        increment is its force and its field together.
+        increment is its force and its field together: log p(y) - log p(y without i).
         """
         prediction = self.forward.predict(theta)
-        value = conditional_log_densities(
-            self.force_covariance(prediction), self.force - prediction.force
-        )
-        if self.field is not None:
-            value = value + self._field(self.field).pointwise(prediction)
-        return value
+        if self.field is None:
+            return conditional_log_densities(
+                self.force_covariance(prediction), self.force - prediction.force
+            )
+        field = self._field(self.field)
+        steps = np.arange(self.force.size)
+        total = marginal([self._force_along(prediction, steps), field.along(prediction)])
+        columns = []
+        for index in range(steps.size):
+            force = self._force_along(prediction, np.delete(steps, index))
+            columns.append(total - marginal([force, field.without_step(prediction, index)]))
+        return np.column_stack(columns)
 
     def force_covariance(self, prediction: Prediction) -> Array:
-        """(m, n_step, n_step) covariance of the force residual, N^2."""
+        """(m, n_step, n_step) covariance of the force residual, the travel's zero included, N^2."""
         force = np.ascontiguousarray(prediction.force.T)
         covariance = self.errors.covariance(force, prediction.force_covariance)
+        shift = self.errors.zero_shift(force)
+        covariance += shift[:, None] * shift[None, :]
         return np.ascontiguousarray(covariance.transpose(2, 0, 1))
+
+    def _force_along(self, prediction: Prediction, steps: npt.NDArray[np.intp]) -> AlongError:
+        """Log density of the forces at `steps` along the travel's zero."""
+        force = np.ascontiguousarray(prediction.force.T)
+        covariance = self.errors.covariance(force, prediction.force_covariance)
+        residual = self.force[:, None] - force
+        return log_density_along(
+            covariance[np.ix_(steps, steps)], residual[steps], self.errors.zero_shift(force)[steps]
+        )
 
     def force_misfit(self, theta: Array) -> Array:
         """(m,) chi-square (y - f)^T Sigma^-1 (y - f) of the forces at theta (m, 3)."""
@@ -104,28 +121,20 @@ def build_likelihood(
     errors = force_errors(dataset, noise, force_discretisation)
     if dataset.field is None:
         return Likelihood(forward, dataset.force_mean, errors)
-    covariance = field_covariance(
-        dataset.field,
-        kernel=kernel,
-        floor=field_floor,
-        patterns=travel_zero_pattern(dataset, noise.travel_zero_sd),
-    )
+    covariance = field_covariance(dataset.field, kernel=kernel, floor=field_floor)
     basis = forward.field_basis
     if basis is None:
         # A direct model shows the shape of its field with its first run only.
         basis = identity_basis(dataset.field.displacement.shape)
-    field = FieldLikelihood(dataset.field.displacement, covariance, basis)
+    shared = travel_zero_field(dataset.travel, dataset.field, noise.travel_zero_sd)
+    field = FieldLikelihood(dataset.field.displacement, covariance, basis, shared)
     return Likelihood(forward, dataset.force_mean, errors, field)
 
 
-def travel_zero_pattern(dataset: Dataset, travel_zero_sd: float) -> Array:
-    """(1 or 0, n_step, n_point, 3) shift of the field by one SD of the travel's zero, mm.
+def travel_zero_field(travel: Array, field: FieldData, travel_zero_sd: float) -> Array:
+    """(n_step, n_point, 3) shift of the field by one SD of the travel's zero, mm.
 
-    From the measured field by the spline of `noise.slope_matrix`. That one error of zero moves
-    force and field together is neglected: each has it in its own covariance.
+    From the measured field by the spline of `noise.slope_matrix`.
     """
-    if dataset.field is None or travel_zero_sd == 0:
-        n_point = 0 if dataset.field is None else dataset.field.displacement.shape[1]
-        return np.zeros((0, dataset.travel.size, n_point, 3))
-    slope = np.tensordot(slope_matrix(dataset.travel), dataset.field.displacement, axes=1)
-    return travel_zero_sd * slope[None]
+    shift: Array = travel_zero_sd * np.tensordot(slope_matrix(travel), field.displacement, axes=1)
+    return shift

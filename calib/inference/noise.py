@@ -99,19 +99,21 @@ class ForceErrors:
                 f"discretisation: expected {n} relative SDs >= 0, got {self.discretisation}"
             )
 
-    def covariance(self, force: Array, emulator: Array | None = None) -> Array:
-        """(n_step, n_step, m) covariance of the residual, N^2, batch last.
+    def zero_shift(self, force: Array) -> Array:
+        """(n_step, m) change of the forces (n_step, m) by one SD of the travel's zero, N."""
+        shift: Array = (self.travel_zero_sd * self.slope) @ force
+        return shift
 
-        `force` (n_step, m) are predicted forces [N] and `emulator` (m, n_step, n_step) the
-        emulator's covariance [N^2]. The discretisation error is half common to all increments
-        and half independent: e_i f_i e_j f_j (0.5 + 0.5 delta_ij).
+    def covariance(self, force: Array, emulator: Array | None = None) -> Array:
+        """(n_step, n_step, m) covariance of the residual without the travel's zero, N^2.
+
+        The batch comes last. `force` (n_step, m) are predicted forces [N] and `emulator`
+        (m, n_step, n_step) the emulator's covariance [N^2]. The discretisation error is half common
+        to all increments and half independent: e_i f_i e_j f_j (0.5 + 0.5 delta_ij).
         """
         error = np.sqrt(0.5) * self.discretisation[:, None] * force
         total: Array = error[:, None] * error[None, :]
         total += self.mean[:, :, None]
-        if self.travel_zero_sd > 0:
-            shift = (self.travel_zero_sd * self.slope) @ force
-            total += shift[:, None] * shift[None, :]
         if emulator is not None:
             total += emulator.transpose(1, 2, 0)
         diagonal = np.arange(force.shape[0])
