@@ -99,7 +99,8 @@ def dense_joint(
     force_residual, force_covariance = dense_force(like, theta)
     slope = slope_matrix(TRAVEL)
     by_force = slope @ like.forward.predict(theta[None]).force[0]
-    by_field = np.tensordot(slope, FIELD.displacement, axes=1).ravel()
+    predicted = FIELD.displacement - residual.reshape(FIELD.displacement.shape)
+    by_field = np.tensordot(slope, predicted, axes=1).ravel()
     sd = NoiseSettings().travel_zero_sd
     cross = sd**2 * np.outer(by_force, by_field)
     own = covariance + sd**2 * np.outer(by_field, by_field)

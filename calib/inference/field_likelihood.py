@@ -18,9 +18,10 @@ from fe.response import Array
 class ProjectedField:
     """The field's misfit as a function of the k weights: exact, and independent of n_point.
 
-    With Sigma the error covariance, M the modes, d the measured field minus the offset and e the
-    shared error's field: precision G = M Sigma^-1 M^T, best weights w0 = G^-1 M Sigma^-1 d, misfit
-    of these c = d^T Sigma^-1 d - w0^T G w0.
+    With Sigma the error covariance, M the modes and d the measured field minus the offset:
+    precision G = M Sigma^-1 M^T, best weights w0 = G^-1 M Sigma^-1 d, misfit of these
+    c = d^T Sigma^-1 d - w0^T G w0. One SD of the error that field and forces share moves the
+    predicted field by e = (1, w) E, with E the shifted offset and modes.
     """
 
     precision: Array
@@ -29,31 +30,33 @@ class ProjectedField:
     """(k,) w0"""
     constant: float
     """-0.5 (c + ln |Sigma| + n ln 2 pi)"""
-    shared: Array
-    """(k,) M Sigma^-1 e"""
-    shared_pull: float
-    """d^T Sigma^-1 e"""
-    shared_precision: float
-    """e^T Sigma^-1 e"""
+    shared_modes: Array
+    """(k + 1, k) E Sigma^-1 M^T"""
+    shared_pull: Array
+    """(k + 1,) E Sigma^-1 d"""
+    shared_precision: Array
+    """(k + 1, k + 1) E Sigma^-1 E^T"""
 
     def along(self, weights: Array, variance: Array | None) -> AlongError:
         """Log-likelihood along the shared error, weights ~ N(weights, diag variance) integrated.
 
         N(d; M^T w + z e, Sigma + M^T V M) by Woodbury in the form I + V^1/2 G V^1/2, which stays
-        positive definite for V = 0 and for modes the data do not see.
+        positive definite for V = 0 and for modes the data do not see. The weights in e are taken
+        at their mean.
         """
         off = self.best - weights
         pulled = off @ self.precision
         misfit = np.einsum("mk,mk->m", off, pulled)
-        slope = self.shared_pull - weights @ self.shared
-        curvature = np.full(len(weights), self.shared_precision)
+        moved = np.column_stack([np.ones(len(weights)), weights])
+        by_mode = moved @ self.shared_modes
+        slope = moved @ self.shared_pull - np.einsum("mk,mk->m", weights, by_mode)
+        curvature = np.einsum("mi,ij,mj->m", moved, self.shared_precision, moved, optimize=True)
         if variance is not None:
             root = np.sqrt(variance).T
             matrix = root[:, None] * self.precision[:, :, None] * root[None, :]
             diagonal = np.arange(self.best.size)
             matrix[diagonal, diagonal] += 1.0
-            vectors = np.stack([root * pulled.T, root * self.shared[:, None]])
-            gained, logdet = gram_and_logdet(matrix, vectors)
+            gained, logdet = gram_and_logdet(matrix, np.stack([root * pulled.T, root * by_mode.T]))
             misfit = misfit - gained[0, 0] + logdet
             slope = slope - gained[0, 1]
             curvature = curvature - gained[1, 1]
@@ -61,29 +64,25 @@ class ProjectedField:
 
 
 def project(
-    observed: Array, covariance: FieldCovariance, basis: FieldBasis, shared: Array
+    difference: Array, covariance: FieldCovariance, modes: Array, shared: Array
 ) -> ProjectedField:
-    """Reduce a field (n_step, n_point, 3) to the modes of `basis`, which must not be identity.
+    """Reduce the measured field minus the offset (n_step, n_point, 3) to modes (k, ...).
 
-    `shared` (n_step, n_point, 3) is the field of one SD of the shared error, mm.
+    `shared` (k + 1, ...) is how one SD of the shared error moves the offset and each mode, mm.
     """
-    if basis.modes is None:
-        raise ValueError("basis: an identity basis has no modes to project on")
-    total = covariance.with_patterns(basis.truncation)
-    difference = observed - basis.offset
-    stacked = np.concatenate([basis.modes, shared[None], difference[None]])
-    products = total.inner(stacked, stacked)
-    precision, pull = products[:-2, :-2], products[:-2, -1]
+    k = len(modes)
+    stacked = np.concatenate([modes, shared, difference[None]])
+    products = covariance.inner(stacked, stacked)
+    precision, pull = products[:k, :k], products[:k, -1]
     best = np.asarray(np.linalg.lstsq(precision, pull, rcond=None)[0], dtype=np.float64)
     misfit = products[-1, -1] - best @ precision @ best
-    constant = -0.5 * (misfit + total.logdet + observed.size * LOG_2PI)
     return ProjectedField(
         precision=0.5 * (precision + precision.T),
         best=best,
-        constant=float(constant),
-        shared=products[:-2, -2],
-        shared_pull=float(products[-1, -2]),
-        shared_precision=float(products[-2, -2]),
+        constant=float(-0.5 * (misfit + covariance.logdet + difference.size * LOG_2PI)),
+        shared_modes=products[k:-1, :k],
+        shared_pull=products[k:-1, -1],
+        shared_precision=products[k:-1, k:-1],
     )
 
 
@@ -96,76 +95,84 @@ class FieldLikelihood:
     covariance: FieldCovariance
     """errors of measurement and mesh, without the emulator's and the shared error"""
     basis: FieldBasis
-    shared: Array
-    """(n_step, n_point, 3) one SD of the error that the field shares with the forces, mm"""
+    shift: Array
+    """(n_step, n_step) changes a predicted field by one SD of the error that it shares with the
+    forces: a matrix over increments. Of the predicted field, since the measured one has noise of
+    which the derivative over increments makes more"""
 
     def __post_init__(self) -> None:
         expected = self.covariance.shape
-        shapes = {
-            "observed": self.observed.shape,
-            "basis": self.basis.offset.shape,
-            "shared": self.shared.shape,
-        }
-        for name, shape in shapes.items():
+        for name, shape in (("observed", self.observed.shape), ("basis", self.basis.offset.shape)):
             if shape != expected:
                 raise ValueError(f"{name}: expected field of shape {expected}, found {shape}")
 
     @cached_property
     def projected(self) -> ProjectedField:
         """The projected problem (for a basis with modes)."""
-        return project(self.observed, self.covariance, self.basis, self.shared)
+        return self._project(None)
 
     @cached_property
-    def _left_out(self) -> tuple[FieldLikelihood, ...]:
-        """The same likelihood without each increment in turn."""
-        return tuple(self._without_step(i) for i in range(self.observed.shape[0]))
+    def _left_out(self) -> tuple[ProjectedField, ...]:
+        """The projected problem without each increment in turn."""
+        return tuple(self._project(i) for i in range(self.observed.shape[0]))
 
-    def _without_step(self, index: int) -> FieldLikelihood:
+    def _project(self, left_out: int | None) -> ProjectedField:
+        """The projected problem, without one increment if asked."""
+        if self.basis.modes is None:
+            raise ValueError("basis: an identity basis has no modes to project on")
         modes = self.basis.modes
-        basis = FieldBasis(
-            np.delete(self.basis.offset, index, axis=0),
-            None if modes is None else np.delete(modes, index, axis=1),
-            np.delete(self.basis.truncation, index, axis=1),
+        shared = self._shared(np.concatenate([self.basis.offset[None], modes]))
+        return project(
+            _without(self.observed - self.basis.offset, left_out, axis=0),
+            self._covariance(left_out),
+            _without(modes, left_out, axis=1),
+            _without(shared, left_out, axis=1),
         )
-        return FieldLikelihood(
-            np.delete(self.observed, index, axis=0),
-            self.covariance.without_step(index),
-            basis,
-            np.delete(self.shared, index, axis=0),
-        )
+
+    def _covariance(self, left_out: int | None) -> FieldCovariance:
+        """Errors of measurement and mesh and what the modes leave out."""
+        total = self.covariance.with_patterns(self.basis.truncation)
+        return total if left_out is None else total.without_step(left_out)
+
+    def _shared(self, fields: Array) -> Array:
+        """(q, n_step, n_point, 3) change of fields (q, ...) by one SD of the shared error, mm."""
+        shared: Array = np.einsum("ij,qjpc->qipc", self.shift, fields)
+        return shared
 
     def with_basis(self, basis: FieldBasis) -> FieldLikelihood:
         """The same data and errors for a model with another basis."""
         return replace(self, basis=basis)
 
-    def along(self, prediction: Prediction) -> AlongError:
-        """Log-likelihood of the field along the shared error; not finite where a solve failed."""
+    def along(self, prediction: Prediction, left_out: int | None = None) -> AlongError:
+        """Log-likelihood of the field along the shared error; not finite where a solve failed.
+
+        Of all increments, or all but one: marginals of a normal leave out its rows.
+        """
         weights = prediction.weights
         if weights is None:
             raise ValueError("prediction: holds no field although field data are to be compared")
         if self.basis.modes is not None:
-            return self.projected.along(weights, prediction.weight_variance)
-        return self._full(weights, prediction.field_factor)
+            projected = self.projected if left_out is None else self._left_out[left_out]
+            return projected.along(weights, prediction.weight_variance)
+        return self._full(weights, prediction.field_factor, left_out)
 
-    def _full(self, weights: Array, factor: Array | None) -> AlongError:
+    def _full(self, weights: Array, factor: Array | None, left_out: int | None) -> AlongError:
         """Whole fields, no basis: for the few evaluations of a direct model."""
-        truncated = self.covariance.with_patterns(self.basis.truncation)
+        truncated = self._covariance(left_out)
+        fields = self.basis.fields(weights)
+        residual = _without(self.observed - fields, left_out, axis=1)
+        shared = _without(self._shared(fields), left_out, axis=1)
         result = np.full((3, len(weights)), [[-np.inf], [0.0], [0.0]])
-        for index, field in enumerate(self.basis.fields(weights)):
-            if np.all(np.isfinite(field)):
-                covariance = truncated if factor is None else truncated.with_patterns(factor[index])
-                vectors = np.stack([self.observed - field, self.shared])
-                gram = covariance.inner(vectors, vectors)
-                misfit = gram[0, 0] + covariance.logdet + field.size * LOG_2PI
-                result[:, index] = -0.5 * misfit, gram[0, 1], gram[1, 1]
+        for index in np.flatnonzero(np.isfinite(fields).all(axis=(1, 2, 3))):
+            covariance = truncated
+            if factor is not None:
+                covariance = truncated.with_patterns(_without(factor[index], left_out, axis=1))
+            vectors = np.stack([residual[index], shared[index]])
+            gram = covariance.inner(vectors, vectors)
+            misfit = gram[0, 0] + covariance.logdet + residual[index].size * LOG_2PI
+            result[:, index] = -0.5 * misfit, gram[0, 1], gram[1, 1]
         return AlongError(*result)
 
-    def without_step(self, prediction: Prediction, index: int) -> AlongError:
-        """As `along`, for all increments but one: marginals of a normal leave out its rows."""
-        kept, factor = prediction.weights, prediction.field_factor
-        if self.basis.modes is None and kept is not None:
-            kept = np.delete(kept.reshape(-1, *self.observed.shape), index, axis=1)
-            kept = kept.reshape(len(kept), -1)
-        if factor is not None:
-            factor = np.delete(factor, index, axis=2)
-        return self._left_out[index].along(replace(prediction, weights=kept, field_factor=factor))
+
+def _without(values: Array, step: int | None, *, axis: int) -> Array:
+    return values if step is None else np.delete(values, step, axis=axis)

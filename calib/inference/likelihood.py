@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from calib.data.dataset import Dataset, FieldData
+from calib.data.dataset import Dataset
 from calib.inference.field_likelihood import FieldLikelihood
 from calib.inference.field_noise import Kernel, field_covariance
 from calib.inference.forward import ForwardModel, Prediction, identity_basis
@@ -57,7 +57,7 @@ class Likelihood:
         columns = []
         for index in range(steps.size):
             force = self._force_along(prediction, np.delete(steps, index))
-            columns.append(total - marginal([force, field.without_step(prediction, index)]))
+            columns.append(total - marginal([force, field.along(prediction, index)]))
         return np.column_stack(columns)
 
     def force_covariance(self, prediction: Prediction) -> Array:
@@ -126,15 +126,6 @@ def build_likelihood(
     if basis is None:
         # A direct model shows the shape of its field with its first run only.
         basis = identity_basis(dataset.field.displacement.shape)
-    shared = travel_zero_field(dataset.travel, dataset.field, noise.travel_zero_sd)
-    field = FieldLikelihood(dataset.field.displacement, covariance, basis, shared)
+    shift = noise.travel_zero_sd * slope_matrix(dataset.travel)
+    field = FieldLikelihood(dataset.field.displacement, covariance, basis, shift)
     return Likelihood(forward, dataset.force_mean, errors, field)
-
-
-def travel_zero_field(travel: Array, field: FieldData, travel_zero_sd: float) -> Array:
-    """(n_step, n_point, 3) shift of the field by one SD of the travel's zero, mm.
-
-    From the measured field by the spline of `noise.slope_matrix`.
-    """
-    shift: Array = travel_zero_sd * np.tensordot(slope_matrix(travel), field.displacement, axes=1)
-    return shift
