@@ -5,6 +5,11 @@ linear in the reference coordinates, displacement triquadratic (Q2/P1, inf-sup s
 Fortin, Mixed and Hybrid FEM, 1991, section VI).  Stationarity in p gives the displacement-only
 energy E = int W_iso + K/2 b' M^-1 b with b = int psi (J - 1), M = int psi psi', whose gradient is
 the condensed right-hand side of the u-p Newton step, so a line search on E costs nothing extra.
+
+Any other volumetric law K u(J) = K/2 (J - 1)^2 + K v(J) is taken at the projected dilation
+theta = psi' M^-1 b (three fields, as in Simo, Taylor and Pister, CMAME 51, 1985):
+E = int W_iso + K/2 b' M^-1 b + K int v(1 + theta).  The pressure is M^-1 int psi K u'(1 + theta),
+and M^-1 (int psi psi' K u'') M^-1 takes the place of K M^-1 in the tangent.
 """
 
 from __future__ import annotations
@@ -15,7 +20,10 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from fe.materials.invariant import cofactor, isochoric_energy, isochoric_stress
+from fe.materials.invariant import cofactor
+from fe.materials.isochoric import isochoric_energy, isochoric_stress
+from fe.materials.material import KernelMaterial
+from fe.materials.volumetric import QUADRATIC, deviation
 
 Array = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -46,7 +54,9 @@ class ElementSystem(NamedTuple):
     coupling: Array
     """(n_elem, n_p, n_a, 3) derivative of b = int psi (J - 1) in u, mm2"""
     constraint: Array
-    """(n_elem, n_p) b - M p / K, mm3"""
+    """(n_elem, n_p) b + int psi v'(1 + theta) - M p / K, mm3; v = 0 for the quadratic law"""
+    volume_stiffness: Array
+    """(n_elem, n_p, n_p) M^-1 (int psi psi' K v'') M^-1, MPa/mm3; 0 for the quadratic law"""
     tangent: Array
     """(n_elem, n_a, 3, 3, n_a) condensed tangent indexed [a, i, k, b], N/mm"""
 
@@ -68,6 +78,7 @@ def empty_system(elements: Elements) -> ElementSystem:
         residual=np.zeros((n_elem, n_a, 3)),
         coupling=np.zeros((n_elem, n_p, n_a, 3)),
         constraint=np.zeros((n_elem, n_p)),
+        volume_stiffness=np.zeros((n_elem, n_p, n_p)),
         tangent=np.zeros((n_elem, n_a, 3, 3, n_a)),
     )
 
@@ -94,10 +105,10 @@ def _deformation_gradient(H: Array, q: int, F: Array) -> None:
 
 
 @njit(cache=True)
-def element_energy(u: Array, elements: Elements, constants: Array, bulk: float) -> float:
+def element_energy(u: Array, elements: Elements, material: KernelMaterial) -> float:
     """Displacement-only energy of all elements, N mm; inf where some det F <= 0.
 
-    u (n_node, 3) mm; constants and bulk in MPa.
+    u (n_node, 3) mm.  Where a law is not finite at 1 + theta <= 0, the energy is inf there too.
     """
     n_elem, n_quad = elements.weights.shape
     n_p = elements.psi.shape[1]
@@ -113,13 +124,30 @@ def element_energy(u: Array, elements: Elements, constants: Array, bulk: float) 
             J = cofactor(F, cof)
             if not J > 0.0:
                 return np.inf
-            energy += elements.weights[e, q] * isochoric_energy(F, J, constants)
+            energy += elements.weights[e, q] * isochoric_energy(
+                material.law, F, J, material.constants
+            )
             for m in range(n_p):
                 b[m] += elements.weights[e, q] * elements.psi[q, m] * (J - 1.0)
         for m in range(n_p):
             for n in range(n_p):
-                energy += 0.5 * bulk * b[m] * elements.mass_inverse[e, m, n] * b[n]
+                energy += 0.5 * material.bulk * b[m] * elements.mass_inverse[e, m, n] * b[n]
+        if material.volumetric != QUADRATIC:
+            for q in range(n_quad):
+                theta = _dilation(b, elements, e, q)
+                v = deviation(material.volumetric, theta)[0]
+                energy += material.bulk * elements.weights[e, q] * v
     return energy
+
+
+@njit(cache=True)
+def _dilation(b: Array, elements: Elements, e: int, q: int) -> float:
+    """Projected dilation psi' M^-1 b at point q of element e."""
+    theta = 0.0
+    for m in range(b.size):
+        for n in range(b.size):
+            theta += elements.psi[q, m] * elements.mass_inverse[e, m, n] * b[n]
+    return theta
 
 
 @njit(cache=True)
@@ -127,16 +155,16 @@ def element_system(
     u: Array,
     p: Array,
     elements: Elements,
-    constants: Array,
-    bulk: float,
+    material: KernelMaterial,
     with_tangent: bool,
     system: ElementSystem,
 ) -> tuple[float, float]:
     """Residuals and condensed tangents of all elements; returns (energy N mm, smallest det F).
 
-    u (n_node, 3) mm, p (n_elem, n_p) MPa, constants and bulk in MPa; `system` is filled.
-    Returns early with energy inf where some det F <= 0: the arrays are then incomplete.
+    u (n_node, 3) mm, p (n_elem, n_p) MPa; `system` is filled.
+    Returns early with energy inf where `element_energy` is: the arrays are then incomplete.
     """
+    bulk = material.bulk
     n_elem, n_quad = elements.weights.shape
     n_a, n_p = elements.nodes.shape[1], elements.psi.shape[1]
     point = _Point(np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3, 3, 3)))
@@ -159,7 +187,14 @@ def element_system(
             for m in range(n_p):
                 pressure += elements.psi[q, m] * p[e, m]
             energy += w * isochoric_stress(
-                point.F, point.cof, J, constants, point.P, point.A, with_tangent
+                material.law,
+                point.F,
+                point.cof,
+                J,
+                material.constants,
+                point.P,
+                point.A,
+                with_tangent,
             )
             for m in range(n_p):
                 gap = J - 1.0 - pressure / bulk
@@ -168,10 +203,12 @@ def element_system(
             if with_tangent:
                 _add_pressure_tangent(point.A, point.F, pressure)
                 _tangent_rows(rows, G, q, w, point.A)
-        energy += _condensed_residual(np.dot(G.T, stack), p[e], elements, e, bulk, system)
+        energy += _condensed_residual(np.dot(G.T, stack), p[e], elements, e, material, system)
+        if energy == np.inf:
+            return energy, smallest
         if with_tangent:
             system.tangent[e] = np.dot(rows, G).reshape(n_a, 3, 3, n_a)
-            _condense(system.tangent[e], system.coupling[e], elements.mass_inverse[e], bulk)
+            _condense(system, elements, e, bulk)
     return energy, smallest
 
 
@@ -202,12 +239,18 @@ def _tangent_rows(rows: Array, G: Array, q: int, w: float, A: Array) -> None:
 
 @njit(cache=True)
 def _condensed_residual(
-    forces: Array, p: Array, elements: Elements, e: int, bulk: float, system: ElementSystem
+    forces: Array,
+    p: Array,
+    elements: Elements,
+    e: int,
+    material: KernelMaterial,
+    system: ElementSystem,
 ) -> float:
     """Fill coupling and residual of element e from its stacked nodal forces (n_a, 3 (1 + n_p)).
 
-    Returns the volumetric energy K/2 b' M^-1 b, where b = constraint + M p / K.
+    Returns the volumetric energy K/2 b' M^-1 b + K int v, where b = constraint + M p / K.
     """
+    bulk = material.bulk
     n_a, n_p = forces.shape[0], p.size
     b = np.zeros(n_p)
     lagrange = np.zeros(n_p)
@@ -219,6 +262,8 @@ def _condensed_residual(
                 pressure += elements.psi[q, n] * p[n]
             b[m] += elements.weights[e, q] * elements.psi[q, m] * pressure / bulk
     energy = 0.0
+    if material.volumetric != QUADRATIC:
+        energy += _add_deviation(b, elements, e, material, system)
     for m in range(n_p):
         for n in range(n_p):
             lagrange[m] += bulk * elements.mass_inverse[e, m, n] * system.constraint[e, n]
@@ -229,6 +274,29 @@ def _condensed_residual(
             for m in range(n_p):
                 system.coupling[e, m, a, i] = forces[a, 3 * (m + 1) + i]
                 system.residual[e, a, i] += forces[a, 3 * (m + 1) + i] * lagrange[m]
+    return energy
+
+
+@njit(cache=True)
+def _add_deviation(
+    b: Array, elements: Elements, e: int, material: KernelMaterial, system: ElementSystem
+) -> float:
+    """Add int psi v' to the constraint, fill the stiffness of v, return K int v; inf as v is."""
+    n_p = b.size
+    moment = np.zeros((n_p, n_p))
+    energy = 0.0
+    for q in range(elements.weights.shape[1]):
+        v, v1, v2 = deviation(material.volumetric, _dilation(b, elements, e, q))
+        if v == np.inf:
+            return np.inf
+        w = material.bulk * elements.weights[e, q]
+        energy += w * v
+        for m in range(n_p):
+            system.constraint[e, m] += elements.weights[e, q] * elements.psi[q, m] * v1
+            for n in range(n_p):
+                moment[m, n] += w * v2 * elements.psi[q, m] * elements.psi[q, n]
+    inverse = elements.mass_inverse[e]
+    system.volume_stiffness[e] = np.dot(np.dot(inverse, moment), inverse)
     return energy
 
 
@@ -251,13 +319,14 @@ def _add_pressure_tangent(A: Array, F: Array, pressure: float) -> None:
 
 
 @njit(cache=True)
-def _condense(tangent: Array, coupling: Array, mass_inverse: Array, bulk: float) -> None:
-    """Add K g' M^-1 g to tangent [a, i, k, b] with g = coupling (n_p, n_a, 3)."""
+def _condense(system: ElementSystem, elements: Elements, e: int, bulk: float) -> None:
+    """Add g' (K M^-1 + volume_stiffness) g to the tangent of element e, g = its coupling."""
+    tangent, coupling = system.tangent[e], system.coupling[e]
     n_p, n_a, _ = coupling.shape
     scaled = np.zeros((n_p, n_a, 3))
     for m in range(n_p):
         for n in range(n_p):
-            factor = bulk * mass_inverse[m, n]
+            factor = bulk * elements.mass_inverse[e, m, n] + system.volume_stiffness[e, m, n]
             if factor != 0.0:
                 scaled[m] += factor * coupling[n]
     for k in range(3):
