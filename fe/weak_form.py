@@ -24,6 +24,12 @@ from fe.materials.invariant import cofactor
 from fe.materials.isochoric import isochoric_energy, isochoric_stress
 from fe.materials.material import KernelMaterial
 from fe.materials.volumetric import QUADRATIC, deviation
+from fe.volume_condensation import (
+    add_condensed_tangent,
+    add_deviation,
+    add_pressure_tangent,
+    dilation,
+)
 
 Array = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -134,20 +140,10 @@ def element_energy(u: Array, elements: Elements, material: KernelMaterial) -> fl
                 energy += 0.5 * material.bulk * b[m] * elements.mass_inverse[e, m, n] * b[n]
         if material.volumetric != QUADRATIC:
             for q in range(n_quad):
-                theta = _dilation(b, elements, e, q)
+                theta = dilation(b, elements.psi[q], elements.mass_inverse[e])
                 v = deviation(material.volumetric, theta)[0]
                 energy += material.bulk * elements.weights[e, q] * v
     return energy
-
-
-@njit(cache=True)
-def _dilation(b: Array, elements: Elements, e: int, q: int) -> float:
-    """Projected dilation psi' M^-1 b at point q of element e."""
-    theta = 0.0
-    for m in range(b.size):
-        for n in range(b.size):
-            theta += elements.psi[q, m] * elements.mass_inverse[e, m, n] * b[n]
-    return theta
 
 
 @njit(cache=True)
@@ -201,14 +197,15 @@ def element_system(
                 system.constraint[e, m] += w * elements.psi[q, m] * gap
             _stack_forces(stack, q, w, pressure, point, elements.psi[q])
             if with_tangent:
-                _add_pressure_tangent(point.A, point.F, pressure)
+                add_pressure_tangent(point.A, point.F, pressure)
                 _tangent_rows(rows, G, q, w, point.A)
         energy += _condensed_residual(np.dot(G.T, stack), p[e], elements, e, material, system)
         if energy == np.inf:
             return energy, smallest
         if with_tangent:
             system.tangent[e] = np.dot(rows, G).reshape(n_a, 3, 3, n_a)
-            _condense(system, elements, e, bulk)
+            stiffness = bulk * elements.mass_inverse[e] + system.volume_stiffness[e]
+            add_condensed_tangent(system.tangent[e], system.coupling[e], stiffness)
     return energy, smallest
 
 
@@ -263,7 +260,15 @@ def _condensed_residual(
             b[m] += elements.weights[e, q] * elements.psi[q, m] * pressure / bulk
     energy = 0.0
     if material.volumetric != QUADRATIC:
-        energy += _add_deviation(b, elements, e, material, system)
+        energy += add_deviation(
+            b,
+            elements.weights[e],
+            elements.psi,
+            elements.mass_inverse[e],
+            material,
+            system.constraint[e],
+            system.volume_stiffness[e],
+        )
     for m in range(n_p):
         for n in range(n_p):
             lagrange[m] += bulk * elements.mass_inverse[e, m, n] * system.constraint[e, n]
@@ -275,65 +280,3 @@ def _condensed_residual(
                 system.coupling[e, m, a, i] = forces[a, 3 * (m + 1) + i]
                 system.residual[e, a, i] += forces[a, 3 * (m + 1) + i] * lagrange[m]
     return energy
-
-
-@njit(cache=True)
-def _add_deviation(
-    b: Array, elements: Elements, e: int, material: KernelMaterial, system: ElementSystem
-) -> float:
-    """Add int psi v' to the constraint, fill the stiffness of v, return K int v; inf as v is."""
-    n_p = b.size
-    moment = np.zeros((n_p, n_p))
-    energy = 0.0
-    for q in range(elements.weights.shape[1]):
-        v, v1, v2 = deviation(material.volumetric, _dilation(b, elements, e, q))
-        if v == np.inf:
-            return np.inf
-        w = material.bulk * elements.weights[e, q]
-        energy += w * v
-        for m in range(n_p):
-            system.constraint[e, m] += elements.weights[e, q] * elements.psi[q, m] * v1
-            for n in range(n_p):
-                moment[m, n] += w * v2 * elements.psi[q, m] * elements.psi[q, n]
-    inverse = elements.mass_inverse[e]
-    system.volume_stiffness[e] = np.dot(np.dot(inverse, moment), inverse)
-    return energy
-
-
-@njit(cache=True)
-def _add_pressure_tangent(A: Array, F: Array, pressure: float) -> None:
-    """Add pressure * d2J/dFdF to A: d cof[i, j] / dF[k, m] = eps_ikx eps_jmy F[x, y]."""
-    for i in range(3):
-        for k in range(3):
-            if i == k:
-                continue
-            x = 3 - i - k
-            sign_row = 1.0 if (k - i) % 3 == 1 else -1.0
-            for j in range(3):
-                for m in range(3):
-                    if j == m:
-                        continue
-                    y = 3 - j - m
-                    sign_column = 1.0 if (m - j) % 3 == 1 else -1.0
-                    A[i, j, k, m] += pressure * sign_row * sign_column * F[x, y]
-
-
-@njit(cache=True)
-def _condense(system: ElementSystem, elements: Elements, e: int, bulk: float) -> None:
-    """Add g' (K M^-1 + volume_stiffness) g to the tangent of element e, g = its coupling."""
-    tangent, coupling = system.tangent[e], system.coupling[e]
-    n_p, n_a, _ = coupling.shape
-    scaled = np.zeros((n_p, n_a, 3))
-    for m in range(n_p):
-        for n in range(n_p):
-            factor = bulk * elements.mass_inverse[e, m, n] + system.volume_stiffness[e, m, n]
-            if factor != 0.0:
-                scaled[m] += factor * coupling[n]
-    for k in range(3):
-        for m in range(n_p):
-            column = np.ascontiguousarray(scaled[m, :, k])
-            for a in range(n_a):
-                for i in range(3):
-                    g = coupling[m, a, i]
-                    for b in range(n_a):
-                        tangent[a, i, k, b] += g * column[b]

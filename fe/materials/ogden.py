@@ -29,6 +29,12 @@ def sinhc(x: float) -> float:
 
 
 @njit(cache=True)
+def expm1c(x: float) -> float:
+    """(exp(x) - 1) / x, 1 at 0."""
+    return math.expm1(x) / x if x != 0.0 else 1.0
+
+
+@njit(cache=True)
 def derivatives(law: int, e: float, constants: Array) -> tuple[float, float, float]:
     """(w, dw/de, d2w/de2), MPa, of the law or of its slope at the logarithmic stretch e."""
     w, w1, w2 = 0.0, 0.0, 0.0
@@ -36,14 +42,16 @@ def derivatives(law: int, e: float, constants: Array) -> tuple[float, float, flo
         for p in range(0, constants.size, 2):
             mu, alpha = constants[p], constants[p + 1]
             power = math.exp(alpha * e)
-            w += mu / alpha * math.expm1(alpha * e)
+            w += mu * e * expm1c(alpha * e)
             w1 += mu * power
             w2 += mu * alpha * power
         return w, w1, w2
     for p in range(0, constants.size, 4):
         mu, alpha, dmu, dalpha = constants[p], constants[p + 1], constants[p + 2], constants[p + 3]
-        power, less_one = math.exp(alpha * e), math.expm1(alpha * e)
-        w += dmu / alpha * less_one + mu * dalpha / alpha * (e * power - less_one / alpha)
+        x = alpha * e
+        power = math.exp(x)
+        w += dmu * e * expm1c(x)
+        w += mu * dalpha * e * e * ((power - expm1c(x)) / x if x != 0.0 else 0.5)
         w1 += (dmu + mu * dalpha * e) * power
         w2 += (dmu * alpha + mu * dalpha * (1.0 + alpha * e)) * power
     return w, w1, w2
