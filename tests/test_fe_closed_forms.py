@@ -11,7 +11,7 @@ from fe.closed_forms import equibiaxial, nominal_stress, pure_shear, simple_shea
 from fe.materials import LAWS, Material, bulk_modulus, material
 from fe.materials.volumetric import VOLUMETRIC_CODES, pressure
 
-STRETCHES = np.array([0.6, 0.9, 1.0, 1.001, 1.4, 2.5])
+STRETCHES = np.array([0.6, 0.9, 1.0, 1.001, 1.4, 2.5, 6.0])
 MODES = {
     "uniaxial": (uniaxial, lambda lam, t: (lam, t, t), -0.5),
     "equibiaxial": (equibiaxial, lambda lam, t: (lam, lam, t), -2.0),

@@ -155,6 +155,16 @@ def test_small_strain_tangent_is_that_of_the_shear_modulus(law):
 
 
 @every_law
+def test_energy_and_stress_scale_with_the_constants_that_are_stresses(law):
+    m, F = make(law), random_F(6)
+    factors = np.where(m.law.scales_stress, 0.037, 1.0)
+    scaled = dataclasses.replace(m, constants=tuple(factors * m.constants))
+    assert energy(F, scaled.kernel()) == pytest.approx(0.037 * energy(F, m.kernel()), rel=1e-13)
+    for a, b in zip(stress(F, scaled.kernel()), stress(F, m.kernel()), strict=True):
+        np.testing.assert_allclose(a, 0.037 * b, rtol=0, atol=1e-13 * np.abs(a).max())
+
+
+@every_law
 def test_the_slope_of_a_law_is_its_difference_quotient_in_the_constants(law):
     m, F, h = make(law), random_F(1), 1e-6
     direction = np.random.default_rng(2).standard_normal(len(m.constants))
