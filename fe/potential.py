@@ -10,7 +10,10 @@ import numpy.typing as npt
 from fe import contact, weak_form
 from fe.contact import TIED_TO_PIN, ContactMemory, Faces, RigidPin
 from fe.discretisation import Pattern, add_entries
+from fe.materials.law import MOONEY_RIVLIN_3
+from fe.materials.material import KernelMaterial, Material
 from fe.materials.mooney_rivlin import RATIO_DERIVATIVES
+from fe.materials.volumetric import deviation_slopes
 from fe.weak_form import Elements
 
 Array = npt.NDArray[np.float64]
@@ -24,17 +27,12 @@ class Problem:
     faces: Faces
     pattern: Pattern
     pin: RigidPin
-    constants: Array
-    """(C10, C01, C11), MPa"""
-    bulk: float
-    """bulk modulus, MPa"""
+    material: Material
 
     def __post_init__(self) -> None:
-        if not self.bulk > 0.0:
-            raise ValueError(f"bulk: expected a modulus above 0 MPa, found {self.bulk}")
-        if not self.constants[0] + self.constants[1] > 0.0:
+        if not np.isfinite(self.material.bulk):
             raise ValueError(
-                f"constants: expected C10 + C01 > 0 MPa, found {self.constants[:2].tolist()}"
+                f"material: expected a finite bulk modulus, MPa, found {self.material.bulk}"
             )
 
 
@@ -62,6 +60,7 @@ class Potential:
 
     def __init__(self, problem: Problem) -> None:
         self.problem = problem
+        self._material = problem.material.kernel()
         self._system = weak_form.empty_system(problem.elements)
         self._contact_system = contact.empty_system(problem.faces)
         self._free = problem.pattern.number >= 0
@@ -77,9 +76,7 @@ class Potential:
     def energy(self, u: Array, travel: float, memory: ContactMemory) -> float:
         """Potential (N mm) at displacement u (n_node, 3) mm; inf where some det F <= 0."""
         problem = self.problem
-        inner: float = weak_form.element_energy(
-            u, problem.elements, problem.constants, problem.bulk
-        )
+        inner: float = weak_form.element_energy(u, problem.elements, self._material)
         if not np.isfinite(inner):
             return inner
         return inner + self._contact(u, travel, memory, with_derivatives=False)[0]
@@ -88,7 +85,7 @@ class Potential:
         """Potential, gradient and condensed tangent at (u, p) and pin travel (mm)."""
         problem = self.problem
         energy, smallest = weak_form.element_system(
-            u, p, problem.elements, problem.constants, problem.bulk, True, self._system
+            u, p, problem.elements, self._material, True, self._system
         )
         contact_energy, pin_force = self._contact(u, travel, memory, with_derivatives=True)
         forces = self._contact_system.force
@@ -118,9 +115,10 @@ class Potential:
         Uses coupling and constraint of the last `assemble`.
         """
         e = self.problem.elements
-        change = np.einsum("emai,eai->em", self._system.coupling, du[e.nodes])
-        change += self._system.constraint
-        dp: Array = self.problem.bulk * np.einsum("emn,en->em", e.mass_inverse, change)
+        volume = np.einsum("emai,eai->em", self._system.coupling, du[e.nodes])
+        change = volume + self._system.constraint
+        dp: Array = self._material.bulk * np.einsum("emn,en->em", e.mass_inverse, change)
+        dp += np.einsum("emn,en->em", self._system.volume_stiffness, volume)
         return dp
 
     def consistent_pressure(self, u: Array) -> Array:
@@ -128,27 +126,48 @@ class Potential:
         e = self.problem.elements
         F = np.einsum("eai,eqja->eqij", u[e.nodes], e.gradients) + np.eye(3)
         b = np.einsum("eq,qm,eq->em", e.weights, e.psi, np.linalg.det(F) - 1.0)
-        p: Array = self.problem.bulk * np.einsum("emn,en->em", e.mass_inverse, b)
+        coefficients = np.einsum("emn,en->em", e.mass_inverse, b)
+        theta = np.einsum("qm,em->eq", e.psi, coefficients)
+        slopes = deviation_slopes(self._material.volumetric, theta)
+        b += np.einsum("eq,qm,eq->em", e.weights, e.psi, slopes)
+        p: Array = self._material.bulk * np.einsum("emn,en->em", e.mass_inverse, b)
         return p
+
+    def constants_gradient(self, u: Array, directions: Array | None = None) -> Array:
+        """(n_free, n_direction) derivative of the gradient along changes of the constants, N/MPa.
+
+        `directions` (n_direction, n_constant) are changes of the constants, each constant by
+        itself when not given.  Bulk modulus, contact and u (n_node, 3) mm are held.
+        """
+        material = self.problem.material
+        if directions is None:
+            directions = np.eye(len(material.constants))
+        elements = self.problem.elements
+        no_volume = elements._replace(mass_inverse=np.zeros_like(elements.mass_inverse))
+        columns = [self._residual(u, no_volume, material.slope(d)) for d in directions]
+        return np.stack(columns, axis=1)
+
+    def bulk_gradient(self, u: Array) -> Array:
+        """(n_free,) derivative of the gradient at u (n_node, 3) mm in the bulk modulus, N/MPa."""
+        return self._residual(u, self.problem.elements, self.problem.material.bulk_slope())
 
     def ratio_gradient(self, u: Array) -> Array:
         """(n_free, 2) derivative of the gradient with respect to (r, s) at kappa = C10 + C01, N.
 
-        The law is linear in its constants, so this is the residual of the material with the
-        constants' derivatives and no pressure; the bulk modulus does not depend on (r, s).
+        Raises ValueError when the law is not Mooney-Rivlin with three constants.
         """
-        elements = self.problem.elements
-        kappa = float(self.problem.constants[0] + self.problem.constants[1])
-        no_volume = elements._replace(mass_inverse=np.zeros_like(elements.mass_inverse))
-        no_pressure = np.zeros((elements.nodes.shape[0], elements.psi.shape[1]))
+        material = self.problem.material
+        if material.law != MOONEY_RIVLIN_3:
+            raise ValueError(f"law: expected {MOONEY_RIVLIN_3.name}, found {material.law.name}")
+        kappa = material.constants[0] + material.constants[1]
+        return self.constants_gradient(u, kappa * RATIO_DERIVATIVES)
+
+    def _residual(self, u: Array, elements: Elements, material: KernelMaterial) -> Array:
+        """(n_free,) gradient of the inner energy of `material`, whatever that of the problem."""
         system = weak_form.empty_system(elements)
-        columns = []
-        for direction in RATIO_DERIVATIVES:
-            weak_form.element_system(
-                u, no_pressure, no_volume, kappa * direction, 1.0, False, system
-            )
-            columns.append(self._sum_elements(system.residual)[self._free])
-        return np.stack(columns, axis=1)
+        no_pressure = np.zeros((elements.nodes.shape[0], elements.psi.shape[1]))
+        weak_form.element_system(u, no_pressure, elements, material, False, system)
+        return self._sum_elements(system.residual)[self._free]
 
     def anchor_gradient(self, memory: ContactMemory) -> tuple[Array, Array]:
         """Derivative through moving anchors: (gradient (n_free, 2) N, pin force (2,) N)."""

@@ -5,6 +5,11 @@ linear in the reference coordinates, displacement triquadratic (Q2/P1, inf-sup s
 Fortin, Mixed and Hybrid FEM, 1991, section VI).  Stationarity in p gives the displacement-only
 energy E = int W_iso + K/2 b' M^-1 b with b = int psi (J - 1), M = int psi psi', whose gradient is
 the condensed right-hand side of the u-p Newton step, so a line search on E costs nothing extra.
+
+Any other volumetric law K u(J) = K/2 (J - 1)^2 + K v(J) is taken at the projected dilation
+theta = psi' M^-1 b (three fields, as in Simo, Taylor and Pister, CMAME 51, 1985):
+E = int W_iso + K/2 b' M^-1 b + K int v(1 + theta).  The pressure is M^-1 int psi K u'(1 + theta),
+and M^-1 (int psi psi' K u'') M^-1 takes the place of K M^-1 in the tangent.
 """
 
 from __future__ import annotations
@@ -15,7 +20,16 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from fe.materials.invariant import cofactor, isochoric_energy, isochoric_stress
+from fe.materials.invariant import cofactor
+from fe.materials.isochoric import isochoric_energy, isochoric_stress
+from fe.materials.material import KernelMaterial
+from fe.materials.volumetric import QUADRATIC, deviation
+from fe.volume_condensation import (
+    add_condensed_tangent,
+    add_deviation,
+    add_pressure_tangent,
+    dilation,
+)
 
 Array = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -46,7 +60,9 @@ class ElementSystem(NamedTuple):
     coupling: Array
     """(n_elem, n_p, n_a, 3) derivative of b = int psi (J - 1) in u, mm2"""
     constraint: Array
-    """(n_elem, n_p) b - M p / K, mm3"""
+    """(n_elem, n_p) b + int psi v'(1 + theta) - M p / K, mm3; v = 0 for the quadratic law"""
+    volume_stiffness: Array
+    """(n_elem, n_p, n_p) M^-1 (int psi psi' K v'') M^-1, MPa/mm3; 0 for the quadratic law"""
     tangent: Array
     """(n_elem, n_a, 3, 3, n_a) condensed tangent indexed [a, i, k, b], N/mm"""
 
@@ -68,6 +84,7 @@ def empty_system(elements: Elements) -> ElementSystem:
         residual=np.zeros((n_elem, n_a, 3)),
         coupling=np.zeros((n_elem, n_p, n_a, 3)),
         constraint=np.zeros((n_elem, n_p)),
+        volume_stiffness=np.zeros((n_elem, n_p, n_p)),
         tangent=np.zeros((n_elem, n_a, 3, 3, n_a)),
     )
 
@@ -94,10 +111,10 @@ def _deformation_gradient(H: Array, q: int, F: Array) -> None:
 
 
 @njit(cache=True)
-def element_energy(u: Array, elements: Elements, constants: Array, bulk: float) -> float:
+def element_energy(u: Array, elements: Elements, material: KernelMaterial) -> float:
     """Displacement-only energy of all elements, N mm; inf where some det F <= 0.
 
-    u (n_node, 3) mm; constants and bulk in MPa.
+    u (n_node, 3) mm.  Where a law is not finite at 1 + theta <= 0, the energy is inf there too.
     """
     n_elem, n_quad = elements.weights.shape
     n_p = elements.psi.shape[1]
@@ -113,12 +130,19 @@ def element_energy(u: Array, elements: Elements, constants: Array, bulk: float) 
             J = cofactor(F, cof)
             if not J > 0.0:
                 return np.inf
-            energy += elements.weights[e, q] * isochoric_energy(F, J, constants)
+            energy += elements.weights[e, q] * isochoric_energy(
+                material.law, F, J, material.constants
+            )
             for m in range(n_p):
                 b[m] += elements.weights[e, q] * elements.psi[q, m] * (J - 1.0)
         for m in range(n_p):
             for n in range(n_p):
-                energy += 0.5 * bulk * b[m] * elements.mass_inverse[e, m, n] * b[n]
+                energy += 0.5 * material.bulk * b[m] * elements.mass_inverse[e, m, n] * b[n]
+        if material.volumetric != QUADRATIC:
+            for q in range(n_quad):
+                theta = dilation(b, elements.psi[q], elements.mass_inverse[e])
+                v = deviation(material.volumetric, theta)[0]
+                energy += material.bulk * elements.weights[e, q] * v
     return energy
 
 
@@ -127,16 +151,16 @@ def element_system(
     u: Array,
     p: Array,
     elements: Elements,
-    constants: Array,
-    bulk: float,
+    material: KernelMaterial,
     with_tangent: bool,
     system: ElementSystem,
 ) -> tuple[float, float]:
     """Residuals and condensed tangents of all elements; returns (energy N mm, smallest det F).
 
-    u (n_node, 3) mm, p (n_elem, n_p) MPa, constants and bulk in MPa; `system` is filled.
-    Returns early with energy inf where some det F <= 0: the arrays are then incomplete.
+    u (n_node, 3) mm, p (n_elem, n_p) MPa; `system` is filled.
+    Returns early with energy inf where `element_energy` is: the arrays are then incomplete.
     """
+    bulk = material.bulk
     n_elem, n_quad = elements.weights.shape
     n_a, n_p = elements.nodes.shape[1], elements.psi.shape[1]
     point = _Point(np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3, 3, 3)))
@@ -159,19 +183,29 @@ def element_system(
             for m in range(n_p):
                 pressure += elements.psi[q, m] * p[e, m]
             energy += w * isochoric_stress(
-                point.F, point.cof, J, constants, point.P, point.A, with_tangent
+                material.law,
+                point.F,
+                point.cof,
+                J,
+                material.constants,
+                point.P,
+                point.A,
+                with_tangent,
             )
             for m in range(n_p):
                 gap = J - 1.0 - pressure / bulk
                 system.constraint[e, m] += w * elements.psi[q, m] * gap
             _stack_forces(stack, q, w, pressure, point, elements.psi[q])
             if with_tangent:
-                _add_pressure_tangent(point.A, point.F, pressure)
+                add_pressure_tangent(point.A, point.F, pressure)
                 _tangent_rows(rows, G, q, w, point.A)
-        energy += _condensed_residual(np.dot(G.T, stack), p[e], elements, e, bulk, system)
+        energy += _condensed_residual(np.dot(G.T, stack), p[e], elements, e, material, system)
+        if energy == np.inf:
+            return energy, smallest
         if with_tangent:
             system.tangent[e] = np.dot(rows, G).reshape(n_a, 3, 3, n_a)
-            _condense(system.tangent[e], system.coupling[e], elements.mass_inverse[e], bulk)
+            stiffness = bulk * elements.mass_inverse[e] + system.volume_stiffness[e]
+            add_condensed_tangent(system.tangent[e], system.coupling[e], stiffness)
     return energy, smallest
 
 
@@ -202,12 +236,18 @@ def _tangent_rows(rows: Array, G: Array, q: int, w: float, A: Array) -> None:
 
 @njit(cache=True)
 def _condensed_residual(
-    forces: Array, p: Array, elements: Elements, e: int, bulk: float, system: ElementSystem
+    forces: Array,
+    p: Array,
+    elements: Elements,
+    e: int,
+    material: KernelMaterial,
+    system: ElementSystem,
 ) -> float:
     """Fill coupling and residual of element e from its stacked nodal forces (n_a, 3 (1 + n_p)).
 
-    Returns the volumetric energy K/2 b' M^-1 b, where b = constraint + M p / K.
+    Returns the volumetric energy K/2 b' M^-1 b + K int v, where b = constraint + M p / K.
     """
+    bulk = material.bulk
     n_a, n_p = forces.shape[0], p.size
     b = np.zeros(n_p)
     lagrange = np.zeros(n_p)
@@ -219,6 +259,16 @@ def _condensed_residual(
                 pressure += elements.psi[q, n] * p[n]
             b[m] += elements.weights[e, q] * elements.psi[q, m] * pressure / bulk
     energy = 0.0
+    if material.volumetric != QUADRATIC:
+        energy += add_deviation(
+            b,
+            elements.weights[e],
+            elements.psi,
+            elements.mass_inverse[e],
+            material,
+            system.constraint[e],
+            system.volume_stiffness[e],
+        )
     for m in range(n_p):
         for n in range(n_p):
             lagrange[m] += bulk * elements.mass_inverse[e, m, n] * system.constraint[e, n]
@@ -230,41 +280,3 @@ def _condensed_residual(
                 system.coupling[e, m, a, i] = forces[a, 3 * (m + 1) + i]
                 system.residual[e, a, i] += forces[a, 3 * (m + 1) + i] * lagrange[m]
     return energy
-
-
-@njit(cache=True)
-def _add_pressure_tangent(A: Array, F: Array, pressure: float) -> None:
-    """Add pressure * d2J/dFdF to A: d cof[i, j] / dF[k, m] = eps_ikx eps_jmy F[x, y]."""
-    for i in range(3):
-        for k in range(3):
-            if i == k:
-                continue
-            x = 3 - i - k
-            sign_row = 1.0 if (k - i) % 3 == 1 else -1.0
-            for j in range(3):
-                for m in range(3):
-                    if j == m:
-                        continue
-                    y = 3 - j - m
-                    sign_column = 1.0 if (m - j) % 3 == 1 else -1.0
-                    A[i, j, k, m] += pressure * sign_row * sign_column * F[x, y]
-
-
-@njit(cache=True)
-def _condense(tangent: Array, coupling: Array, mass_inverse: Array, bulk: float) -> None:
-    """Add K g' M^-1 g to tangent [a, i, k, b] with g = coupling (n_p, n_a, 3)."""
-    n_p, n_a, _ = coupling.shape
-    scaled = np.zeros((n_p, n_a, 3))
-    for m in range(n_p):
-        for n in range(n_p):
-            factor = bulk * mass_inverse[m, n]
-            if factor != 0.0:
-                scaled[m] += factor * coupling[n]
-    for k in range(3):
-        for m in range(n_p):
-            column = np.ascontiguousarray(scaled[m, :, k])
-            for a in range(n_a):
-                for i in range(3):
-                    g = coupling[m, a, i]
-                    for b in range(n_a):
-                        tangent[a, i, k, b] += g * column[b]

@@ -1,4 +1,4 @@
-"""Chain rule from the derivatives of a law in I1bar, I2bar to P and dP/dF, once for all laws.
+"""Chain rule from the derivatives of a law in I1bar, I2bar to P and dP/dF, once for all their laws.
 
 Index notation: P[i, j] = dW/dF[i, j], A[i, j, k, l] = dP[i, j]/dF[k, l].  Derivation: with
 I1 = F:F, I2 = (I1^2 - C:C)/2 and dJ/dF = cof F, see e.g. Holzapfel, Nonlinear Solid Mechanics
@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from fe.materials.mooney_rivlin import derivatives
+from fe.materials.law_codes import invariant_derivatives
 
 Array = npt.NDArray[np.float64]
 
@@ -31,8 +31,8 @@ def cofactor(F: Array, cof: Array) -> float:
 
 
 @njit(cache=True)
-def isochoric_energy(F: Array, J: float, constants: Array) -> float:
-    """Isochoric energy W (MPa) at F (3, 3) with J = det F > 0."""
+def invariant_energy(law: int, F: Array, J: float, constants: Array) -> float:
+    """Isochoric energy W (MPa) of a law at F (3, 3) with J = det F > 0."""
     i1 = 0.0
     cc = 0.0
     for i in range(3):
@@ -42,13 +42,20 @@ def isochoric_energy(F: Array, J: float, constants: Array) -> float:
             cc += c * c
     j23 = J ** (-2.0 / 3.0)
     i2 = 0.5 * (i1 * i1 - cc)
-    W, _, _, _, _, _ = derivatives(j23 * i1, j23 * j23 * i2, constants)
+    W, _, _, _, _, _ = invariant_derivatives(law, j23 * i1, j23 * j23 * i2, constants)
     return W
 
 
 @njit(cache=True)
-def isochoric_stress(
-    F: Array, cof: Array, J: float, constants: Array, P: Array, A: Array, with_tangent: bool
+def invariant_stress(
+    law: int,
+    F: Array,
+    cof: Array,
+    J: float,
+    constants: Array,
+    P: Array,
+    A: Array,
+    with_tangent: bool,
 ) -> float:
     """Fill P (3, 3) and, if asked, A (3, 3, 3, 3) of the isochoric energy; return W (all MPa).
 
@@ -75,7 +82,7 @@ def isochoric_stress(
     i2 = 0.5 * (i1 * i1 - cc)
     j23 = J ** (-2.0 / 3.0)
     j43 = j23 * j23
-    W, W1, W2, W11, W12, W22 = derivatives(j23 * i1, j43 * i2, constants)
+    W, W1, W2, W11, W12, W22 = invariant_derivatives(law, j23 * i1, j43 * i2, constants)
     D1 = np.empty((3, 3))
     D2 = np.empty((3, 3))
     G2 = np.empty((3, 3))

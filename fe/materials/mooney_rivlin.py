@@ -1,7 +1,11 @@
-"""Three-parameter Mooney-Rivlin law as its bare derivatives.
+"""Mooney-Rivlin laws with two and three constants as their bare derivatives.
 
-W = C10 (I1bar - 3) + C01 (I2bar - 3) + C11 (I1bar - 3)(I2bar - 3), all constants in MPa,
-with the isochoric invariants I1bar = J^(-2/3) I1 and I2bar = J^(-4/3) I2.
+With a = I1bar - 3, b = I2bar - 3, the isochoric invariants I1bar = J^(-2/3) I1 and
+I2bar = J^(-4/3) I2, and all constants in MPa (Rivlin, Phil. Trans. R. Soc. A 241, 1948):
+
+- two constants: W = C10 a + C01 b
+- three constants: W = C10 a + C01 b + C11 a b
+- its C20 variant: W = C10 a + C01 b + C20 a^2
 """
 
 from __future__ import annotations
@@ -14,7 +18,16 @@ Array = npt.NDArray[np.float64]
 
 
 @njit(cache=True, inline="always")
-def derivatives(
+def two_constants(
+    i1: float, i2: float, constants: Array
+) -> tuple[float, float, float, float, float, float]:
+    """Energy and its derivatives (W, W1, W2, W11, W12, W22) in I1bar, I2bar, MPa."""
+    energy = constants[0] * (i1 - 3.0) + constants[1] * (i2 - 3.0)
+    return energy, constants[0], constants[1], 0.0, 0.0, 0.0
+
+
+@njit(cache=True, inline="always")
+def three_constants(
     i1: float, i2: float, constants: Array
 ) -> tuple[float, float, float, float, float, float]:
     """Energy and its derivatives (W, W1, W2, W11, W12, W22) in I1bar, I2bar, MPa."""
@@ -27,6 +40,23 @@ def derivatives(
         constants[1] + constants[2] * a,
         0.0,
         constants[2],
+        0.0,
+    )
+
+
+@njit(cache=True, inline="always")
+def c20_variant(
+    i1: float, i2: float, constants: Array
+) -> tuple[float, float, float, float, float, float]:
+    """Energy and its derivatives (W, W1, W2, W11, W12, W22) in I1bar, I2bar, MPa."""
+    a = i1 - 3.0
+    energy = constants[0] * a + constants[1] * (i2 - 3.0) + constants[2] * a * a
+    return (
+        energy,
+        constants[0] + 2.0 * constants[2] * a,
+        constants[1],
+        2.0 * constants[2],
+        0.0,
         0.0,
     )
 

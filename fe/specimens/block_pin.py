@@ -21,7 +21,7 @@ from fe.contact import Faces, PenaltyLaw, RigidPin, initial_memory
 from fe.discretisation import Pattern, elements, faces, pattern
 from fe.linear_solver import SymmetricSolver
 from fe.load_stepping import March, StepOptions, TravelState, march
-from fe.materials.mooney_rivlin import from_ratios
+from fe.materials.material import mooney_rivlin_of_ratios
 from fe.newton import NewtonOptions
 from fe.potential import Potential, Problem
 from fe.response import Response, Status
@@ -179,8 +179,7 @@ class BlockPinModel:
                 stiffness=self.penalty.stiffness * 2.0 * kappa,
                 ramp=self.penalty.ramp,
             ),
-            constants=from_ratios(ratios, kappa),
-            bulk=self.bulk_ratio * 2.0 * kappa,
+            material=mooney_rivlin_of_ratios(ratios, kappa, self.bulk_ratio * 2.0 * kappa),
         )
 
     def mesh(self) -> MeshHex:

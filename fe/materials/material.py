@@ -1,0 +1,129 @@
+"""A hyperelastic material: isochoric law, its constants, bulk modulus and volumetric law."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from fe.materials.law import LAWS, MOONEY_RIVLIN_3, Law
+from fe.materials.law_codes import NEO_HOOKEAN
+from fe.materials.mooney_rivlin import from_ratios
+from fe.materials.volumetric import VOLUMETRIC_CODES, Volumetric
+
+Array = npt.NDArray[np.float64]
+
+
+class KernelMaterial(NamedTuple):
+    """What the compiled kernels see of a material."""
+
+    law: int
+    """code of the isochoric law, see fe.materials.law_codes"""
+    constants: Array
+    """(n_constant,) MPa, exponents without unit"""
+    bulk: float
+    """MPa"""
+    volumetric: int
+    """code of the volumetric law, see fe.materials.volumetric"""
+
+
+@dataclass(frozen=True)
+class Material:
+    """W(F) = isochoric law + K u(J); MPa.
+
+    Raises ValueError for a wrong number of constants, numbers that are not finite, a shear or
+    bulk modulus that is not above 0, an Ogden exponent of 0 or an unknown volumetric law.
+    """
+
+    law: Law
+    constants: tuple[float, ...]
+    """in the order of `law.constant_names`"""
+    bulk: float = np.inf
+    """bulk modulus K, MPa; inf is incompressible (closed forms only)"""
+    volumetric: Volumetric = "quadratic"
+
+    def __post_init__(self) -> None:
+        names = self.law.constant_names
+        if len(self.constants) != len(names) or not np.isfinite(self.constants).all():
+            raise ValueError(
+                f"constants: expected {len(names)} finite numbers ({', '.join(names)}) "
+                f"for {self.law.name}, found {self.constants}"
+            )
+        pairs = zip(names, self.constants, self.law.scales_stress, strict=True)
+        for name, value, scales_stress in pairs:
+            if not scales_stress and value == 0.0:
+                raise ValueError(f"{name}: expected an exponent other than 0, found {value}")
+        if not self.shear_modulus > 0.0:
+            raise ValueError(
+                f"constants: expected a small-strain shear modulus above 0 MPa, found "
+                f"{self.shear_modulus} from {self.constants} of {self.law.name}"
+            )
+        if not self.bulk > 0.0:
+            raise ValueError(f"bulk: expected a modulus above 0 MPa, found {self.bulk}")
+        if self.volumetric not in VOLUMETRIC_CODES:
+            raise ValueError(
+                f"volumetric: expected one of {', '.join(VOLUMETRIC_CODES)}, "
+                f"found {self.volumetric!r}"
+            )
+
+    @property
+    def shear_modulus(self) -> float:
+        """Small-strain shear modulus mu, MPa."""
+        return self.law.shear_modulus(np.array(self.constants))
+
+    def kernel(self) -> KernelMaterial:
+        """The material as the kernels take it."""
+        return KernelMaterial(
+            self.law.code,
+            np.array(self.constants, dtype=np.float64),
+            float(self.bulk),
+            VOLUMETRIC_CODES[self.volumetric],
+        )
+
+    def slope(self, direction: Array) -> KernelMaterial:
+        """The material dW/dh at constants + h `direction` (n_constant,), without its volume part.
+
+        Bulk modulus 1 MPa and quadratic, for kernels that divide by it.
+        """
+        code, constants = self.law.slope(np.array(self.constants, dtype=np.float64), direction)
+        return KernelMaterial(code, constants, 1.0, VOLUMETRIC_CODES["quadratic"])
+
+    def bulk_slope(self) -> KernelMaterial:
+        """The material dW/dK: the volumetric law alone at a bulk modulus of 1 MPa."""
+        return KernelMaterial(NEO_HOOKEAN, np.zeros(1), 1.0, VOLUMETRIC_CODES[self.volumetric])
+
+
+def material(
+    law: str,
+    constants: Sequence[float],
+    bulk: float = np.inf,
+    volumetric: Volumetric = "quadratic",
+) -> Material:
+    """Material of the law of this name; constants and bulk modulus in MPa.
+
+    Raises ValueError for an unknown law and what `Material` refuses.
+    """
+    if law not in LAWS:
+        raise ValueError(f"law: expected one of {', '.join(LAWS)}, found {law!r}")
+    return Material(LAWS[law], tuple(float(c) for c in constants), float(bulk), volumetric)
+
+
+def mooney_rivlin_of_ratios(ratios: Array, kappa: float, bulk: float) -> Material:
+    """Three-constant Mooney-Rivlin at (r, s) = (C01, C11) / kappa, kappa = C10 + C01; MPa."""
+    constants = from_ratios(ratios, kappa)
+    return Material(MOONEY_RIVLIN_3, tuple(float(c) for c in constants), bulk)
+
+
+def bulk_modulus(shear_modulus: float, poisson: float) -> float:
+    """Bulk modulus (MPa) of a small-strain shear modulus (MPa) and Poisson's ratio; inf at 0.5.
+
+    Raises ValueError for a ratio outside (-1, 0.5].
+    """
+    if not -1.0 < poisson <= 0.5:
+        raise ValueError(f"poisson: expected a ratio above -1 and up to 0.5, found {poisson}")
+    if poisson == 0.5:
+        return float(np.inf)
+    return 2.0 * shear_modulus * (1.0 + poisson) / (3.0 * (1.0 - 2.0 * poisson))

@@ -1,0 +1,102 @@
+"""The volume of one element: projected dilation, other laws' deviation, condensed tangent.
+
+Notation of fe.weak_form: b = int psi (J - 1), M = int psi psi', theta = psi' M^-1 b, n_p pressure
+functions, n_a nodes, n_q quadrature points.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+from fe.materials.material import KernelMaterial
+from fe.materials.volumetric import deviation
+
+Array = npt.NDArray[np.float64]
+
+
+@njit(cache=True)
+def dilation(b: Array, psi: Array, mass_inverse: Array) -> float:
+    """Projected dilation theta where the pressure functions are psi (n_p,); b (n_p,) mm3."""
+    theta = 0.0
+    for m in range(b.size):
+        for n in range(b.size):
+            theta += psi[m] * mass_inverse[m, n] * b[n]
+    return theta
+
+
+@njit(cache=True)
+def add_deviation(
+    b: Array,
+    weights: Array,
+    psi: Array,
+    mass_inverse: Array,
+    material: KernelMaterial,
+    constraint: Array,
+    volume_stiffness: Array,
+) -> float:
+    """What v = u - (J - 1)^2 / 2 adds: returns K int v (N mm), inf where 1 + theta <= 0.
+
+    b (n_p,) mm3, weights (n_q,) mm3, psi (n_q, n_p), mass_inverse (n_p, n_p) 1/mm3.  Adds
+    int psi v' to `constraint` (n_p,) mm3 and fills `volume_stiffness` (n_p, n_p) MPa/mm3 with
+    M^-1 (int psi psi' K v'') M^-1.
+    """
+    n_p = b.size
+    moment = np.zeros((n_p, n_p))
+    energy = 0.0
+    for q in range(weights.size):
+        v, v1, v2 = deviation(material.volumetric, dilation(b, psi[q], mass_inverse))
+        if v == np.inf:
+            return np.inf
+        w = material.bulk * weights[q]
+        energy += w * v
+        for m in range(n_p):
+            constraint[m] += weights[q] * psi[q, m] * v1
+            for n in range(n_p):
+                moment[m, n] += w * v2 * psi[q, m] * psi[q, n]
+    volume_stiffness[:] = np.dot(np.dot(mass_inverse, moment), mass_inverse)
+    return energy
+
+
+@njit(cache=True)
+def add_pressure_tangent(A: Array, F: Array, pressure: float) -> None:
+    """Add pressure (MPa) * d2J/dFdF to A (3, 3, 3, 3) MPa at F (3, 3).
+
+    d cof[i, j] / dF[k, m] = eps_ikx eps_jmy F[x, y].
+    """
+    for i in range(3):
+        for k in range(3):
+            if i == k:
+                continue
+            x = 3 - i - k
+            sign_row = 1.0 if (k - i) % 3 == 1 else -1.0
+            for j in range(3):
+                for m in range(3):
+                    if j == m:
+                        continue
+                    y = 3 - j - m
+                    sign_column = 1.0 if (m - j) % 3 == 1 else -1.0
+                    A[i, j, k, m] += pressure * sign_row * sign_column * F[x, y]
+
+
+@njit(cache=True)
+def add_condensed_tangent(tangent: Array, coupling: Array, stiffness: Array) -> None:
+    """Add g' S g to tangent [a, i, k, b] (N/mm), g = coupling (n_p, n_a, 3) mm2.
+
+    S = `stiffness` (n_p, n_p) is that of the element's volume, MPa/mm3.
+    """
+    n_p, n_a, _ = coupling.shape
+    scaled = np.zeros((n_p, n_a, 3))
+    for m in range(n_p):
+        for n in range(n_p):
+            if stiffness[m, n] != 0.0:
+                scaled[m] += stiffness[m, n] * coupling[n]
+    for k in range(3):
+        for m in range(n_p):
+            column = np.ascontiguousarray(scaled[m, :, k])
+            for a in range(n_a):
+                for i in range(3):
+                    g = coupling[m, a, i]
+                    for b in range(n_a):
+                        tangent[a, i, k, b] += g * column[b]
