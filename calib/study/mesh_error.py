@@ -14,10 +14,10 @@ from calib.study.sections import Hypothesis
 from fe.campaign import Campaign, CampaignFailed
 from fe.response import Array
 
-LEFT_SHARE = 0.5
-"""error that is left after the correction, as a share of the measured difference. The grid
-convergence index of the finer mesh (Roache 1994, safety factor 1.25, second order, elements 1.5
-times smaller) is as large as the difference; read as a 95 % band its SD is half of that"""
+LEFT_SHARE = 1.2
+"""SD of the error that is left after the correction, as a share of the measured difference: half
+the grid convergence index of the finer mesh, 3 / (1.5^2 - 1), with the safety factor for two grids
+(Roache 1994), elements 1.5 times smaller and second order, read as a 95 % band"""
 
 
 @dataclass(frozen=True)

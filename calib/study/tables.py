@@ -150,8 +150,8 @@ def mesh_table(errors: Mapping[str, Any]) -> Table:
         ("hypothesis", "measured at", *(f"{travel:g} mm" for travel in first["travel"])),
         tuple(rows),
         "Predictions are corrected by the mean difference. SD left: of the error that the "
-        "likelihood still allows for, half the difference and its spread over the points; it is "
-        "an estimate from two meshes, not a bound.",
+        "likelihood still allows for, 1.2 times the difference (half the grid convergence index "
+        "of two meshes) and its spread over the points. It is an estimate, not a bound.",
     )
 
 

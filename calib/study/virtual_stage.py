@@ -6,13 +6,14 @@ from pathlib import Path
 
 from calib.inference.coordinates import theta_of_constants
 from calib.study.config import Study, StudyError
-from calib.study.context import Context, stream
+from calib.study.context import Context, Simulate, stream
 from calib.study.data_stage import StudyData, load_data, measured, save_data, with_mu
 from calib.study.progress import progress_bar
 from calib.study.sections import Virtual, is_finer
 from calib.study.simulate_stage import manifest_files
 from calib.study.simulations import RunSet, run_together
 from calib.virtual import VirtualNoise, virtual_experiment
+from fe.response import Array, Response
 
 FOLDER = "virtual"
 
@@ -25,28 +26,46 @@ def run(context: Context) -> list[Path]:
     """
     study, folder = context.study, context.out / FOLDER
     virtual = _virtual(study)
-    hypothesis = next(h for h in study.hypotheses if h.name == virtual.hypothesis)
-    theta = theta_of_constants(virtual.C10, virtual.C01, virtual.C11)
-    model = context.model(hypothesis, virtual.cells)
-    store = folder / "run"
-    with progress_bar("virtual", "run", shown=context.show_progress) as progress:
-        [campaign] = run_together(
-            [RunSet(model, theta[None, 1:], store, max_failure_rate=1.0)], context.map_fn, progress
-        )
+    store, theta = folder / "run", truth_of(study)
+    response = truth_run(context)
     try:
         dataset = virtual_experiment(
-            lambda _: campaign.responses[0],
+            lambda _: response,
             theta,
             noise(study),
             stream(study, "virtual experiment"),
-            points=model.points(),
-            name=f"virtual experiment under {hypothesis.name}",
+            points=truth_model(context).points(),
+            name=f"virtual experiment under {virtual.hypothesis}",
         )
     except ValueError as error:
         raise StudyError(f"virtual: {error}") from error
     truth = with_mu({"C10": virtual.C10, "C01": virtual.C01, "C11": virtual.C11})
-    data = StudyData(dataset, None, truth, hypothesis.name)
+    data = StudyData(dataset, None, truth, virtual.hypothesis)
     return [*save_data(folder, data), *manifest_files(store)]
+
+
+def truth_of(study: Study) -> Array:
+    """(kappa [MPa], r, s) behind the synthetic data."""
+    virtual = _virtual(study)
+    return theta_of_constants(virtual.C10, virtual.C01, virtual.C11)
+
+
+def truth_model(context: Context) -> Simulate:
+    """The forward model on the mesh of the truth."""
+    virtual = _virtual(context.study)
+    hypothesis = next(h for h in context.study.hypotheses if h.name == virtual.hypothesis)
+    return context.model(hypothesis, virtual.cells)
+
+
+def truth_run(context: Context) -> Response:
+    """The truth at kappa = 1 MPa: from disk when it has been run."""
+    ratios = truth_of(context.study)[None, 1:]
+    run_set = RunSet(
+        truth_model(context), ratios, context.out / FOLDER / "run", max_failure_rate=1.0
+    )
+    with progress_bar("virtual", "run", shown=context.show_progress) as progress:
+        [campaign] = run_together([run_set], context.map_fn, progress)
+    return campaign.responses[0]
 
 
 def noise(study: Study) -> VirtualNoise:
