@@ -42,21 +42,25 @@ class StuckPatch:
     footprint: float = 2.0
     dimple: bool = False
     """press the whole top into a dimple instead of a footprint"""
+    grading: float = 1.0
+    """1 is uniform; above, elements shrink as a power towards the singular edges"""
     distortion: float = 0.0
     """largest move of an inner mesh vertex, as a fraction of the mean element size"""
 
     def mesh(self) -> MeshHex:
         """Hexahedra with a mesh line along the footprint's edge."""
         inner, outer, ny, nz = self.cells
+        towards_end = [1.0 - (1.0 - np.linspace(0, 1, n + 1)) ** self.grading for n in (inner, nz)]
+        from_start = np.linspace(0, 1, outer + 1) ** self.grading
+        s = np.linspace(-1.0, 1.0, ny + 1)
         x = np.concatenate(
             [
-                np.linspace(0.0, self.footprint, inner + 1),
-                np.linspace(self.footprint, self.width, outer + 1)[1:],
+                self.footprint * towards_end[0],
+                self.footprint + (self.width - self.footprint) * from_start[1:],
             ]
         )
-        mesh = MeshHex.init_tensor(
-            x, np.linspace(0.0, self.height, ny + 1), np.linspace(0.0, self.depth, nz + 1)
-        )
+        y = self.height * 0.5 * (1.0 + np.sign(s) * (1.0 - (1.0 - np.abs(s)) ** self.grading))
+        mesh = MeshHex.init_tensor(x, y, self.depth * towards_end[1])
         if self.distortion == 0.0:
             return mesh
         size = np.array([[self.width], [self.height], [self.depth]])
