@@ -44,6 +44,8 @@ def main(arguments: list[str] | None = None) -> None:
     figures: dict[str, Any] = {"quick": options.quick, "machine": machine()}
     for part in (samples, kernels, codes, thesis, memory):
         figures |= part(options.quick)
+    if options.quick:
+        print("\n--quick: these figures mean nothing")
     if options.json:
         options.json.write_text(json.dumps(figures, indent=2) + "\n")
         print(f"\nwritten to {options.json}")
