@@ -2,8 +2,10 @@
 
 From three meshes with representative sizes h1 < h2 < h3 the observed order p solves
 p = |ln|e32 / e21| + ln((r21^p - s) / (r32^p - s))| / ln r21, s = sign(e32 / e21), and
-GCI = 1.25 |e21 / f1| / (r21^p - 1).  p is kept between 1 and 3: differences that are by chance
+GCI = 1.25 |e21 / f1| / (r21^p - 1).  p is kept between 1 and 2: differences that are by chance
 small, or change sign, would otherwise promise too much, and singular edges have first order.
+The meshes are refined in all directions, but not in the same ratio: h is the cube root of the mean
+element's volume, and the index an estimate, not a bound.
 """
 
 from __future__ import annotations
@@ -27,7 +29,7 @@ SAFETY = 1.25
 """of a study on three meshes"""
 
 
-def index_percent(f: Array, h: Array, low: float = 1.0, high: float = 3.0) -> tuple[float, float]:
+def index_percent(f: Array, h: Array, low: float = 1.0, high: float = 2.0) -> tuple[float, float]:
     """GCI, % of the finest value, and the observed order, of f (3,) at sizes h (3,), fine first."""
     f1, f2, f3 = f
     e21, e32 = f2 - f1, f3 - f2

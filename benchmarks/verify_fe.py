@@ -2,9 +2,9 @@
 
     python -m benchmarks.verify_fe [--only PART ...] [--draws 200] [--workers 1] [--out FILE]
 
-Parts: felupe, calculix, taylor (a minute each), gci (half an hour), sobol (hours: 200 draws for
-each pin and contact).  Each part replaces its own figures in FILE and leaves the others; every
-simulation of gci and sobol is kept under --runs, so an interrupted part goes on where it was.
+Parts: felupe, calculix, taylor (a minute each), gci (some minutes), sobol (200 draws for each pin
+and contact: an hour or more).  Each part replaces its own figures in FILE and leaves the others;
+every simulation of gci and sobol is kept under --runs, so an interrupted part goes on where it was.
 """
 
 from __future__ import annotations
@@ -137,9 +137,15 @@ def main(arguments: list[str] | None = None) -> None:
 
 
 def merge(path: Path, figures: dict[str, Any]) -> None:
-    """Replace these figures in the file; print them."""
+    """Replace these figures in the file; print them.
+
+    A figure that is a table by case keeps the cases that were not run this time.
+    """
     print(json.dumps(figures, indent=2), flush=True)
     known = json.loads(path.read_text()) if path.exists() else {}
+    for name, value in figures.items():
+        if isinstance(value, dict):
+            figures = figures | {name: known.get(name, {}) | value}
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(json.dumps(known | figures, indent=2, sort_keys=True) + "\n")
 
