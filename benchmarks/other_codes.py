@@ -49,7 +49,7 @@ def compare(*, quick: bool = False) -> list[CodeRun]:
         _median([felupe_patch.press(first_order, "Q1/P0") for _ in range(2)][1:]),
     ]
     if calculix_patch.available():
-        runs.append(calculix_patch.press(calculix_case, tight=False))
+        runs.append(calculix_patch.press(calculix_case))
     return [CodeRun(run, run.error_percent(fine)) for run in runs]
 
 
