@@ -12,9 +12,10 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh
+from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh, gmres
 
-from fe.contact import ContactMemory
+from fe.contact_memory import ContactMemory
+from fe.friction import Frame
 from fe.linear_solver import SymmetricSolver
 from fe.potential import Assembly, Potential
 
@@ -35,6 +36,8 @@ class NewtonOptions:
     """largest nodal displacement of one iteration, mm"""
     max_negative_modes: int = 4
     """more are left to the line search: Lanczos would cost more than it saves"""
+    coupling_tolerance: float = 1e-3
+    """relative accuracy with which a step takes in the unsymmetric tangent of friction"""
 
 
 @dataclass(frozen=True)
@@ -59,12 +62,44 @@ def descent_direction(
     options: NewtonOptions,
     negative: int,
 ) -> Array:
-    """Newton direction (n_free,) mm of the factorised tangent, negative modes flipped."""
+    """Newton direction (n_free,) mm of the factorised tangent, negative modes flipped.
+
+    At a stable state with friction it is that of the whole tangent, if it goes down.
+    """
     x = solver.solve(-gradient)
     if 0 < negative <= options.max_negative_modes:
         modes = _negative_modes(potential.n_unknowns, solver, negative)
         x = x - 2.0 * modes @ (modes.T @ x)
+    if negative == 0 and potential.has_friction:
+        coupled = solve_coupled(potential, solver, -gradient, options.coupling_tolerance)
+        if gradient @ coupled < 0.0:
+            return coupled
     return -x if gradient @ x > 0.0 else x
+
+
+def solve_coupled(
+    potential: Potential, solver: SymmetricSolver, b: Array, tolerance: float
+) -> Array:
+    """Solve the whole tangent, friction's coupling included, for b (n_free,) N.
+
+    GMRES with the factorised symmetric part as preconditioner; of the last `assemble`.
+    """
+    start = solver.solve(b)
+    if not potential.has_friction:
+        return start
+    n = potential.n_unknowns
+
+    def preconditioned(x: Array) -> Array:
+        return x + solver.solve(potential.couple(x))
+
+    x, _ = gmres(
+        LinearOperator((n, n), matvec=preconditioned, dtype=np.float64),
+        start,
+        rtol=tolerance,
+        restart=40,
+        maxiter=5,
+    )
+    return np.asarray(x)
 
 
 def _negative_modes(n: int, solver: SymmetricSolver, count: int) -> Array:
@@ -117,7 +152,16 @@ def equilibrate(
         slope = float(np.sum(du.ravel()[potential.problem.pattern.number >= 0] * assembly.gradient))
         reference = max(recent) if negative == 0 else assembly.energy
         fraction = _line_search(
-            potential, u, du, travel, memory, reference, slope, negative > 0, options
+            potential,
+            u,
+            du,
+            travel,
+            memory,
+            assembly.frame,
+            reference,
+            slope,
+            negative > 0,
+            options,
         )
         if fraction == 0.0:
             return Equilibrium(u, p, assembly, False, "no descent along the step", iteration)
@@ -125,7 +169,11 @@ def equilibrate(
         u = u + fraction * du
         ordinary = 0.2 <= fraction <= 1.0
         p = p + fraction * dp if ordinary else potential.consistent_pressure(u)
+        before = assembly.frame
         assembly = potential.assemble(u, p, travel, memory)
+        if before is not None:  # energies looked back on: as if frozen where we are now
+            shift = assembly.energy - potential.energy(u, travel, memory, before)
+            recent = deque((e + shift for e in recent), maxlen=options.memory)
     return Equilibrium(
         u, p, assembly, False, "the iteration did not settle", options.max_iterations
     )
@@ -137,6 +185,7 @@ def _line_search(
     du: Array,
     travel: float,
     memory: ContactMemory,
+    frame: Frame | None,
     reference: float,
     slope: float,
     indefinite: bool,
@@ -148,7 +197,7 @@ def _line_search(
     slack = 1e-12 * abs(reference)
     shortened = False
     for _ in range(12):
-        energy = potential.energy(u + fraction * du, travel, memory)
+        energy = potential.energy(u + fraction * du, travel, memory, frame)
         if energy <= reference + 1e-4 * fraction * slope + slack:
             break
         fraction *= 0.5
@@ -157,7 +206,7 @@ def _line_search(
         return 0.0
     if indefinite and not shortened:
         while 2.0 * fraction * largest < options.max_move:
-            further = potential.energy(u + 2.0 * fraction * du, travel, memory)
+            further = potential.energy(u + 2.0 * fraction * du, travel, memory, frame)
             if not further < energy:
                 break
             fraction, energy = 2.0 * fraction, further

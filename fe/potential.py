@@ -7,9 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from fe import contact, weak_form
-from fe.contact import TIED_TO_PIN, ContactMemory, Faces, RigidPin
+from fe import contact, friction, slip_anchors, weak_form
+from fe.contact import TIED_TO_PIN, Faces, RigidPin
+from fe.contact_memory import ContactMemory
 from fe.discretisation import Pattern, add_entries
+from fe.friction import Frame, FrictionLaw
 from fe.materials.mooney_rivlin import RATIO_DERIVATIVES
 from fe.weak_form import Elements
 
@@ -28,6 +30,7 @@ class Problem:
     """(C10, C01, C11), MPa"""
     bulk: float
     """bulk modulus, MPa"""
+    friction: FrictionLaw = FrictionLaw()  # noqa: RUF009 - immutable
 
     def __post_init__(self) -> None:
         if not self.bulk > 0.0:
@@ -43,7 +46,7 @@ class Assembly:
     """The potential and its derivatives at one state."""
 
     energy: float
-    """N mm; inf where some det F <= 0"""
+    """N mm, with the friction potential of `frame`; inf where some det F <= 0"""
     smallest_J: float
     gradient: Array
     """(n_free,) N"""
@@ -53,8 +56,12 @@ class Assembly:
     """(n_free,) d gradient / d travel, N/mm"""
     pin_force: float
     """vertical force of the modelled part, N, positive in compression"""
+    pin_force_by_u: Array
+    """(n_free,) derivative of `pin_force` in the displacement, N/mm"""
     force_scale: float
     """norm of the contact forces, N: what the residual is small against"""
+    frame: Frame | None
+    """friction frozen at this state, None without friction"""
 
 
 class Potential:
@@ -64,6 +71,8 @@ class Potential:
         self.problem = problem
         self._system = weak_form.empty_system(problem.elements)
         self._contact_system = contact.empty_system(problem.faces)
+        self.has_friction = problem.friction.pin > 0.0 or problem.friction.base > 0.0
+        self._coupling = np.zeros_like(self._contact_system.tangent)
         self._free = problem.pattern.number >= 0
         self.n_unknowns = int(self._free.sum())
 
@@ -74,15 +83,24 @@ class Potential:
             (elements.nodes.shape[0], elements.psi.shape[1])
         )
 
-    def energy(self, u: Array, travel: float, memory: ContactMemory) -> float:
-        """Potential (N mm) at displacement u (n_node, 3) mm; inf where some det F <= 0."""
+    def energy(
+        self, u: Array, travel: float, memory: ContactMemory, frame: Frame | None = None
+    ) -> float:
+        """Potential (N mm) at displacement u (n_node, 3) mm; inf where some det F <= 0.
+
+        Friction is that of `frame`, none without it.
+        """
         problem = self.problem
         inner: float = weak_form.element_energy(
             u, problem.elements, problem.constants, problem.bulk
         )
         if not np.isfinite(inner):
             return inner
-        return inner + self._contact(u, travel, memory, with_derivatives=False)[0]
+        inner += self._contact(u, travel, memory, with_derivatives=False)[0]
+        if frame is not None:
+            slip = problem.friction.slip
+            inner += friction.frozen_energy(u, problem.faces, frame, travel, slip)
+        return inner
 
     def assemble(self, u: Array, p: Array, travel: float, memory: ContactMemory) -> Assembly:
         """Potential, gradient and condensed tangent at (u, p) and pin travel (mm)."""
@@ -91,6 +109,10 @@ class Potential:
             u, p, problem.elements, problem.constants, problem.bulk, True, self._system
         )
         contact_energy, pin_force = self._contact(u, travel, memory, with_derivatives=True)
+        frame = None
+        if self.has_friction:
+            frame, friction_energy, on_pin = self._add_friction(u, travel, memory)
+            contact_energy, pin_force = contact_energy + friction_energy, pin_force + on_pin
         forces = self._contact_system.force
         gradient = self._sum_elements(self._system.residual) + self._sum_faces(forces)
         data = np.zeros(problem.pattern.indices.size)
@@ -103,7 +125,9 @@ class Potential:
             data=data,
             by_travel=self._sum_faces(self._contact_system.by_travel)[self._free],
             pin_force=pin_force,
+            pin_force_by_u=self._sum_faces(self._contact_system.pin_force_by_u)[self._free],
             force_scale=float(np.linalg.norm(self._sum_faces(np.abs(forces)))),
+            frame=frame,
         )
 
     def expand(self, free: Array) -> Array:
@@ -150,15 +174,47 @@ class Potential:
             columns.append(self._sum_elements(system.residual)[self._free])
         return np.stack(columns, axis=1)
 
-    def anchor_gradient(self, memory: ContactMemory) -> tuple[Array, Array]:
-        """Derivative through moving anchors: (gradient (n_free, 2) N, pin force (2,) N)."""
-        faces = self.problem.faces
-        pull = -self.problem.pin.stiffness * np.einsum(
+    def memory_gradient(
+        self, u: Array, travel: float, memory: ContactMemory
+    ) -> tuple[Array, Array]:
+        """Derivative through moving anchors and the coefficients of friction, at fixed u.
+
+        Returns (gradient (n_free, n_p) N, pin force (n_p,) N).
+        """
+        problem = self.problem
+        faces = problem.faces
+        pull = -problem.pin.stiffness * np.einsum(
             "cq,cqij,cq->cqij", faces.weights, memory.anchor_gradient, memory.tied > 0
         )
+        on_pin = pull[memory.tied == TIED_TO_PIN][:, 1].sum(axis=0)
+        if self.has_friction:
+            on_pin = on_pin + slip_anchors.parameter_pull(
+                u, faces, memory.tied, memory.slip, travel, problem.pin, problem.friction, pull
+            )
         nodal = np.einsum("cqa,cqij->caij", faces.shape, pull)
-        gradient = np.stack([self._sum_faces(nodal[..., j]) for j in range(2)], axis=1)
-        return gradient[self._free], pull[memory.tied == TIED_TO_PIN][:, 1].sum(axis=0)
+        columns = [self._sum_faces(nodal[..., j]) for j in range(pull.shape[3])]
+        return np.stack(columns, axis=1)[self._free], on_pin
+
+    def couple(self, free: Array) -> Array:
+        """(n_free,) N: what the tangent of friction adds to the factorised one times `free`, mm.
+
+        Of the last `assemble`.
+        """
+        nodal = self.expand(free)[self.problem.faces.nodes]
+        change = np.einsum("caikb,cbk->cai", self._coupling, nodal)
+        return self._sum_faces(change)[self._free]
+
+    def _add_friction(
+        self, u: Array, travel: float, memory: ContactMemory
+    ) -> tuple[Frame, float, float]:
+        """Add friction to the contact system: (frame at u, its energy N mm, its pin force N)."""
+        problem = self.problem
+        state = (u, problem.faces, memory.tied, memory.slip.place, travel)
+        law = (problem.pin, problem.friction)
+        energy, pin_force = friction.friction_system(
+            *state, *law, self._contact_system, self._coupling
+        )
+        return friction.freeze(*state, *law), energy, pin_force
 
     def _contact(
         self, u: Array, travel: float, memory: ContactMemory, *, with_derivatives: bool
