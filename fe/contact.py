@@ -188,7 +188,8 @@ def _base_point(x: Array, stiffness: float, force: Array, hessian: Array) -> flo
     hessian[:, :] = 0.0
     force[1] = stiffness * x[1]
     hessian[1, 1] = stiffness
-    return 0.5 * stiffness * x[1] * x[1]
+    energy: float = 0.5 * stiffness * x[1] * x[1]
+    return energy
 
 
 @njit(cache=True)

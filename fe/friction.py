@@ -175,23 +175,25 @@ def surface_tangent(t: Touch) -> tuple[float, float]:
 
 
 @njit(cache=True)
+def _frozen_slip(frame: Frame, c: int, q: int, x: Array, travel: float) -> tuple[float, float]:
+    """Slip of the point x (3,) mm in the frame, mm."""
+    along = frame.tangent[c, q, 0] * x[0]
+    along += frame.tangent[c, q, 1] * (x[1] + frame.moves[c, q] * travel)
+    return frame.offset[c, q, 0] + along, frame.offset[c, q, 1] + x[2]
+
+
+@njit(cache=True)
 def frozen_energy(u: Array, faces: Faces, frame: Frame, travel: float, slip: float) -> float:
     """Frozen friction potential at u (n_node, 3) mm, N mm."""
     energy = 0.0
     x = np.empty(3)
     for c in range(frame.limit.shape[0]):
         for q in range(frame.limit.shape[1]):
-            if frame.limit[c, q] <= 0.0:
-                continue
-            position(u, faces, c, q, x)
-            s0 = (
-                frame.offset[c, q, 0]
-                + frame.tangent[c, q, 0] * x[0]
-                + frame.tangent[c, q, 1] * (x[1] + frame.moves[c, q] * travel)
-            )
-            s1 = frame.offset[c, q, 1] + x[2]
-            potential, _, _ = slip_potential(s0, s1, slip)
-            energy += faces.weights[c, q] * frame.limit[c, q] * potential
+            if frame.limit[c, q] > 0.0:
+                position(u, faces, c, q, x)
+                s0, s1 = _frozen_slip(frame, c, q, x, travel)
+                potential, _, _ = slip_potential(s0, s1, slip)
+                energy += faces.weights[c, q] * frame.limit[c, q] * potential
     return energy
 
 
@@ -199,8 +201,7 @@ def frozen_energy(u: Array, faces: Faces, frame: Frame, travel: float, slip: flo
 def friction_system(
     u: Array,
     faces: Faces,
-    tied: IntArray,
-    place: Array,
+    frame: Frame,
     travel: float,
     pin: RigidPin,
     law: FrictionLaw,
@@ -209,8 +210,9 @@ def friction_system(
 ) -> tuple[float, float]:
     """Add friction to the frictionless `system`; returns (frozen energy N mm, pin force N).
 
-    `coupling` (n_face, n_a, 3, 3, n_a) [a, i, k, b] N/mm is filled with what the true tangent has
-    beyond the Hessian of the potential frozen here, which goes to `system`.
+    `frame` is that frozen at u.  `coupling` (n_face, n_a, 3, 3, n_a) [a, i, k, b] N/mm is filled
+    with what the true tangent has beyond the Hessian of the frozen potential, which goes to
+    `system`.
     """
     energy = 0.0
     pin_force = 0.0
@@ -221,19 +223,16 @@ def friction_system(
     for c in range(faces.weights.shape[0]):
         coupling[c] = 0.0
         for q in range(faces.weights.shape[1]):
-            if tied[c, q] != FREE:
+            if frame.limit[c, q] <= 0.0:
                 continue
             position(u, faces, c, q, x)
+            s0, s1 = _frozen_slip(frame, c, q, x, travel)
+            w, moves = faces.weights[c, q], frame.moves[c, q]
             t = touch(x, faces.base[c], faces.floor[c], travel, pin, law)
-            if t.limit <= 0.0:
-                continue
-            s0 = t.arc - place[c, q, t.surface, 0]
-            s1 = x[2] - place[c, q, t.surface, 1]
-            energy += faces.weights[c, q] * _point(t, s0, s1, law.slip, f, frozen, true)
-            moves = 1.0 if t.surface == PIN else 0.0
-            pin_force += faces.weights[c, q] * moves * f[1]
-            _add_point(c, faces.shape[c, q], faces.weights[c, q], moves, f, frozen, true, system)
-            _add_matrix(coupling[c], faces.shape[c, q], faces.weights[c, q], true, frozen)
+            energy += w * _point(t, s0, s1, law.slip, f, frozen, true)
+            pin_force += w * moves * f[1]
+            _add_point(c, faces.shape[c, q], w, moves, f, frozen, true, system)
+            _add_matrix(coupling[c], faces.shape[c, q], w, true, frozen)
     return energy, pin_force
 
 

@@ -198,11 +198,7 @@ def _sensitivity(
     """
     rhs, direct = potential.memory_gradient(found.u, travel, memory)
     rhs[:, :2] += potential.ratio_gradient(found.u)
-    if potential.has_friction:
-        columns = [solve_coupled(potential, solver, -b, SENSITIVITY_TOLERANCE) for b in rhs.T]
-        free = np.stack(columns, axis=1)
-    else:
-        free = solver.solve(-rhs)
+    free = solve_coupled(potential, solver, -rhs, SENSITIVITY_TOLERANCE)
     force = found.assembly.pin_force_by_u @ free + direct
     columns = [potential.expand(free[:, j]) for j in range(free.shape[1])]
     return np.stack(columns, axis=2), force

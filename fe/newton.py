@@ -36,8 +36,9 @@ class NewtonOptions:
     """largest nodal displacement of one iteration, mm"""
     max_negative_modes: int = 4
     """more are left to the line search: Lanczos would cost more than it saves"""
-    coupling_tolerance: float = 1e-3
-    """relative accuracy with which a step takes in the unsymmetric tangent of friction"""
+    coupling_tolerance: float = 1e-5
+    """relative accuracy with which a step takes in the unsymmetric tangent of friction; with 1e-2
+    the error in the stiff direction of contact costs more iterations than it saves solves"""
 
 
 @dataclass(frozen=True)
@@ -64,7 +65,7 @@ def descent_direction(
 ) -> Array:
     """Newton direction (n_free,) mm of the factorised tangent, negative modes flipped.
 
-    At a stable state with friction it is that of the whole tangent, if it goes down.
+    At a stable state with friction it is that of the whole tangent, if that is found and goes down.
     """
     x = solver.solve(-gradient)
     if 0 < negative <= options.max_negative_modes:
@@ -80,26 +81,27 @@ def descent_direction(
 def solve_coupled(
     potential: Potential, solver: SymmetricSolver, b: Array, tolerance: float
 ) -> Array:
-    """Solve the whole tangent, friction's coupling included, for b (n_free,) N.
+    """Solve the whole tangent, friction's coupling included, for b (n_free,) or (n_free, k) N.
 
-    GMRES with the factorised symmetric part as preconditioner; of the last `assemble`.
+    GMRES on the stacked columns with the factorised symmetric part as preconditioner; of the last
+    `assemble`.  NaN where that does not reach the relative `tolerance`.
     """
     start = solver.solve(b)
     if not potential.has_friction:
         return start
-    n = potential.n_unknowns
 
     def preconditioned(x: Array) -> Array:
-        return x + solver.solve(potential.couple(x))
+        columns = x.reshape(start.shape)
+        return (columns + solver.solve(potential.couple(columns))).ravel()
 
-    x, _ = gmres(
-        LinearOperator((n, n), matvec=preconditioned, dtype=np.float64),
-        start,
+    x, n_missed = gmres(
+        LinearOperator((start.size, start.size), matvec=preconditioned, dtype=np.float64),
+        start.ravel(),
         rtol=tolerance,
-        restart=40,
+        restart=60,
         maxiter=5,
     )
-    return np.asarray(x)
+    return np.asarray(x).reshape(start.shape) if n_missed == 0 else np.full(start.shape, np.nan)
 
 
 def _negative_modes(n: int, solver: SymmetricSolver, count: int) -> Array:

@@ -196,25 +196,31 @@ class Potential:
         return np.stack(columns, axis=1)[self._free], on_pin
 
     def couple(self, free: Array) -> Array:
-        """(n_free,) N: what the tangent of friction adds to the factorised one times `free`, mm.
+        """What the tangent of friction adds to the factorised one, times `free` mm: N.
 
-        Of the last `assemble`.
+        (n_free,) or (n_free, k) like `free`; of the last `assemble`.
         """
+        if free.ndim == 2:
+            return np.stack([self.couple(column) for column in free.T], axis=1)
         nodal = self.expand(free)[self.problem.faces.nodes]
-        change = np.einsum("caikb,cbk->cai", self._coupling, nodal)
-        return self._sum_faces(change)[self._free]
+        n_face, n_a = nodal.shape[:2]
+        # blocks [a, i, k, b] times nodal [b, k], as a batched product that BLAS does
+        change = np.matmul(
+            self._coupling.reshape(n_face, 3 * n_a, 3 * n_a),
+            nodal.transpose(0, 2, 1).reshape(n_face, 3 * n_a, 1),
+        )
+        return self._sum_faces(change.reshape(n_face, n_a, 3))[self._free]
 
     def _add_friction(
         self, u: Array, travel: float, memory: ContactMemory
     ) -> tuple[Frame, float, float]:
-        """Add friction to the contact system: (frame at u, its energy N mm, its pin force N)."""
-        problem = self.problem
-        state = (u, problem.faces, memory.tied, memory.slip.place, travel)
-        law = (problem.pin, problem.friction)
+        """Add friction to the contact system: (its frame at u, energy N mm, pin force N)."""
+        faces, pin, law = self.problem.faces, self.problem.pin, self.problem.friction
+        frame = friction.freeze(u, faces, memory.tied, memory.slip.place, travel, pin, law)
         energy, pin_force = friction.friction_system(
-            *state, *law, self._contact_system, self._coupling
+            u, faces, frame, travel, pin, law, self._contact_system, self._coupling
         )
-        return friction.freeze(*state, *law), energy, pin_force
+        return frame, energy, pin_force
 
     def _contact(
         self, u: Array, travel: float, memory: ContactMemory, *, with_derivatives: bool
