@@ -43,7 +43,8 @@ class TravelState:
     u: Array
     """(n_node, 3) mm"""
     u_gradient: Array
-    """(n_node, 3, n_p) du/d(r, s), mm; with friction also in the coefficients of pin and base"""
+    """(n_node, 3, n_p) du/d(r, s), mm; with friction also in the coefficients of pin and base (the
+    column of one that is 0 is 0).  NaN if a linear system was not solved to its tolerance"""
     pin_force: float
     """N"""
     force_gradient: Array
@@ -106,43 +107,47 @@ def march(
                     return
                 continue
             u, p, assembly = found.u, found.p, found.assembly
-            negative = solver.factorise(assembly.data)
-            u_gradient, force_gradient = _sensitivity(potential, solver, found, travel, memory)
-            energy = potential.energy(u, travel, memory)
-            friction_work += _remember(
-                potential, u, u_gradient, travel, memory, (stick_to_pin, stick_to_floor)
-            )
-            state = TravelState(
-                travel,
-                u,
-                u_gradient,
-                assembly.pin_force,
-                force_gradient,
-                energy,
-                friction_work,
-                negative,
-            )
+            stick = (stick_to_pin, stick_to_floor)
+            state = _accept(potential, solver, found, travel, memory, stick, friction_work)
+            negative, friction_work = state.negative_pivots, state.friction_work
             outcome.reached = travel
             outcome.n_steps += 1
             step = min(steps.largest, step * _growth(found.iterations))
         yield state
 
 
-def _remember(
+def _accept(
     potential: Potential,
-    u: Array,
-    u_gradient: Array,
+    solver: SymmetricSolver,
+    found: Equilibrium,
     travel: float,
     memory: ContactMemory,
     stick: tuple[bool, bool],
-) -> float:
-    """Update the memory at the end of a step; returns the work of friction, N mm."""
-    problem = potential.problem
+    friction_work: float,
+) -> TravelState:
+    """State of the equilibrium `found`; leaves its factor in `solver` and updates `memory`.
+
+    `stick` says whether points that touch pin and floor are tied to them from now on.
+    """
+    problem, u = potential.problem, found.u
+    negative = solver.factorise(found.assembly.data)
+    u_gradient, force_gradient = _sensitivity(potential, solver, found, travel, memory)
+    energy = potential.energy(u, travel, memory)
     state = (memory, problem.faces, u, u_gradient, travel, problem.pin)
-    work = slide_anchors(*state, problem.friction) if potential.has_friction else 0.0
+    if potential.has_friction:
+        friction_work += slide_anchors(*state, problem.friction)
     if any(stick):
         tie_touching(*state, to_pin=stick[0], to_floor=stick[1])
-    return work
+    return TravelState(
+        travel,
+        u,
+        u_gradient,
+        found.assembly.pin_force,
+        force_gradient,
+        energy,
+        friction_work,
+        negative,
+    )
 
 
 def _next_travel(reached: float, step: float, target: float) -> float:

@@ -8,7 +8,14 @@ import numpy as np
 import pytest
 
 from fe import BlockPin, BlockPinModel, Contact
-from fe.contact import TIED_TO_PIN, PenaltyLaw, RigidPin, contact_system, empty_system
+from fe.contact import (
+    TIED_TO_PIN,
+    PenaltyLaw,
+    RigidPin,
+    bar_distance,
+    contact_system,
+    empty_system,
+)
 from fe.contact_memory import initial_memory, slide_anchors
 from fe.friction import (
     FLOOR,
@@ -20,7 +27,10 @@ from fe.friction import (
     frozen_energy,
     slip_potential,
 )
+from fe.linear_solver import SymmetricSolver
+from fe.load_stepping import March, march
 from fe.newton import NewtonOptions
+from fe.potential import Potential
 from fe.slip_anchors import parameter_pull
 
 RIGID = RigidPin(2.5, 2.0, 0.3, stiffness=500.0, ramp=0.1, base_stiffness=2e4)
@@ -278,6 +288,33 @@ def test_no_friction_is_sliding_to_the_bit():
     zero, slide = model(0.0, 0.0)(RATIOS), model("slide", "slide")(RATIOS)
     assert zero.force.tobytes() == slide.force.tobytes()
     assert zero.displacement.tobytes() == slide.displacement.tobytes()
+
+
+def test_at_equilibrium_no_traction_passes_mu_p_and_the_base_carries_the_pin():
+    m = model(0.3, 0.2)
+    discrete = m.discretise()
+    problem = m.problem(discrete, RATIOS)
+    memory = initial_memory(discrete.faces, discrete.glued, problem.pin, problem.friction)
+    solver = SymmetricSolver(discrete.pattern.indptr, discrete.pattern.indices)
+    keys = {"stick_to_pin": False, "stick_to_floor": False, "steps": m.steps, "newton": m.newton}
+    states = list(march(Potential(problem), solver, memory, m.travel, March(), **keys))
+    solver.close()
+    faces, u = discrete.faces, states[-1].u
+    x = faces.points + np.einsum("cqa,cai->cqi", faces.shape, u[faces.nodes])
+    gap = np.array([bar_distance(*p[:2], 2.0, 0.3, 2.5 - 0.6)[0] for p in x.reshape(-1, 3)])
+    depth = np.maximum(-gap.reshape(x.shape[:2]), 0.0)
+    pressure = problem.pin.stiffness * depth**2 / (2 * problem.pin.ramp)  # depth < ramp
+    on_base = -problem.pin.base_stiffness * x[faces.base][..., 1]
+    size = np.linalg.norm(memory.slip.traction, axis=-1)
+    top = ~faces.base & ~faces.floor
+    assert depth.max() < problem.pin.ramp
+    assert np.all(size[top][..., PIN] <= 0.3 * pressure[top] * (1 + 1e-9))
+    assert np.all(size[faces.base][..., FLOOR] <= 0.2 * np.maximum(on_base, 0.0) * (1 + 1e-9))
+    # much of the interface slides, some of it sticks
+    sliding = size[faces.base][..., FLOOR] > 0.2 * on_base * (1 - 1e-9)
+    assert 0.3 < sliding.mean() < 1.0
+    reaction = np.sum(faces.weights[faces.base] * on_base)
+    assert reaction == pytest.approx(states[-1].pin_force, rel=1e-7)
 
 
 def test_a_base_with_friction_does_not_move_up_or_down(rubbing):
