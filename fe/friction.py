@@ -5,10 +5,9 @@ arc length across the bar's profile, or x on the floor; and z).  The traction on
 
     t = mu p h(|s| / a) s / |s|,     h(x) = (3 x - x^3) / 2 for x < 1, else 1,
 
-so that |t| never exceeds mu p, reached after the slip a.  Pressure p and slip s are those of the
-end of the step (backward Euler; Wriggers, Computational Contact Mechanics, 2006, section 10.5);
-afterwards the anchor is drawn behind the point to the distance a (return mapping).  A point that
-does not touch drags its anchor along, so one that touches anew starts from where it was.
+so that |t| never exceeds mu p, reached after the slip a.  p and s are those of the end of the step;
+then the anchor is drawn behind the point to the distance a (return mapping: Giannakopoulos,
+Computers & Structures 32, 1989).  A point that does not touch drags its anchor along.
 
 The tractions have no potential.  For the line search there is one with the pressure limit, the
 tangent plane and the slip's offset frozen (`Frame`) at an iterate, where both have the same

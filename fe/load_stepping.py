@@ -21,7 +21,7 @@ from fe.potential import Assembly, Potential
 
 Array = npt.NDArray[np.float64]
 
-SENSITIVITY_TOLERANCE = 1e-10
+SENSITIVITY_TOLERANCE = 1e-8
 """relative residual of the linear systems that friction makes unsymmetric"""
 
 

@@ -133,6 +133,16 @@ def test_points_that_touch_are_tied_to_the_nearest_surface_point():
     np.testing.assert_array_equal(memory.anchor, before.anchor)
 
 
+@pytest.mark.parametrize(("side", "kind"), [("to_pin", TIED_TO_PIN), ("to_floor", TIED_TO_FLOOR)])
+def test_only_a_surface_that_sticks_ties_points(side, kind):
+    discrete, u = patch()
+    memory = initial_memory(discrete.faces, np.zeros(discrete.faces.weights.shape, bool), PIN)
+    only = {"to_pin": False, "to_floor": False, side: True}
+    count = tie_touching(memory, discrete.faces, u, np.zeros((*u.shape, 2)), 0.4, PIN, **only)
+    assert count == np.count_nonzero(memory.tied) > 0
+    assert set(np.unique(memory.tied)) == {FREE, kind}
+
+
 def test_anchor_sensitivity_is_the_derivative_of_the_projection():
     discrete, u = patch()
     direction = 0.1 * np.random.default_rng(3).standard_normal((*u.shape, 2))
