@@ -36,6 +36,10 @@ class NewtonOptions:
     """largest nodal displacement of one iteration, mm"""
     max_negative_modes: int = 4
     """more are left to the line search: Lanczos would cost more than it saves"""
+    near: float = 0.1
+    """relative residual below which, with friction, a step that reduces it needs no line search"""
+    reduction: float = 0.7
+    """of the residual by such a step, at least"""
     coupling_tolerance: float = 1e-5
     """relative accuracy with which a step takes in the unsymmetric tangent of friction; with 1e-2
     the error in the stiff direction of contact costs more iterations than it saves solves"""
@@ -145,6 +149,12 @@ def equilibrate(
         if norm <= options.tolerance * assembly.force_scale:
             return Equilibrium(u, p, assembly, True, "", iteration)
         negative = solver.factorise(assembly.data)
+        if potential.has_friction and norm <= options.near * assembly.force_scale:
+            nearer = _nearer(potential, solver, u, p, assembly, travel, memory, options)
+            if nearer is not None:
+                u, p, assembly = nearer
+                recent.clear()
+                continue
         du = potential.expand(
             descent_direction(potential, solver, assembly.gradient, options, negative)
         )
@@ -179,6 +189,34 @@ def equilibrate(
     return Equilibrium(
         u, p, assembly, False, "the iteration did not settle", options.max_iterations
     )
+
+
+def _nearer(
+    potential: Potential,
+    solver: SymmetricSolver,
+    u: Array,
+    p: Array,
+    assembly: Assembly,
+    travel: float,
+    memory: ContactMemory,
+    options: NewtonOptions,
+) -> tuple[Array, Array, Assembly] | None:
+    """Full Newton step with friction, if it reduces the residual: (u, p, assembly) there, or None.
+
+    Friction has no energy that decides, and where the frozen one has a maximum along the step, its
+    descent and the thaw after it go round in circles.
+    """
+    b = -assembly.gradient
+    du = potential.expand(solve_coupled(potential, solver, b, options.coupling_tolerance))
+    if not np.abs(du).max() < options.max_move:  # so is NaN
+        return None
+    dp = potential.pressure_step(du)
+    trial = potential.assemble(u + du, p + dp, travel, memory)
+    reduced = np.linalg.norm(trial.gradient) < options.reduction * np.linalg.norm(b)
+    if trial.smallest_J > 0.0 and reduced:
+        return u + du, p + dp, trial
+    potential.assemble(u, p, travel, memory)  # what the solves below are of
+    return None
 
 
 def _line_search(
