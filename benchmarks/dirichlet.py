@@ -12,6 +12,7 @@ from skfem import Basis, MeshHex
 
 from fe.discretisation import Pattern, add_entries, elements, pattern
 from fe.linear_solver import SymmetricSolver
+from fe.materials import material
 from fe.weak_form import Elements, ElementSystem, element_system, empty_system
 
 Array = npt.NDArray[np.float64]
@@ -31,7 +32,7 @@ class DirichletProblem:
         self.elements: Elements
         self.basis: Basis
         self.elements, self.basis = elements(mesh)
-        self.constants = np.asarray(constants, dtype=np.float64)
+        self.kernel = material("mooney-rivlin-3", constants, bulk).kernel()
         self.bulk = bulk
         self.u = np.zeros(self.elements.positions.shape)
         self.p = np.zeros((self.elements.nodes.shape[0], self.elements.psi.shape[1]))
@@ -59,9 +60,7 @@ class DirichletProblem:
 
         Raises ArithmeticError when an element is turned inside out.
         """
-        energy, _ = element_system(
-            self.u, self.p, self.elements, self.constants, self.bulk, True, self.system
-        )
+        energy, _ = element_system(self.u, self.p, self.elements, self.kernel, True, self.system)
         if not np.isfinite(energy):
             raise ArithmeticError("an element turned inside out")
         return self._sum(self.system.residual)

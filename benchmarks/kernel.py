@@ -11,11 +11,14 @@ from skfem import Basis, BilinearForm, ElementHex2, ElementVector, LinearForm, M
 
 from benchmarks.timing import median_seconds
 from fe.discretisation import VOLUME_ORDER, add_entries, elements, pattern
-from fe.materials.invariant import cofactor, isochoric_stress
+from fe.materials import LAWS, Material
+from fe.materials.invariant import cofactor
+from fe.materials.isochoric import isochoric_stress
 from fe.weak_form import Elements, element_system, empty_system
 
 Array = npt.NDArray[np.float64]
 
+LAW = LAWS["mooney-rivlin-3"]
 CONSTANTS = np.array([0.2, 0.1, 0.3])
 BULK = 100.0
 
@@ -54,11 +57,12 @@ def _own_assembly(table: Elements, u: Array, bulk: float = BULK):
     """A call that assembles residual and condensed upper-triangular tangent."""
     structure = pattern(table.nodes, np.zeros((0, 9), dtype=np.int64), np.zeros(u.size, dtype=bool))
     system = empty_system(table)
+    law = Material(LAW, tuple(CONSTANTS), bulk).kernel()
     p = np.zeros((len(table.nodes), table.psi.shape[1]))
     index = (3 * table.nodes[..., None] + np.arange(3)).ravel()
 
     def assemble() -> sp.csr_matrix:
-        element_system(u, p, table, CONSTANTS, bulk, True, system)
+        element_system(u, p, table, law, True, system)
         np.bincount(index, system.residual.ravel(), minlength=u.size)
         data = np.zeros(structure.indices.size)
         add_entries(system.tangent, structure.element_slots, data)
@@ -82,7 +86,7 @@ def _law(table: Elements, u: Array) -> tuple[Array, Array]:
     cof, stress, tangent = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3, 3, 3))
     for e, q in np.ndindex(*table.weights.shape):
         J = cofactor(F[e, q], cof)
-        isochoric_stress(F[e, q], cof, J, CONSTANTS, stress, tangent, True)
+        isochoric_stress(LAW.code, F[e, q], cof, J, CONSTANTS, stress, tangent, True)
         P[..., e, q], A[..., e, q] = stress, tangent
     return P, A
 

@@ -1,6 +1,6 @@
 """Force and front-face field of the thesis specimen on ever finer meshes, as a Markdown table.
 
-    python -m benchmarks.mesh_convergence [stick|slide] [r s]
+    python -m benchmarks.mesh_convergence [stick|slide|COEFFICIENT OF FRICTION] [r s]
 
 Runs one mesh after the other in one process with one thread, at kappa = 1 MPa, and prints the
 difference of each from the finest: force in %, field as RMS over the 840 points in mm.
@@ -29,7 +29,8 @@ def solve(interface: Interface, cells: tuple[int, int, int], ratios: np.ndarray)
 
 def main(arguments: list[str]) -> None:
     """Print the table."""
-    interface = cast(Interface, arguments[0] if arguments else "slide")
+    contact = arguments[0] if arguments else "slide"
+    interface = cast(Interface, contact if contact in ("stick", "slide") else float(contact))
     ratios = np.array([float(a) for a in arguments[1:3]] or [0.5, 0.05])
     print(f"{interface}, r = {ratios[0]:g}, s = {ratios[1]:g}, kappa = 1 MPa\n")
     print("| elements | " + " | ".join(f"F({d}) N" for d in TRAVEL) + " | s | pivots < 0 |")

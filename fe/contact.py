@@ -1,10 +1,12 @@
 """Contact of the block's free faces with a rigid filleted bar pin and a rigid floor.
 
 Evaluated at Gauss points of the deformed element faces, not at nodes (nodal contact chatters).
-Free points meet a frictionless penalty whose stiffness ramps up over a small penetration, so the
-energy is twice continuously differentiable; tied points (stick) hang on an isotropic spring to an
-anchor that moves with the pin or rests on the floor.  All pressures scale with the material, so
-the scale symmetry of the specimen stays exact.
+Free points meet a penalty whose stiffness ramps up over a small penetration, so the energy is
+twice continuously differentiable (`fe.friction` adds what resists sliding); tied points (stick)
+hang on an isotropic spring to an anchor that moves with the pin or rests on the floor.  Base faces
+are held at the floor by a spring that acts both ways and is so stiff that it only serves to read
+the pressure.  All pressures scale with the material, so the scale symmetry of the specimen stays
+exact.
 """
 
 from __future__ import annotations
@@ -35,6 +37,8 @@ class Faces(NamedTuple):
     """(n_face, n_q, 3) reference position, mm"""
     floor: npt.NDArray[np.bool_]
     """(n_face,) whether the face may also touch the floor (side faces)"""
+    base: npt.NDArray[np.bool_]
+    """(n_face,) whether the face lies on the floor and is held there (bottom faces)"""
 
 
 @dataclass(frozen=True)
@@ -45,6 +49,11 @@ class PenaltyLaw:
     """pressure per penetration and shear modulus, 1/mm"""
     ramp: float = 0.1
     """penetration over which the stiffness grows from 0 to full, mm"""
+    base: float = 2e5
+    """pressure per lift or dip of a base face with friction and shear modulus, 1/mm: the base moves
+    by 1e-5 mm where u_y = 0 is meant, and the pressure that friction needs comes out smooth"""
+    slip: float = 0.01
+    """slip over which friction grows from 0 to its limit, mm"""
 
 
 class RigidPin(NamedTuple):
@@ -60,6 +69,8 @@ class RigidPin(NamedTuple):
     """contact pressure per penetration, MPa/mm"""
     ramp: float
     """mm, see PenaltyLaw"""
+    base_stiffness: float = 0.0
+    """pressure per displacement u_y of base faces, MPa/mm"""
 
 
 class ContactSystem(NamedTuple):
@@ -71,6 +82,8 @@ class ContactSystem(NamedTuple):
     """(n_face, n_a, 3, 3, n_a) indexed [a, i, k, b], N/mm"""
     by_travel: Array
     """(n_face, n_a, 3) derivative of force in the pin travel, N/mm"""
+    pin_force_by_u: Array
+    """(n_face, n_a, 3) derivative of the vertical pin force in the nodal displacements, N/mm"""
 
 
 def empty_system(faces: Faces) -> ContactSystem:
@@ -80,6 +93,7 @@ def empty_system(faces: Faces) -> ContactSystem:
         force=np.zeros((n_face, n_a, 3)),
         tangent=np.zeros((n_face, n_a, 3, 3, n_a)),
         by_travel=np.zeros((n_face, n_a, 3)),
+        pin_force_by_u=np.zeros((n_face, n_a, 3)),
     )
 
 
@@ -168,6 +182,26 @@ def _free_point(
 
 
 @njit(cache=True)
+def _base_point(x: Array, stiffness: float, force: Array, hessian: Array) -> float:
+    """Energy density of the spring that holds the base at y = 0; fills its derivatives."""
+    force[:] = 0.0
+    hessian[:, :] = 0.0
+    force[1] = stiffness * x[1]
+    hessian[1, 1] = stiffness
+    energy: float = 0.5 * stiffness * x[1] * x[1]
+    return energy
+
+
+@njit(cache=True)
+def position(u: Array, faces: Faces, c: int, q: int, x: Array) -> None:
+    """Fill x (3,) with the deformed position of point q of face c, mm."""
+    for i in range(3):
+        x[i] = faces.points[c, q, i]
+        for a in range(faces.nodes.shape[1]):
+            x[i] += faces.shape[c, q, a] * u[faces.nodes[c, a], i]
+
+
+@njit(cache=True)
 def contact_system(
     u: Array,
     faces: Faces,
@@ -183,7 +217,7 @@ def contact_system(
     u (n_node, 3) mm; tied (n_face, n_q) and anchor (n_face, n_q, 3) mm as in `ContactMemory`;
     travel in mm.  `system` is filled when `with_derivatives`.
     """
-    n_face, n_quad, n_a = faces.shape.shape
+    n_face, n_quad, _ = faces.shape.shape
     x = np.empty(3)
     f = np.empty(3)
     h = np.empty((3, 3))
@@ -194,14 +228,15 @@ def contact_system(
             system.force[c] = 0.0
             system.tangent[c] = 0.0
             system.by_travel[c] = 0.0
+            system.pin_force_by_u[c] = 0.0
         for q in range(n_quad):
-            for i in range(3):
-                x[i] = faces.points[c, q, i]
-                for a in range(n_a):
-                    x[i] += faces.shape[c, q, a] * u[faces.nodes[c, a], i]
+            position(u, faces, c, q, x)
             w = faces.weights[c, q]
             on_floor = 0.0
-            if tied[c, q] == FREE:
+            if faces.base[c]:
+                e = _base_point(x, pin.base_stiffness, f, h)
+                moves = fy = 0.0
+            elif tied[c, q] == FREE:
                 e, fy, on_floor = _free_point(x, faces.floor[c], travel, pin, f, h)
                 moves = 1.0
             else:
@@ -234,70 +269,9 @@ def _add_point(
             system.force[c, a, i] += wa * f[i]
             by_pin = h[i, 1] - (on_floor if i == 1 else 0.0)
             system.by_travel[c, a, i] += wa * moves * by_pin
+            system.pin_force_by_u[c, a, i] += wa * moves * by_pin  # the potential is symmetric
             for k in range(3):
                 wh = wa * h[i, k]
                 if wh != 0.0:
                     for b in range(n_a):
                         system.tangent[c, a, i, k, b] += wh * shape[b]
-
-
-@dataclass
-class ContactMemory:
-    """Which points are tied, where, and how the anchors depend on the ratios (state)."""
-
-    tied: IntArray
-    """(n_face, n_q) FREE, TIED_TO_PIN or TIED_TO_FLOOR"""
-    anchor: Array
-    """(n_face, n_q, 3) mm, relative to the pin at travel 0 or to the floor"""
-    anchor_gradient: Array
-    """(n_face, n_q, 3, 2) d anchor / d(r, s), mm"""
-
-    def copy(self) -> ContactMemory:
-        """Independent copy, so that a rejected step leaves no trace."""
-        return ContactMemory(self.tied.copy(), self.anchor.copy(), self.anchor_gradient.copy())
-
-
-def initial_memory(faces: Faces, glued: npt.NDArray[np.bool_]) -> ContactMemory:
-    """Memory at travel 0: points where `glued` (n_face, n_q) are tied to the pin in place."""
-    return ContactMemory(
-        tied=np.where(glued, TIED_TO_PIN, FREE).astype(np.int64),
-        anchor=faces.points.copy(),
-        anchor_gradient=np.zeros((*faces.points.shape, 2)),
-    )
-
-
-def tie_touching(
-    memory: ContactMemory,
-    faces: Faces,
-    u: Array,
-    u_gradient: Array,
-    travel: float,
-    pin: RigidPin,
-) -> int:
-    """Tie every free point that penetrates pin or floor to its nearest surface point; count them.
-
-    u (n_node, 3) mm, u_gradient (n_node, 3, 2) mm: the anchor's own sensitivity follows from the
-    derivative of the projection (stick is path dependent).
-    """
-    x = faces.points + np.einsum("cqa,cai->cqi", faces.shape, u[faces.nodes])
-    dx = np.einsum("cqa,caij->cqij", faces.shape, u_gradient[faces.nodes])
-    floor = (memory.tied == FREE) & faces.floor[:, None] & (x[..., 1] < 0.0)
-    onto_floor = np.array([1.0, 0.0, 1.0])
-    memory.tied[floor] = TIED_TO_FLOOR
-    memory.anchor[floor] = x[floor] * onto_floor
-    memory.anchor_gradient[floor] = dx[floor] * onto_floor[:, None]
-    count = int(floor.sum())
-    for c, q in zip(*np.nonzero(memory.tied == FREE), strict=True):
-        gap, nx, ny, hxx, hxy, hyy = bar_distance(
-            x[c, q, 0], x[c, q, 1], pin.half_width, pin.fillet, pin.height - travel
-        )
-        if gap >= 0.0:
-            continue
-        normal = np.array([nx, ny, 0.0])
-        hessian = np.array([[hxx, hxy, 0.0], [hxy, hyy, 0.0], [0.0, 0.0, 0.0]])
-        projection = np.eye(3) - np.outer(normal, normal) - gap * hessian
-        memory.tied[c, q] = TIED_TO_PIN
-        memory.anchor[c, q] = x[c, q] - gap * normal + np.array([0.0, travel, 0.0])
-        memory.anchor_gradient[c, q] = projection @ dx[c, q]
-        count += 1
-    return count

@@ -59,8 +59,11 @@ def elements(mesh: MeshHex) -> tuple[Elements, Basis]:
     )
 
 
-def faces(mesh: MeshHex, facets: IntArray, floor: BoolArray) -> Faces:
-    """Quadrature of the given facets (n_face,); `floor` marks those that may touch the floor."""
+def faces(mesh: MeshHex, facets: IntArray, floor: BoolArray, base: BoolArray) -> Faces:
+    """Quadrature of the given facets (n_face,).
+
+    `floor` marks those that may touch the floor, `base` those that stand on it.
+    """
     basis = FacetBasis(mesh, ElementHex2(), facets=facets, intorder=FACE_ORDER)
     values = np.stack([np.asarray(phi[0]) for phi in basis.basis])
     on_face = np.abs(values).max(axis=2) > 1e-12
@@ -73,6 +76,7 @@ def faces(mesh: MeshHex, facets: IntArray, floor: BoolArray) -> Faces:
         weights=np.ascontiguousarray(basis.dx),
         points=np.ascontiguousarray(np.asarray(basis.global_coordinates()).transpose(1, 2, 0)),
         floor=floor,
+        base=base,
     )
 
 

@@ -8,12 +8,21 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from fe.contact import ContactMemory, tie_touching
+from fe.contact_memory import ContactMemory, slide_anchors, tie_touching
 from fe.linear_solver import SymmetricSolver
-from fe.newton import Equilibrium, NewtonOptions, descent_direction, equilibrate
+from fe.newton import (
+    Equilibrium,
+    NewtonOptions,
+    descent_direction,
+    equilibrate,
+    solve_coupled,
+)
 from fe.potential import Assembly, Potential
 
 Array = npt.NDArray[np.float64]
+
+SENSITIVITY_TOLERANCE = 1e-8
+"""relative residual of the linear systems that friction makes unsymmetric"""
 
 
 @dataclass(frozen=True)
@@ -34,13 +43,16 @@ class TravelState:
     u: Array
     """(n_node, 3) mm"""
     u_gradient: Array
-    """(n_node, 3, 2) du/d(r, s), mm"""
+    """(n_node, 3, n_p) du/d(r, s), mm; with friction also in the coefficients of pin and base (the
+    column of one that is 0 is 0).  NaN if a linear system was not solved to its tolerance"""
     pin_force: float
     """N"""
     force_gradient: Array
-    """(2,) dF/d(r, s), N"""
+    """(n_p,) dF/d(r, s), N; with friction also in the coefficients of pin and base"""
     energy: float
     """stored energy with the contact's, N mm"""
+    friction_work: float
+    """energy that friction has taken up to here, N mm"""
     negative_pivots: int
 
 
@@ -61,19 +73,21 @@ def march(
     targets: Sequence[float],
     outcome: March,
     *,
-    stick: bool,
+    stick_to_pin: bool,
+    stick_to_floor: bool,
     steps: StepOptions,
     newton: NewtonOptions,
 ) -> Iterator[TravelState]:
     """Yield the solution at each target travel (mm, increasing) until one cannot be reached.
 
-    `stick` ties points to what they touch at the end of each step.  What happened is left in
-    `outcome`: the travel reached and, when the march stopped early, why.
+    `stick_to_pin` and `stick_to_floor` tie points to what they touch at the end of each step.  What
+    happened is left in `outcome`: the travel reached and, when the march stopped early, why.
     """
     u, p = potential.zero_state()
     step = steps.first
     assembly: Assembly | None = None
     negative = 0
+    friction_work = 0.0
     for target in targets:
         while outcome.reached < target:
             travel = _next_travel(outcome.reached, step, target)
@@ -93,25 +107,47 @@ def march(
                     return
                 continue
             u, p, assembly = found.u, found.p, found.assembly
-            negative = solver.factorise(assembly.data)
-            u_gradient, force_gradient = _sensitivity(potential, solver, found, memory)
-            state = TravelState(
-                travel,
-                u,
-                u_gradient,
-                assembly.pin_force,
-                force_gradient,
-                assembly.energy,
-                negative,
-            )
-            if stick:
-                tie_touching(
-                    memory, potential.problem.faces, u, u_gradient, travel, potential.problem.pin
-                )
+            stick = (stick_to_pin, stick_to_floor)
+            state = _accept(potential, solver, found, travel, memory, stick, friction_work)
+            negative, friction_work = state.negative_pivots, state.friction_work
             outcome.reached = travel
             outcome.n_steps += 1
             step = min(steps.largest, step * _growth(found.iterations))
         yield state
+
+
+def _accept(
+    potential: Potential,
+    solver: SymmetricSolver,
+    found: Equilibrium,
+    travel: float,
+    memory: ContactMemory,
+    stick: tuple[bool, bool],
+    friction_work: float,
+) -> TravelState:
+    """State of the equilibrium `found`; leaves its factor in `solver` and updates `memory`.
+
+    `stick` says whether points that touch pin and floor are tied to them from now on.
+    """
+    problem, u = potential.problem, found.u
+    negative = solver.factorise(found.assembly.data)
+    u_gradient, force_gradient = _sensitivity(potential, solver, found, travel, memory)
+    energy = potential.energy(u, travel, memory)
+    state = (memory, problem.faces, u, u_gradient, travel, problem.pin)
+    if potential.has_friction:
+        friction_work += slide_anchors(*state, problem.friction)
+    if any(stick):
+        tie_touching(*state, to_pin=stick[0], to_floor=stick[1])
+    return TravelState(
+        travel,
+        u,
+        u_gradient,
+        found.assembly.pin_force,
+        force_gradient,
+        energy,
+        friction_work,
+        negative,
+    )
 
 
 def _next_travel(reached: float, step: float, target: float) -> float:
@@ -154,12 +190,20 @@ def _predict(
 
 
 def _sensitivity(
-    potential: Potential, solver: SymmetricSolver, found: Equilibrium, memory: ContactMemory
+    potential: Potential,
+    solver: SymmetricSolver,
+    found: Equilibrium,
+    travel: float,
+    memory: ContactMemory,
 ) -> tuple[Array, Array]:
-    """du/d(r, s) (n_node, 3, 2) mm and dF/d(r, s) (2,) N of the modelled part, from the factor."""
-    anchors, direct = potential.anchor_gradient(memory)
-    rhs = potential.ratio_gradient(found.u) + anchors
-    free = solver.solve(-rhs)
-    force = found.assembly.by_travel @ free + direct
+    """du/d parameter (n_node, 3, n_p) mm and dF/d parameter (n_p,) N of the modelled part.
+
+    From the factor of the last assembled tangent.  Exact for the discrete, path-dependent scheme:
+    slip and stick anchors carry their own derivatives from step to step.
+    """
+    rhs, direct = potential.memory_gradient(found.u, travel, memory)
+    rhs[:, :2] += potential.ratio_gradient(found.u)
+    free = solve_coupled(potential, solver, -rhs, SENSITIVITY_TOLERANCE)
+    force = found.assembly.pin_force_by_u @ free + direct
     columns = [potential.expand(free[:, j]) for j in range(free.shape[1])]
     return np.stack(columns, axis=2), force

@@ -12,9 +12,10 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh
+from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh, gmres
 
-from fe.contact import ContactMemory
+from fe.contact_memory import ContactMemory
+from fe.friction import Frame
 from fe.linear_solver import SymmetricSolver
 from fe.potential import Assembly, Potential
 
@@ -35,6 +36,13 @@ class NewtonOptions:
     """largest nodal displacement of one iteration, mm"""
     max_negative_modes: int = 4
     """more are left to the line search: Lanczos would cost more than it saves"""
+    near: float = 0.1
+    """relative residual below which, with friction, a step that reduces it needs no line search"""
+    reduction: float = 0.7
+    """of the residual by such a step, at least"""
+    coupling_tolerance: float = 1e-5
+    """relative accuracy with which a step takes in the unsymmetric tangent of friction; with 1e-2
+    the error in the stiff direction of contact costs more iterations than it saves solves"""
 
 
 @dataclass(frozen=True)
@@ -59,12 +67,45 @@ def descent_direction(
     options: NewtonOptions,
     negative: int,
 ) -> Array:
-    """Newton direction (n_free,) mm of the factorised tangent, negative modes flipped."""
+    """Newton direction (n_free,) mm of the factorised tangent, negative modes flipped.
+
+    At a stable state with friction it is that of the whole tangent, if that is found and goes down.
+    """
     x = solver.solve(-gradient)
     if 0 < negative <= options.max_negative_modes:
         modes = _negative_modes(potential.n_unknowns, solver, negative)
         x = x - 2.0 * modes @ (modes.T @ x)
+    if negative == 0 and potential.has_friction:
+        coupled = solve_coupled(potential, solver, -gradient, options.coupling_tolerance)
+        if gradient @ coupled < 0.0:
+            return coupled
     return -x if gradient @ x > 0.0 else x
+
+
+def solve_coupled(
+    potential: Potential, solver: SymmetricSolver, b: Array, tolerance: float
+) -> Array:
+    """Solve the whole tangent, friction's coupling included, for b (n_free,) or (n_free, k) N.
+
+    GMRES on the stacked columns with the factorised symmetric part as preconditioner; of the last
+    `assemble`.  NaN where that does not reach the relative `tolerance`.
+    """
+    start = solver.solve(b)
+    if not potential.has_friction:
+        return start
+
+    def preconditioned(x: Array) -> Array:
+        columns = x.reshape(start.shape)
+        return (columns + solver.solve(potential.couple(columns))).ravel()
+
+    x, n_missed = gmres(
+        LinearOperator((start.size, start.size), matvec=preconditioned, dtype=np.float64),
+        start.ravel(),
+        rtol=tolerance,
+        restart=60,
+        maxiter=5,
+    )
+    return np.asarray(x).reshape(start.shape) if n_missed == 0 else np.full(start.shape, np.nan)
 
 
 def _negative_modes(n: int, solver: SymmetricSolver, count: int) -> Array:
@@ -108,6 +149,12 @@ def equilibrate(
         if norm <= options.tolerance * assembly.force_scale:
             return Equilibrium(u, p, assembly, True, "", iteration)
         negative = solver.factorise(assembly.data)
+        if potential.has_friction and norm <= options.near * assembly.force_scale:
+            nearer = _nearer(potential, solver, u, p, assembly, travel, memory, options)
+            if nearer is not None:
+                u, p, assembly = nearer
+                recent.clear()
+                continue
         du = potential.expand(
             descent_direction(potential, solver, assembly.gradient, options, negative)
         )
@@ -117,7 +164,16 @@ def equilibrate(
         slope = float(np.sum(du.ravel()[potential.problem.pattern.number >= 0] * assembly.gradient))
         reference = max(recent) if negative == 0 else assembly.energy
         fraction = _line_search(
-            potential, u, du, travel, memory, reference, slope, negative > 0, options
+            potential,
+            u,
+            du,
+            travel,
+            memory,
+            assembly.frame,
+            reference,
+            slope,
+            negative > 0,
+            options,
         )
         if fraction == 0.0:
             return Equilibrium(u, p, assembly, False, "no descent along the step", iteration)
@@ -125,10 +181,42 @@ def equilibrate(
         u = u + fraction * du
         ordinary = 0.2 <= fraction <= 1.0
         p = p + fraction * dp if ordinary else potential.consistent_pressure(u)
+        before = assembly.frame
         assembly = potential.assemble(u, p, travel, memory)
+        if before is not None:  # energies looked back on: as if frozen where we are now
+            shift = assembly.energy - potential.energy(u, travel, memory, before)
+            recent = deque((e + shift for e in recent), maxlen=options.memory)
     return Equilibrium(
         u, p, assembly, False, "the iteration did not settle", options.max_iterations
     )
+
+
+def _nearer(
+    potential: Potential,
+    solver: SymmetricSolver,
+    u: Array,
+    p: Array,
+    assembly: Assembly,
+    travel: float,
+    memory: ContactMemory,
+    options: NewtonOptions,
+) -> tuple[Array, Array, Assembly] | None:
+    """Full Newton step with friction, if it reduces the residual: (u, p, assembly) there, or None.
+
+    Friction has no energy that decides, and where the frozen one has a maximum along the step, its
+    descent and the thaw after it go round in circles.
+    """
+    b = -assembly.gradient
+    du = potential.expand(solve_coupled(potential, solver, b, options.coupling_tolerance))
+    if not np.abs(du).max() < options.max_move:  # so is NaN
+        return None
+    dp = potential.pressure_step(du)
+    trial = potential.assemble(u + du, p + dp, travel, memory)
+    reduced = np.linalg.norm(trial.gradient) < options.reduction * np.linalg.norm(b)
+    if trial.smallest_J > 0.0 and reduced:
+        return u + du, p + dp, trial
+    potential.assemble(u, p, travel, memory)  # what the solves below are of
+    return None
 
 
 def _line_search(
@@ -137,6 +225,7 @@ def _line_search(
     du: Array,
     travel: float,
     memory: ContactMemory,
+    frame: Frame | None,
     reference: float,
     slope: float,
     indefinite: bool,
@@ -148,7 +237,7 @@ def _line_search(
     slack = 1e-12 * abs(reference)
     shortened = False
     for _ in range(12):
-        energy = potential.energy(u + fraction * du, travel, memory)
+        energy = potential.energy(u + fraction * du, travel, memory, frame)
         if energy <= reference + 1e-4 * fraction * slope + slack:
             break
         fraction *= 0.5
@@ -157,7 +246,7 @@ def _line_search(
         return 0.0
     if indefinite and not shortened:
         while 2.0 * fraction * largest < options.max_move:
-            further = potential.energy(u + 2.0 * fraction * du, travel, memory)
+            further = potential.energy(u + 2.0 * fraction * du, travel, memory, frame)
             if not further < energy:
                 break
             fraction, energy = 2.0 * fraction, further

@@ -7,9 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from fe import contact, weak_form
-from fe.contact import TIED_TO_PIN, ContactMemory, Faces, RigidPin
+from fe import contact, friction, slip_anchors, weak_form
+from fe.contact import TIED_TO_PIN, Faces, RigidPin
+from fe.contact_memory import ContactMemory
 from fe.discretisation import Pattern, add_entries
+from fe.friction import Frame, FrictionLaw
 from fe.materials.law import MOONEY_RIVLIN_3
 from fe.materials.material import KernelMaterial, Material
 from fe.materials.mooney_rivlin import RATIO_DERIVATIVES
@@ -28,6 +30,7 @@ class Problem:
     pattern: Pattern
     pin: RigidPin
     material: Material
+    friction: FrictionLaw = FrictionLaw()  # noqa: RUF009 - immutable
 
     def __post_init__(self) -> None:
         if not np.isfinite(self.material.bulk):
@@ -41,7 +44,7 @@ class Assembly:
     """The potential and its derivatives at one state."""
 
     energy: float
-    """N mm; inf where some det F <= 0"""
+    """N mm, with the friction potential of `frame`; inf where some det F <= 0"""
     smallest_J: float
     gradient: Array
     """(n_free,) N"""
@@ -51,8 +54,12 @@ class Assembly:
     """(n_free,) d gradient / d travel, N/mm"""
     pin_force: float
     """vertical force of the modelled part, N, positive in compression"""
+    pin_force_by_u: Array
+    """(n_free,) derivative of `pin_force` in the displacement, N/mm"""
     force_scale: float
     """norm of the contact forces, N: what the residual is small against"""
+    frame: Frame | None
+    """friction frozen at this state, None without friction"""
 
 
 class Potential:
@@ -63,6 +70,8 @@ class Potential:
         self._material = problem.material.kernel()
         self._system = weak_form.empty_system(problem.elements)
         self._contact_system = contact.empty_system(problem.faces)
+        self.has_friction = problem.friction.pin > 0.0 or problem.friction.base > 0.0
+        self._coupling = np.zeros_like(self._contact_system.tangent)
         self._free = problem.pattern.number >= 0
         self.n_unknowns = int(self._free.sum())
 
@@ -73,13 +82,22 @@ class Potential:
             (elements.nodes.shape[0], elements.psi.shape[1])
         )
 
-    def energy(self, u: Array, travel: float, memory: ContactMemory) -> float:
-        """Potential (N mm) at displacement u (n_node, 3) mm; inf where some det F <= 0."""
+    def energy(
+        self, u: Array, travel: float, memory: ContactMemory, frame: Frame | None = None
+    ) -> float:
+        """Potential (N mm) at displacement u (n_node, 3) mm; inf where some det F <= 0.
+
+        Friction is that of `frame`, none without it.
+        """
         problem = self.problem
         inner: float = weak_form.element_energy(u, problem.elements, self._material)
         if not np.isfinite(inner):
             return inner
-        return inner + self._contact(u, travel, memory, with_derivatives=False)[0]
+        inner += self._contact(u, travel, memory, with_derivatives=False)[0]
+        if frame is not None:
+            slip = problem.friction.slip
+            inner += friction.frozen_energy(u, problem.faces, frame, travel, slip)
+        return inner
 
     def assemble(self, u: Array, p: Array, travel: float, memory: ContactMemory) -> Assembly:
         """Potential, gradient and condensed tangent at (u, p) and pin travel (mm)."""
@@ -88,6 +106,10 @@ class Potential:
             u, p, problem.elements, self._material, True, self._system
         )
         contact_energy, pin_force = self._contact(u, travel, memory, with_derivatives=True)
+        frame = None
+        if self.has_friction:
+            frame, friction_energy, on_pin = self._add_friction(u, travel, memory)
+            contact_energy, pin_force = contact_energy + friction_energy, pin_force + on_pin
         forces = self._contact_system.force
         gradient = self._sum_elements(self._system.residual) + self._sum_faces(forces)
         data = np.zeros(problem.pattern.indices.size)
@@ -100,7 +122,9 @@ class Potential:
             data=data,
             by_travel=self._sum_faces(self._contact_system.by_travel)[self._free],
             pin_force=pin_force,
+            pin_force_by_u=self._sum_faces(self._contact_system.pin_force_by_u)[self._free],
             force_scale=float(np.linalg.norm(self._sum_faces(np.abs(forces)))),
+            frame=frame,
         )
 
     def expand(self, free: Array) -> Array:
@@ -169,15 +193,53 @@ class Potential:
         weak_form.element_system(u, no_pressure, elements, material, False, system)
         return self._sum_elements(system.residual)[self._free]
 
-    def anchor_gradient(self, memory: ContactMemory) -> tuple[Array, Array]:
-        """Derivative through moving anchors: (gradient (n_free, 2) N, pin force (2,) N)."""
-        faces = self.problem.faces
-        pull = -self.problem.pin.stiffness * np.einsum(
+    def memory_gradient(
+        self, u: Array, travel: float, memory: ContactMemory
+    ) -> tuple[Array, Array]:
+        """Derivative through moving anchors and the coefficients of friction, at fixed u.
+
+        Returns (gradient (n_free, n_p) N, pin force (n_p,) N).
+        """
+        problem = self.problem
+        faces = problem.faces
+        pull = -problem.pin.stiffness * np.einsum(
             "cq,cqij,cq->cqij", faces.weights, memory.anchor_gradient, memory.tied > 0
         )
+        on_pin = pull[memory.tied == TIED_TO_PIN][:, 1].sum(axis=0)
+        if self.has_friction:
+            on_pin = on_pin + slip_anchors.parameter_pull(
+                u, faces, memory.tied, memory.slip, travel, problem.pin, problem.friction, pull
+            )
         nodal = np.einsum("cqa,cqij->caij", faces.shape, pull)
-        gradient = np.stack([self._sum_faces(nodal[..., j]) for j in range(2)], axis=1)
-        return gradient[self._free], pull[memory.tied == TIED_TO_PIN][:, 1].sum(axis=0)
+        columns = [self._sum_faces(nodal[..., j]) for j in range(pull.shape[3])]
+        return np.stack(columns, axis=1)[self._free], on_pin
+
+    def couple(self, free: Array) -> Array:
+        """What the tangent of friction adds to the factorised one, times `free` mm: N.
+
+        (n_free,) or (n_free, k) like `free`; of the last `assemble`.
+        """
+        if free.ndim == 2:
+            return np.stack([self.couple(column) for column in free.T], axis=1)
+        nodal = self.expand(free)[self.problem.faces.nodes]
+        n_face, n_a = nodal.shape[:2]
+        # blocks [a, i, k, b] times nodal [b, k], as a batched product that BLAS does
+        change = np.matmul(
+            self._coupling.reshape(n_face, 3 * n_a, 3 * n_a),
+            nodal.transpose(0, 2, 1).reshape(n_face, 3 * n_a, 1),
+        )
+        return self._sum_faces(change.reshape(n_face, n_a, 3))[self._free]
+
+    def _add_friction(
+        self, u: Array, travel: float, memory: ContactMemory
+    ) -> tuple[Frame, float, float]:
+        """Add friction to the contact system: (its frame at u, energy N mm, pin force N)."""
+        faces, pin, law = self.problem.faces, self.problem.pin, self.problem.friction
+        frame = friction.freeze(u, faces, memory.tied, memory.slip.place, travel, pin, law)
+        energy, pin_force = friction.friction_system(
+            u, faces, frame, travel, pin, law, self._contact_system, self._coupling
+        )
+        return frame, energy, pin_force
 
     def _contact(
         self, u: Array, travel: float, memory: ContactMemory, *, with_derivatives: bool

@@ -162,6 +162,10 @@ WRONG = {
     "wide pin": ("pin_width = 4.0", "pin_width = 12.0", "geometry.pin_width", "12.0", "10 mm"),
     "large fillet": ("fillet = 0.3", "fillet = 2.0", "geometry.pin_fillet", "2.0", "half of"),
     "unknown contact": ('pin = "slide"', 'pin = "glue"', "hypothesis[1].pin", '"glue"', "'stick'"),
+    "negative friction": ('pin = "slide"', "pin = -0.3", "hypothesis[1].pin", "-0.3", "0 or more"),
+    "true for a friction": ('pin = "slide"', "pin = true", "hypothesis[1].pin", "true", "friction"),
+    "endless friction": ('pin = "slide"', "pin = inf", "hypothesis[1].pin", "Infinity", "friction"),
+    "list of contacts": ('pin = "slide"', "pin = [0.1]", "hypothesis[1].pin", "[0.1]", "friction"),
     "same name twice": ('"mixed"', '"stuck"  # 2', "hypothesis[1].name", '"stuck"', "no other"),
     "name that is no folder": ('"own"', '"../own"', "name", '"../own"', "letters, digits"),
     "negative seed": ("seed = 7", "seed = -7", "seed", "-7", "greater than or equal to 0"),
@@ -203,6 +207,15 @@ WRONG = {
                                  "sampler.n_walkers", "1026", "1024"),
     "a single increment": ("[0.5, 1.0]", "[0.5]", "increments", "[0.5]", "two or more"),
 }  # fmt: skip
+
+
+@pytest.mark.parametrize("number", ["0.3", "1", "0"])
+def test_a_number_for_a_contact_is_its_coefficient_of_friction(folder, number):
+    study = read_study(
+        BASE.replace('pin = "slide"', f"pin = {number}").encode(), file="own.toml", folder=folder
+    )
+    assert study.hypotheses[1].pin == float(number)
+    assert study.hypotheses[0].pin == "stick"
 
 
 @pytest.mark.parametrize("case", WRONG)

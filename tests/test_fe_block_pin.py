@@ -158,7 +158,10 @@ def test_what_was_reached_is_kept_when_a_later_step_fails(monkeypatch):
     [
         (lambda: BlockPin(height=-1.0), "height: expected a length above 0 mm, found -1.0"),
         (lambda: BlockPin(pin_fillet=2.0), "pin_fillet: expected less than half"),
-        (lambda: Contact(pin="glue"), "pin: expected 'stick' or 'slide', found 'glue'"),
+        (lambda: Contact(pin="glue"), "pin: expected 'stick', 'slide' or a coeff.*found 'glue'"),
+        (lambda: Contact(base=-0.1), "base: expected .* of 0 or more, found -0.1"),
+        (lambda: Contact(base=float("inf")), "base: expected .* found inf"),
+        (lambda: Contact(pin=True), "pin: expected .* found True"),
         (lambda: model(travel=(0.4, 0.2)), "travel: expected increasing"),
         (lambda: model(travel=(2.6,)), "less than the block's height"),
         (lambda: model(cells=(0, 1, 1)), "cells"),

@@ -13,10 +13,9 @@ from fe.contact import (
     bar_distance,
     contact_system,
     empty_system,
-    initial_memory,
     penalty,
-    tie_touching,
 )
+from fe.contact_memory import initial_memory, tie_touching
 from fe.specimens.block_pin import BlockPin, BlockPinModel, Contact
 
 PIN = RigidPin(height=2.5, half_width=2.0, fillet=0.3, stiffness=500.0, ramp=0.1)
@@ -40,7 +39,7 @@ def evaluate(discrete, u, memory, travel):
 
 
 def mixed_memory(discrete):
-    memory = initial_memory(discrete.faces, np.zeros(discrete.faces.weights.shape, bool))
+    memory = initial_memory(discrete.faces, np.zeros(discrete.faces.weights.shape, bool), PIN)
     memory.tied[::3, ::2] = TIED_TO_PIN
     memory.tied[1::3, ::3] = TIED_TO_FLOOR
     memory.anchor += 0.05
@@ -120,7 +119,7 @@ def test_pin_force_is_the_derivative_of_the_energy_in_the_travel():
 
 def test_points_that_touch_are_tied_to_the_nearest_surface_point():
     discrete, u = patch()
-    memory = initial_memory(discrete.faces, np.zeros(discrete.faces.weights.shape, bool))
+    memory = initial_memory(discrete.faces, np.zeros(discrete.faces.weights.shape, bool), PIN)
     gradient = np.random.default_rng(2).standard_normal((*u.shape, 2))
     travel = 0.4
     count = tie_touching(memory, discrete.faces, u, gradient, travel, PIN)
@@ -134,13 +133,23 @@ def test_points_that_touch_are_tied_to_the_nearest_surface_point():
     np.testing.assert_array_equal(memory.anchor, before.anchor)
 
 
+@pytest.mark.parametrize(("side", "kind"), [("to_pin", TIED_TO_PIN), ("to_floor", TIED_TO_FLOOR)])
+def test_only_a_surface_that_sticks_ties_points(side, kind):
+    discrete, u = patch()
+    memory = initial_memory(discrete.faces, np.zeros(discrete.faces.weights.shape, bool), PIN)
+    only = {"to_pin": False, "to_floor": False, side: True}
+    count = tie_touching(memory, discrete.faces, u, np.zeros((*u.shape, 2)), 0.4, PIN, **only)
+    assert count == np.count_nonzero(memory.tied) > 0
+    assert set(np.unique(memory.tied)) == {FREE, kind}
+
+
 def test_anchor_sensitivity_is_the_derivative_of_the_projection():
     discrete, u = patch()
     direction = 0.1 * np.random.default_rng(3).standard_normal((*u.shape, 2))
     h = 1e-6
 
     def anchors(shift: float) -> np.ndarray:
-        memory = initial_memory(discrete.faces, np.zeros(discrete.faces.weights.shape, bool))
+        memory = initial_memory(discrete.faces, np.zeros(discrete.faces.weights.shape, bool), PIN)
         tie_touching(memory, discrete.faces, u + shift * direction[..., 0], direction, 0.4, PIN)
         return memory
 

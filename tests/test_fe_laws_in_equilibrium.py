@@ -10,7 +10,7 @@ from material_laws import CONSTANTS, make
 
 from fe import BlockPin, BlockPinModel, Contact
 from fe.closed_forms import uniaxial
-from fe.contact import initial_memory
+from fe.contact_memory import initial_memory
 from fe.linear_solver import SymmetricSolver
 from fe.materials import Material
 from fe.materials.volumetric import VOLUMETRIC_CODES
@@ -37,7 +37,7 @@ def start(material: Material) -> tuple[Potential, SymmetricSolver]:
 
 def compress(potential: Potential, solver: SymmetricSolver) -> list[Equilibrium]:
     """Equilibria at growing travels, each started from the one before."""
-    memory = initial_memory(DISCRETE.faces, DISCRETE.glued)
+    memory = initial_memory(DISCRETE.faces, DISCRETE.glued, potential.problem.pin)
     u, p = potential.zero_state()
     found = []
     for travel in (0.1, 0.2, 0.3, 0.4):

@@ -9,7 +9,7 @@ import pytest
 from material_laws import CONSTANTS, make
 
 from fe import BlockPin, BlockPinModel, Contact
-from fe.contact import initial_memory
+from fe.contact_memory import initial_memory
 from fe.materials import Material
 from fe.materials.volumetric import VOLUMETRIC_CODES
 from fe.potential import Potential, Problem
@@ -47,7 +47,7 @@ def bent() -> np.ndarray:
 def gradient(material: Material, u: np.ndarray) -> np.ndarray:
     potential = with_material(material)
     p = potential.consistent_pressure(u)
-    memory = initial_memory(DISCRETE.faces, DISCRETE.glued)
+    memory = initial_memory(DISCRETE.faces, DISCRETE.glued, potential.problem.pin)
     return potential.assemble(u, p, FAR_ABOVE, memory).gradient
 
 
@@ -90,7 +90,7 @@ def test_ratio_gradient_belongs_to_three_constants_of_mooney_and_rivlin():
 @pytest.mark.parametrize("volumetric", VOLUMETRIC_CODES)
 def test_the_consistent_pressure_leaves_nothing_in_the_volume_equation(volumetric):
     potential, u = with_material(make("ogden-3", BULK, volumetric)), bent()
-    memory = initial_memory(DISCRETE.faces, DISCRETE.glued)
+    memory = initial_memory(DISCRETE.faces, DISCRETE.glued, potential.problem.pin)
     p = potential.consistent_pressure(u)
     assert np.abs(p).max() > 1e-2
     potential.assemble(u, p, 0.0, memory)
@@ -102,7 +102,7 @@ def test_the_consistent_pressure_leaves_nothing_in_the_volume_equation(volumetri
 def test_pressure_steps_are_the_derivative_of_the_consistent_pressure(volumetric):
     potential, u = with_material(make("ogden-3", BULK, volumetric)), bent()
     du = np.random.default_rng(3).standard_normal(u.shape)
-    memory = initial_memory(DISCRETE.faces, DISCRETE.glued)
+    memory = initial_memory(DISCRETE.faces, DISCRETE.glued, potential.problem.pin)
     potential.assemble(u, potential.consistent_pressure(u), 0.0, memory)
     h = 1e-6
     plus, minus = (potential.consistent_pressure(u + k * h * du) for k in (1, -1))

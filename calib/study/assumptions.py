@@ -46,8 +46,8 @@ def assumptions_table(study: Study) -> Table:
         "What the study assumes",
         ("assumption", "value", "unit"),
         tuple(rows),
-        "Contact is either stuck or free of friction; what lies between, other pins, heights, and "
-        "laws other than Mooney-Rivlin are not part of this study unless a hypothesis says so.",
+        "Contact: stick, slide (no friction) or a coefficient of Coulomb friction. Other contact, "
+        "pins, heights, and laws other than Mooney-Rivlin are not part of this study.",
     )
 
 

@@ -5,9 +5,10 @@ Units are mm, N and MPa. The text under a field is also what a refusal says it e
 
 from __future__ import annotations
 
+import math
 from typing import Annotated, Literal
 
-from pydantic import ConfigDict, Field
+from pydantic import ConfigDict, Field, SkipValidation
 from pydantic.dataclasses import dataclass
 
 from calib.inference.prior import Marginal
@@ -21,6 +22,8 @@ NotNegative = Annotated[float, Field(ge=0)]
 Correlation = Annotated[float, Field(ge=0, lt=1)]
 Count = Annotated[int, Field(ge=1)]
 Cells = tuple[Count, Count, Count]
+Interface = SkipValidation[Literal["stick", "slide"] | float]
+"""checked by `Hypothesis` as a whole, whose message names all that is possible"""
 
 SHARPEST = 0.05  # mm; the strain at a sharp edge is singular, so that no mesh resolves it
 THESIS_TABLE = "thesis-table-5.1"
@@ -133,12 +136,24 @@ class Hypothesis:
 
     name: Name
     """a name of letters, digits, hyphens and underscores"""
-    pin: Literal["stick", "slide"]
-    """contact between sample and pin"""
-    base: Literal["stick", "slide"]
-    """contact between sample and base plate"""
+    pin: Interface
+    """contact between sample and pin: "stick", "slide" or a coefficient of friction"""
+    base: Interface
+    """contact between sample and base plate: "stick", "slide" or a coefficient of friction"""
     height: Positive | None = None
     """height of the sample under this hypothesis, mm; without it geometry.height"""
+
+    def __post_init__(self) -> None:
+        for key in ("pin", "base"):
+            if not _is_contact(getattr(self, key)):
+                expected = "'stick', 'slide' or a coefficient of friction of 0 or more"
+                raise Contradiction(key, getattr(self, key), expected)
+
+
+def _is_contact(value: object) -> bool:
+    if isinstance(value, int | float) and not isinstance(value, bool):
+        return value >= 0.0 and math.isfinite(value)
+    return value in ("stick", "slide")
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)

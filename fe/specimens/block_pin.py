@@ -17,8 +17,10 @@ import scipy.sparse as sp
 from skfem import MeshHex
 from threadpoolctl import threadpool_limits
 
-from fe.contact import Faces, PenaltyLaw, RigidPin, initial_memory
+from fe.contact import Faces, PenaltyLaw, RigidPin
+from fe.contact_memory import initial_memory
 from fe.discretisation import Pattern, elements, faces, pattern
+from fe.friction import FrictionLaw
 from fe.linear_solver import SymmetricSolver
 from fe.load_stepping import March, StepOptions, TravelState, march
 from fe.materials.material import mooney_rivlin_of_ratios
@@ -29,7 +31,7 @@ from fe.weak_form import Elements
 
 Array = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
-Interface = Literal["stick", "slide"]
+Interface = Literal["stick", "slide"] | float
 
 SYMMETRY_FACTOR = 4.0
 """a quarter model carries a quarter of the measured force"""
@@ -64,7 +66,11 @@ class BlockPin:
 
 @dataclass(frozen=True)
 class Contact:
-    """What the block's surface does where it touches: it sticks, or slides without friction."""
+    """What the block's surface does where it touches pin and base.
+
+    It sticks ("stick"), slides without friction ("slide" or 0), or slides with a coefficient of
+    Coulomb friction (a number above 0).  Sliding or not, the base does not lift.
+    """
 
     pin: Interface = "stick"
     base: Interface = "stick"
@@ -72,8 +78,17 @@ class Contact:
     def __post_init__(self) -> None:
         for name in ("pin", "base"):
             value = getattr(self, name)
-            if value not in ("stick", "slide"):
-                raise ValueError(f"{name}: expected 'stick' or 'slide', found {value!r}")
+            number = isinstance(value, int | float) and not isinstance(value, bool)
+            if value not in ("stick", "slide") and not (number and 0.0 <= value < np.inf):
+                raise ValueError(
+                    f"{name}: expected 'stick', 'slide' or a coefficient of friction of 0 or more, "
+                    f"found {value!r}"
+                )
+
+    def friction(self, slip: float) -> FrictionLaw:
+        """Coefficients of friction, 0 also where the block sticks; `slip` in mm."""
+        pin, base = (0.0 if isinstance(c, str) else float(c) for c in (self.pin, self.base))
+        return FrictionLaw(pin, base, slip)
 
 
 @dataclass(frozen=True)
@@ -146,7 +161,8 @@ class BlockPinModel:
     def solve(self, ratios: Array, kappa: float = 1.0) -> tuple[list[TravelState], March, int]:
         """States of the quarter at the travels reached, at the given kappa (MPa)."""
         discrete = self.discretise()
-        potential = Potential(self.problem(discrete, ratios, kappa))
+        problem = self.problem(discrete, ratios, kappa)
+        potential = Potential(problem)
         solver = SymmetricSolver(discrete.pattern.indptr, discrete.pattern.indices)
         outcome = March()
         try:
@@ -154,10 +170,11 @@ class BlockPinModel:
                 march(
                     potential,
                     solver,
-                    initial_memory(discrete.faces, discrete.glued),
+                    initial_memory(discrete.faces, discrete.glued, problem.pin, problem.friction),
                     self.travel,
                     outcome,
-                    stick=self.contact.pin == "stick",
+                    stick_to_pin=self.contact.pin == "stick",
+                    stick_to_floor=self.contact.base == "stick",
                     steps=self.steps,
                     newton=self.newton,
                 )
@@ -178,8 +195,10 @@ class BlockPinModel:
                 fillet=self.specimen.pin_fillet,
                 stiffness=self.penalty.stiffness * 2.0 * kappa,
                 ramp=self.penalty.ramp,
+                base_stiffness=self.penalty.base * 2.0 * kappa,
             ),
             material=mooney_rivlin_of_ratios(ratios, kappa, self.bulk_ratio * 2.0 * kappa),
+            friction=self.contact.friction(self.penalty.slip),
         )
 
     def mesh(self) -> MeshHex:
@@ -209,18 +228,21 @@ class BlockPinModel:
         side = mesh.facets_satisfying(
             lambda x: (abs(x[0] - half_width) < tolerance) | (abs(x[2] - half_depth) < tolerance)
         )
-        facets = np.concatenate([top, side])
-        contact_faces = faces(mesh, facets, np.arange(facets.size) >= top.size)
+        rubs = self.contact.friction(self.penalty.slip).base > 0.0
+        bottom = mesh.facets_satisfying(lambda x: abs(x[1]) < tolerance) if rubs else top[:0]
+        kind = np.repeat([0, 1, 2], [top.size, side.size, bottom.size])
+        contact_faces = faces(mesh, np.concatenate([top, side, bottom]), kind == 1, kind == 2)
         position = table.positions
         fixed = np.zeros(position.shape, dtype=bool)
         fixed[position[:, 0] < tolerance, 0] = True
         fixed[position[:, 2] < tolerance, 2] = True
         base = position[:, 1] < tolerance
-        fixed[base, 1] = True
+        fixed[base, 1] = not rubs
         if self.contact.base == "stick":
             fixed[base] = True
         flat = self.specimen.pin_width / 2.0 - self.specimen.pin_fillet
-        glued = ~contact_faces.floor[:, None] & (contact_faces.points[..., 0] <= flat)
+        on_top = kind == 0
+        glued = on_top[:, None] & (contact_faces.points[..., 0] <= flat)
         points = self.points()
         probe_at = np.vstack([points.T, np.full(len(points), half_depth)])
         return Discretisation(
@@ -243,7 +265,7 @@ class BlockPinModel:
         probe = self.discretise().probe
         for i, state in enumerate(states):
             force[i] = SYMMETRY_FACTOR * state.pin_force
-            force_gradient[i] = SYMMETRY_FACTOR * state.force_gradient
+            force_gradient[i] = SYMMETRY_FACTOR * state.force_gradient[:2]
             displacement[i] = probe @ state.u
             for j in range(2):
                 displacement_gradient[i, :, :, j] = probe @ state.u_gradient[:, :, j]

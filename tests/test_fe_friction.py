@@ -1,0 +1,340 @@
+"""Coulomb friction: derivatives in every state, closed forms, limits, energy and sensitivities."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fe import BlockPin, BlockPinModel, Contact
+from fe.contact import (
+    TIED_TO_PIN,
+    PenaltyLaw,
+    RigidPin,
+    bar_distance,
+    contact_system,
+    empty_system,
+)
+from fe.contact_memory import initial_memory, slide_anchors
+from fe.friction import (
+    FLOOR,
+    PIN,
+    FrictionLaw,
+    bar_arc,
+    freeze,
+    friction_system,
+    frozen_energy,
+    slip_potential,
+)
+from fe.linear_solver import SymmetricSolver
+from fe.load_stepping import March, march
+from fe.newton import NewtonOptions
+from fe.potential import Potential
+from fe.slip_anchors import parameter_pull
+
+RIGID = RigidPin(2.5, 2.0, 0.3, stiffness=500.0, ramp=0.1, base_stiffness=2e4)
+LAW = FrictionLaw(0.3, 0.7, 0.01)
+TRAVEL = 0.4
+TIGHT = NewtonOptions(tolerance=1e-9)
+RATIOS = np.array([0.4, 0.1])
+
+
+def model(pin, base, **changes) -> BlockPinModel:
+    return replace(
+        BlockPinModel(BlockPin(), Contact(pin, base), (5, 2, 1), (0.3, 0.6), newton=TIGHT),
+        **changes,
+    )
+
+
+def patch(slipped: float, seed: int = 0):
+    """Faces, displacements that touch pin and floor, and anchors a random way `slipped` behind."""
+    discrete = model(0.3, 0.7, cells=(4, 2, 2)).discretise()
+    faces = discrete.faces
+    rng = np.random.default_rng(seed)
+    u = 0.1 * rng.standard_normal(discrete.elements.positions.shape)
+    u[:, 1] -= 0.15
+    memory = initial_memory(faces, np.zeros(faces.weights.shape, bool), RIGID, LAW)
+    gradient = rng.standard_normal((*u.shape, 4))
+    slide_anchors(memory, faces, u, gradient, TRAVEL - 0.2, RIGID, LAW)
+    slide_anchors(memory, faces, u, 0.0 * gradient, TRAVEL, RIGID, LAW)
+    touching = here(faces, u, memory, TRAVEL)
+    memory.slip.place[...] = touching + slipped * rng.standard_normal(touching.shape)
+    memory.slip.gradient[...] = rng.standard_normal(memory.slip.gradient.shape)
+    return faces, u, memory
+
+
+def here(faces, u, memory, travel):
+    """(n_face, n_q, 2, 2) places of the points on pin and floor."""
+    x = faces.points + np.einsum("cqa,cai->cqi", faces.shape, u[faces.nodes])
+    place = np.zeros((*x.shape[:2], 2, 2))
+    for at in np.ndindex(*x.shape[:2]):
+        arc = bar_arc(*x[at][:2], RIGID.half_width, RIGID.fillet, RIGID.height - travel)[0]
+        place[at] = [[arc, x[at][2]], [x[at][0], x[at][2]]]
+    return place
+
+
+def evaluate(faces, u, memory, travel, law=LAW):
+    """Friction alone: (energy, pin force, system, coupling)."""
+    system = empty_system(faces)
+    coupling = np.zeros_like(system.tangent)
+    frame = freeze(u, faces, memory.tied, memory.slip.place, travel, RIGID, law)
+    energy, force = friction_system(u, faces, frame, travel, RIGID, law, system, coupling)
+    return energy, force, system, coupling
+
+
+def tractions(faces, u, memory, travel, law=LAW):
+    """(n_face, n_q) size of the friction traction and its limit mu p, MPa."""
+    frame = freeze(u, faces, memory.tied, memory.slip.place, travel, RIGID, law)
+    x = faces.points + np.einsum("cqa,cai->cqi", faces.shape, u[faces.nodes])
+    x[..., 1] += frame.moves * travel
+    slip = frame.offset.copy()
+    slip[..., 0] += np.einsum("cqi,cqi->cq", frame.tangent, x[..., :2])
+    slip[..., 1] += x[..., 2]
+    secant = np.array([slip_potential(*s, law.slip)[1] for s in slip.reshape(-1, 2)])
+    size = frame.limit * secant.reshape(frame.limit.shape) * np.linalg.norm(slip, axis=-1)
+    return size, frame.limit
+
+
+STATES = pytest.mark.parametrize("slipped", [1e-3, 7e-3, 0.2], ids=["stick", "between", "slip"])
+
+
+@STATES
+def test_tangent_with_coupling_is_the_derivative_of_the_forces(slipped):
+    faces, u, memory = patch(slipped)
+    _, _, system, coupling = evaluate(faces, u, memory, TRAVEL)
+    du = np.random.default_rng(1).standard_normal(u.shape)
+    h = 1e-8
+    plus, minus = (evaluate(faces, u + k * h * du, memory, TRAVEL) for k in (1, -1))
+    change = np.einsum("caikb,cbk->cai", system.tangent + coupling, du[faces.nodes])
+    expected = (plus[2].force - minus[2].force) / (2 * h)
+    np.testing.assert_allclose(change, expected, atol=2e-5 * np.abs(expected).max())
+    force = np.sum(system.pin_force_by_u * du[faces.nodes])
+    assert force == pytest.approx((plus[1] - minus[1]) / (2 * h), rel=1e-5)
+    plus, minus = (evaluate(faces, u, memory, TRAVEL + k * h) for k in (1, -1))
+    expected = (plus[2].force - minus[2].force) / (2 * h)
+    np.testing.assert_allclose(system.by_travel, expected, atol=2e-5 * np.abs(expected).max())
+
+
+@STATES
+def test_frozen_potential_has_the_true_forces_and_its_own_hessian(slipped):
+    faces, u, memory = patch(slipped)
+    frame = freeze(u, faces, memory.tied, memory.slip.place, TRAVEL, RIGID, LAW)
+    energy, _, system, _ = evaluate(faces, u, memory, TRAVEL)
+    assert frozen_energy(u, faces, frame, TRAVEL, LAW.slip) == pytest.approx(energy, rel=1e-12)
+    du = np.random.default_rng(2).standard_normal(u.shape)
+    h = 1e-6
+    plus, minus = (frozen_energy(u + k * h * du, faces, frame, TRAVEL, LAW.slip) for k in (1, -1))
+    along = np.sum(system.force * du[faces.nodes])
+    assert along == pytest.approx((plus - minus) / (2 * h), rel=1e-6)
+    h = 3e-5
+    plus, minus = (frozen_energy(u + k * h * du, faces, frame, TRAVEL, LAW.slip) for k in (1, -1))
+    curvature = np.einsum("cai,caikb,cbk", du[faces.nodes], system.tangent, du[faces.nodes])
+    assert curvature == pytest.approx((plus - 2 * energy + minus) / h**2, rel=1e-3)
+
+
+@STATES
+def test_pull_of_anchors_and_coefficients_is_the_derivative_of_the_forces(slipped):
+    faces, u, memory = patch(slipped)
+    pull = np.zeros((*faces.points.shape, 4))
+    on_pin = parameter_pull(u, faces, memory.tied, memory.slip, TRAVEL, RIGID, LAW, pull)
+    nodal = np.einsum("cqa,cqij->caij", faces.shape, pull)
+    h = 1e-7
+    for j in range(4):
+        sides = []
+        for k in (1, -1):
+            moved = memory.copy()
+            moved.slip.place[...] += k * h * memory.slip.gradient[..., j]
+            law = LAW._replace(
+                pin=LAW.pin + k * h * (j == 2 + PIN), base=LAW.base + k * h * (j == 2 + FLOOR)
+            )
+            sides.append(evaluate(faces, u, moved, TRAVEL, law))
+        expected = (sides[0][2].force - sides[1][2].force) / (2 * h)
+        np.testing.assert_allclose(nodal[..., j], expected, atol=1e-5 * np.abs(expected).max())
+        assert on_pin[j] == pytest.approx((sides[0][1] - sides[1][1]) / (2 * h), rel=1e-5)
+
+
+def test_pull_of_the_return_mapping_is_its_derivative():
+    faces, u, memory = patch(0.03)
+    direction = np.random.default_rng(3).standard_normal((*u.shape, 4))
+    h = 1e-7
+
+    def returned(shift: float, j: int = 0):
+        moved = memory.copy()
+        moved.slip.place[...] += shift * memory.slip.gradient[..., j]
+        slide_anchors(moved, faces, u + shift * direction[..., j], direction, TRAVEL, RIGID, LAW)
+        return moved.slip
+
+    for j in range(4):
+        expected = (returned(h, j).place - returned(-h, j).place) / (2 * h)
+        found = returned(0.0).gradient[..., j]
+        used = np.ones(found.shape[:3], bool)
+        used[faces.base, :, PIN] = False  # the base has no anchors on the pin
+        np.testing.assert_allclose(found[used], expected[used], atol=1e-5 * np.abs(found).max())
+
+
+def test_the_traction_reaches_its_limit_after_the_slip_and_never_passes_it():
+    for slipped in (1e-3, 7e-3, 0.2):
+        size, limit = tractions(*patch(slipped)[:2], patch(slipped)[2], TRAVEL)
+        assert np.count_nonzero(limit) > 100
+        assert np.all(size <= limit * (1 + 1e-12))
+    far = slip_potential(0.3, 0.4, 0.01)[1] * 0.5
+    assert far == pytest.approx(1.0, rel=1e-14)
+    assert slip_potential(1e-6, 0.0, 0.01)[1] == pytest.approx(150.0, rel=1e-6)
+
+
+def test_arc_length_runs_on_round_the_fillet():
+    flat = bar_arc(1.0, 2.0, 2.0, 0.3, 2.0)
+    corner = bar_arc(1.7 + 0.3 * np.sqrt(0.5), 2.3 - 0.3 * np.sqrt(0.5), 2.0, 0.3, 2.0)
+    wall = bar_arc(2.0, 2.8, 2.0, 0.3, 2.0)
+    assert flat == (1.0, 1.0)
+    assert corner == pytest.approx((1.7 + 0.3 * np.pi / 4, 1.0))
+    assert wall == pytest.approx((1.7 + 0.3 * np.pi / 2 + 0.5, 1.0))
+    assert bar_arc(-1.9, 2.05, 2.0, 0.3, 2.0)[0] == -bar_arc(1.9, 2.05, 2.0, 0.3, 2.0)[0]
+
+
+def sheared_element(mu: float, shear: float):
+    """One element pressed by the platen to a known pressure, its top moved sideways by `shear`.
+
+    Returns (forces on the top in x and y, N) from the contact kernels alone.
+    """
+    m = BlockPinModel(BlockPin(1.0, 1.0, 2.5, 40.0), Contact(mu, "slide"), (1, 1, 1), (0.5,))
+    discrete = m.discretise()
+    pin = RigidPin(2.5, 20.0, 0.3, 500.0, 0.1)
+    law = FrictionLaw(mu, 0.0, 0.01)
+    memory = initial_memory(discrete.faces, discrete.glued, pin, law)
+    u = np.zeros(discrete.elements.positions.shape)
+    travel, total = 0.05, np.zeros(3)
+    for k in range(1, 6):
+        u[:, 0] = shear * k / 5
+        system = empty_system(discrete.faces)
+        contact_system(u, discrete.faces, memory.tied, memory.anchor, travel, pin, True, system)
+        frame = freeze(u, discrete.faces, memory.tied, memory.slip.place, travel, pin, law)
+        friction_system(
+            u, discrete.faces, frame, travel, pin, law, system, np.zeros_like(system.tangent)
+        )
+        slide_anchors(memory, discrete.faces, u, np.zeros((*u.shape, 4)), travel, pin, law)
+        total = system.force.sum(axis=(0, 1))
+    return total
+
+
+@pytest.mark.parametrize("mu", [0.1, 0.6])
+def test_a_pressed_block_slips_exactly_at_mu_times_the_normal_force(mu):
+    pressure = 500.0 * 0.05**2 / (2 * 0.1)
+    area = 0.5 * 0.5
+    x, y, z = sheared_element(mu, 0.2)
+    assert (x, y, z) == pytest.approx((mu * pressure * area, pressure * area, 0.0), abs=1e-12)
+    held = sheared_element(mu, 0.004)[0]  # within the slip a: h(0.4) of the limit
+    assert held == pytest.approx(mu * pressure * area * (0.4 * 3 - 0.4**3) / 2, rel=1e-12)
+    assert sheared_element(mu, -0.2)[0] == pytest.approx(-x, rel=1e-12)
+
+
+@pytest.fixture(scope="module")
+def rubbing():
+    """States of a run with friction on pin and base."""
+    return model(0.3, 0.2).solve(RATIOS)[0]
+
+
+def test_sensitivities_match_central_differences(rubbing):
+    h = 1e-5
+    for j in range(4):
+        sides = []
+        for k in (h, -h):
+            contact = Contact(0.3 + k * (j == 2), 0.2 + k * (j == 3))
+            m = model(0.3, 0.2, contact=contact, travel=(0.3,))
+            sides.append(m.solve(RATIOS + k * np.array([j == 0, j == 1]))[0][0])
+        force = (sides[0].pin_force - sides[1].pin_force) / (2 * h)
+        field = (sides[0].u - sides[1].u) / (2 * h)
+        state = rubbing[0]
+        assert state.force_gradient[j] == pytest.approx(force, rel=1e-5)
+        np.testing.assert_allclose(state.u_gradient[..., j], field, atol=1e-5 * abs(field).max())
+
+
+def test_force_scales_with_kappa_and_field_does_not(rubbing):
+    softer = model(0.3, 0.2).solve(RATIOS, 0.037)[0]
+    for a, b in zip(rubbing, softer, strict=True):
+        assert b.pin_force == pytest.approx(0.037 * a.pin_force, rel=1e-9)
+        assert b.friction_work == pytest.approx(0.037 * a.friction_work, rel=1e-9)
+        np.testing.assert_allclose(b.u, a.u, atol=1e-9)
+
+
+def test_the_work_of_the_pin_is_stored_or_rubbed_away():
+    m = model(0.3, 0.3, travel=tuple(np.linspace(0.02, 0.5, 25)))
+    states, _, _ = m.solve(RATIOS)
+    force = np.concatenate([[0.0], [s.pin_force for s in states]])
+    work = np.trapezoid(force, np.concatenate([[0.0], m.travel]))
+    assert states[-1].friction_work > 0.03 * work
+    assert states[-1].energy + states[-1].friction_work == pytest.approx(work, rel=5e-3)
+
+
+def test_force_grows_with_friction_from_sliding_towards_sticking():
+    one = {"travel": (0.3,)}
+    force = [model(mu, mu, **one)(RATIOS).force[0] for mu in (1e-6, 0.1, 0.4, 1.0, 20.0)]
+    slide, stick = (model(c, c, **one)(RATIOS).force[0] for c in ("slide", "stick"))
+    assert np.all(np.diff(force) > 0.0)
+    # the base with friction rests on a spring, the one without is held
+    assert force[0] == pytest.approx(slide, rel=1e-4)
+    # what sticks to the pin also hangs on it, which friction cannot do: the fillet takes less along
+    assert 0.9 * stick < force[-1] < stick
+
+
+def test_a_rough_base_is_a_base_that_sticks():
+    rough, stuck = (model("stick", c)(RATIOS) for c in (50.0, "stick"))
+    np.testing.assert_allclose(rough.force, stuck.force, rtol=2e-3)
+    np.testing.assert_allclose(rough.displacement, stuck.displacement, atol=5e-3)
+
+
+def test_no_friction_is_sliding_to_the_bit():
+    zero, slide = model(0.0, 0.0)(RATIOS), model("slide", "slide")(RATIOS)
+    assert zero.force.tobytes() == slide.force.tobytes()
+    assert zero.displacement.tobytes() == slide.displacement.tobytes()
+
+
+def test_at_equilibrium_no_traction_passes_mu_p_and_the_base_carries_the_pin():
+    m = model(0.3, 0.2)
+    discrete = m.discretise()
+    problem = m.problem(discrete, RATIOS)
+    memory = initial_memory(discrete.faces, discrete.glued, problem.pin, problem.friction)
+    solver = SymmetricSolver(discrete.pattern.indptr, discrete.pattern.indices)
+    keys = {"stick_to_pin": False, "stick_to_floor": False, "steps": m.steps, "newton": m.newton}
+    states = list(march(Potential(problem), solver, memory, m.travel, March(), **keys))
+    solver.close()
+    faces, u = discrete.faces, states[-1].u
+    x = faces.points + np.einsum("cqa,cai->cqi", faces.shape, u[faces.nodes])
+    gap = np.array([bar_distance(*p[:2], 2.0, 0.3, 2.5 - 0.6)[0] for p in x.reshape(-1, 3)])
+    depth = np.maximum(-gap.reshape(x.shape[:2]), 0.0)
+    pressure = problem.pin.stiffness * depth**2 / (2 * problem.pin.ramp)  # depth < ramp
+    on_base = -problem.pin.base_stiffness * x[faces.base][..., 1]
+    size = np.linalg.norm(memory.slip.traction, axis=-1)
+    top = ~faces.base & ~faces.floor
+    assert depth.max() < problem.pin.ramp
+    assert np.all(size[top][..., PIN] <= 0.3 * pressure[top] * (1 + 1e-9))
+    assert np.all(size[faces.base][..., FLOOR] <= 0.2 * np.maximum(on_base, 0.0) * (1 + 1e-9))
+    # much of the interface slides, some of it sticks
+    sliding = size[faces.base][..., FLOOR] > 0.2 * on_base * (1 - 1e-9)
+    assert 0.3 < sliding.mean() < 1.0
+    reaction = np.sum(faces.weights[faces.base] * on_base)
+    assert reaction == pytest.approx(states[-1].pin_force, rel=1e-7)
+
+
+def test_a_base_with_friction_does_not_move_up_or_down(rubbing):
+    discrete = model(0.3, 0.2).discretise()
+    bottom = discrete.elements.positions[:, 1] < 1e-9
+    assert np.abs(rubbing[-1].u[bottom, 1]).max() < 1e-4
+    assert np.abs(rubbing[-1].u[bottom, 0]).max() > 0.05
+
+
+def test_tied_points_have_no_friction():
+    faces, u, memory = patch(0.2)
+    memory.tied[:] = TIED_TO_PIN
+    energy, force, system, _ = evaluate(faces, u, memory, TRAVEL)
+    assert energy == force == 0.0
+    assert not system.force.any()
+
+
+def test_the_slip_in_which_friction_builds_up_hardly_matters():
+    sharp, blunt = (
+        model(0.3, 0.3, travel=(0.4,), penalty=PenaltyLaw(slip=a))(RATIOS).force[0]
+        for a in (0.005, 0.01)
+    )
+    assert sharp == pytest.approx(blunt, rel=0.01)
