@@ -1,4 +1,4 @@
-"""From a specimen moved by a travel to its `Response`: what tensile, uniaxial and cylinder share."""
+"""From a specimen moved by a travel to its `Response`: what all specimens without a pin share."""
 
 from __future__ import annotations
 
@@ -27,6 +27,8 @@ class DrivenSpecimen:
     """A meshed part of a specimen, the points where its surface is seen, and its symmetry."""
 
     problem: DrivenProblem
+    points: Array
+    """(n_point, 2) reference position of the field points on the surface, mm"""
     probe: sp.csr_matrix
     """(n_point, n_node) nodal values to values at the field points"""
     symmetry: float
@@ -52,7 +54,8 @@ class Schedule:
 
 def respond(specimen: DrivenSpecimen, material: Material, schedule: Schedule) -> Response:
     """Response with derivatives in every constant and, last, the bulk modulus."""
-    return _run(specimen, material, schedule, np.eye(len(material.constants) + 1))
+    names = (*material.law.constant_names, "bulk")
+    return _run(specimen, material, schedule, np.eye(len(names)), names)
 
 
 def respond_to_ratios(
@@ -66,11 +69,16 @@ def respond_to_ratios(
     if ratios.shape != (2,) or not np.isfinite(ratios).all():
         raise ValueError(f"ratios: expected two finite numbers (r, s), found {ratios}")
     material = mooney_rivlin_of_ratios(ratios, 1.0, 2.0 * bulk_ratio)
-    return _run(specimen, material, schedule, np.hstack([RATIO_DERIVATIVES, np.zeros((2, 1))]))
+    directions = np.hstack([RATIO_DERIVATIVES, np.zeros((2, 1))])
+    return _run(specimen, material, schedule, directions, ("r", "s"))
 
 
 def _run(
-    specimen: DrivenSpecimen, material: Material, schedule: Schedule, directions: Array
+    specimen: DrivenSpecimen,
+    material: Material,
+    schedule: Schedule,
+    directions: Array,
+    parameters: tuple[str, ...],
 ) -> Response:
     started = time.perf_counter()
     with threadpool_limits(limits=1):
@@ -83,17 +91,17 @@ def _run(
             newton=schedule.newton,
         )
     seconds = time.perf_counter() - started
-    return _response(specimen, solution, schedule.travel, len(directions), seconds)
+    return _response(specimen, solution, schedule.travel, parameters, seconds)
 
 
 def _response(
     specimen: DrivenSpecimen,
     solution: Solution,
     travel: Sequence[float],
-    n_parameter: int,
+    parameters: tuple[str, ...],
     seconds: float,
 ) -> Response:
-    n_step, n_point = len(travel), specimen.probe.shape[0]
+    n_step, n_point, n_parameter = len(travel), len(specimen.points), len(parameters)
     force = np.full(n_step, np.nan)
     displacement = np.full((n_step, n_point, 3), np.nan)
     force_gradient = np.full((n_step, n_parameter), np.nan)
@@ -119,4 +127,6 @@ def _response(
         negative_pivots=negative,
         n_factorisations=solution.n_factorisations,
         seconds=seconds,
+        points=specimen.points,
+        parameters=parameters,
     )

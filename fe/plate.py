@@ -10,7 +10,7 @@ limit * s / sqrt(s^2 + a^2): Coulomb's for slips a step well above a.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -53,7 +53,7 @@ class Plate:
     """coefficient, on ends and edges; bonded ends do not slip"""
     slip: float = 0.01
     """a of the friction potential, mm"""
-    law: PenaltyLaw = PenaltyLaw()
+    law: PenaltyLaw = field(default_factory=PenaltyLaw)
 
     def __post_init__(self) -> None:
         if not self.friction >= 0.0:
@@ -120,9 +120,7 @@ def initial_memory(plate: Plate) -> PlateMemory:
     )
 
 
-def evaluate(
-    plate: Plate, u: Array, travel: float, memory: PlateMemory, modulus: float
-) -> Touch:
+def evaluate(plate: Plate, u: Array, travel: float, memory: PlateMemory, modulus: float) -> Touch:
     """Plate and friction at u (n_node, 3) mm, travel mm; `modulus` mu (MPa) scales the penalty."""
     edges = plate.edges
     position = _edge_positions(edges, u)

@@ -123,4 +123,4 @@ class Solid:
         index = 3 * self.elements.nodes[..., None] + np.arange(3)
         size = self.elements.positions.size
         total = np.bincount(index.ravel(), weights=values.ravel(), minlength=size)
-        return total.reshape(-1, 3)
+        return total.astype(np.float64, copy=False).reshape(-1, 3)

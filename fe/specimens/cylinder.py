@@ -51,10 +51,10 @@ class CylinderModel:
     """Simulation of the cylinder as a function of (r, s) or of any material; picklable, one thread.
 
     `ends` are bonded to the plates or slide on them with the coefficient `friction`, which also
-    acts on a side that has rolled over.  `cells` are the numbers of Q2 elements along the radius and
-    half the height; `travel` the approaches of the plates (mm, increasing); `bulk_ratio` the bulk
-    modulus over mu = 2 kappa for calls with ratios; `n_point` the field points along half the side.
-    With friction the gradients of the response are NaN: they would depend on the whole path.
+    acts on a side that has rolled over.  `cells` are the numbers of Q2 elements along the radius
+    and half the height; `travel` the approaches of the plates (mm, increasing); `bulk_ratio` the
+    bulk modulus over mu = 2 kappa for calls with ratios; `n_point` the number of field points along
+    half the side.  With friction the gradients are NaN: they would depend on the whole path.
     """
 
     specimen: Cylinder
@@ -143,6 +143,7 @@ class CylinderModel:
                 motion=motion,
                 plate=plate,
             ),
+            points=self.points(),
             probe=sp.hstack([probe, sp.csr_matrix(probe.shape)]).tocsr(),
             symmetry=SYMMETRY_FACTOR,
         )

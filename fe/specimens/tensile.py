@@ -139,6 +139,7 @@ class TensileModel:
         at = np.vstack([points.T, np.full(len(points), self.specimen.thickness / 2.0)])
         return DrivenSpecimen(
             problem=DrivenProblem(table, unknowns(table.nodes, equations(fixed)), motion),
+            points=points,
             probe=basis.probes(at).tocsr(),
             symmetry=SYMMETRY_FACTOR,
         )

@@ -103,6 +103,7 @@ class UniaxialModel:
         at = np.vstack([points.T, np.full(len(points), self.specimen.depth)])
         return DrivenSpecimen(
             problem=DrivenProblem(table, unknowns(table.nodes, equation.ravel()), motion),
+            points=points,
             probe=basis.probes(at).tocsr(),
             symmetry=1.0,
         )
