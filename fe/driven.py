@@ -128,10 +128,10 @@ class DrivenPotential:
         by_motion = self.solid.tangent_times(problem.motion)
         travel_force = 0.0
         touch = self._touch(u, travel, memory)
-        if touch is not None:
+        if touch is not None and problem.plate is not None:
             energy += touch.energy
             forces = forces + touch.forces
-            by_motion = by_motion + touch.by_travel
+            by_motion = by_motion + contact.tangent_times(problem.plate, touch, problem.motion)
             travel_force = touch.travel_force
             add_entries(touch.face_tangent, problem.pattern.face_slots, data)
             self._add_diagonal(touch.nodal_stiffness, data)

@@ -156,6 +156,15 @@ def evaluate(plate: Plate, u: Array, travel: float, memory: PlateMemory, modulus
     )
 
 
+def tangent_times(plate: Plate, touch: Touch, motion: Array) -> Array:
+    """(n_node, 3) change of the forces per travel, N/mm: plate and nodes (their motion) move."""
+    total = touch.by_travel + touch.nodal_stiffness * motion
+    nodes = plate.edges.nodes
+    moved = np.einsum("caikb,cbk->cai", touch.face_tangent, motion[nodes])
+    np.add.at(total, nodes, moved)
+    return total
+
+
 def renewed_limits(
     plate: Plate, memory: PlateMemory, u: Array, travel: float, modulus: float, end_force: Array
 ) -> PlateMemory:
