@@ -9,17 +9,19 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 from material_laws import CONSTANTS, make
-from skfem import Basis, BilinearForm, ElementQuad2, ElementVector, condense
+from skfem import Basis, BilinearForm, ElementQuad2, ElementVector, MeshHex, condense
 from skfem import solve as linear_solve
 
 from fe import Cylinder, CylinderModel, Status
 from fe.closed_forms import uniaxial
-from fe.driven import DrivenPotential
+from fe.discretisation import elements
+from fe.driven import DrivenPotential, DrivenProblem, equations, unknowns
 from fe.driving import DrivenState, Solution, solve
 from fe.load_stepping import StepOptions
 from fe.materials import Material, bulk_modulus, material
 from fe.newton import NewtonOptions
 from fe.plate import PlateMemory
+from fe.specimens.cylinder import GRADING
 
 SIZE = Cylinder()
 AREA = np.pi * SIZE.diameter**2 / 4
@@ -102,6 +104,51 @@ def test_a_thin_bonded_disc_is_as_stiff_as_gent_and_lindley_say():
     force = model.respond(material("neo-hookean", (mu / 2,), 1e4 * mu)).force[0]
     S = disc.diameter / 4 / disc.height
     np.testing.assert_allclose(force / AREA / strain, 3 * mu * (1 + 2 * S**2), rtol=0.04)
+
+
+def solid_eighth(n: int, nz: int) -> MeshHex:
+    """Hexahedra of an eighth of the cylinder: a square blended into the circle, of its volume."""
+    lines = np.linspace(0.0, 1.0, n + 1)
+    unit = MeshHex.init_tensor(lines, lines, np.linspace(0.0, 1.0, nz + 1))
+    x, y, z = unit.p
+    ring = np.maximum(x, y)
+    angle = np.pi / 4 * np.divide(np.minimum(x, y), ring, where=ring > 0, out=np.zeros(x.size))
+    angle = np.where(x >= y, angle, np.pi / 2 - angle)
+    circle = ring * np.array([np.cos(angle), np.sin(angle)])
+    plane = ring * circle + (1 - ring) * 0.85 * np.array([x, y])
+    chords = 2 * n  # of the quarter circle
+    polygon = chords / 2 * np.sin(np.pi / 2 / chords)
+    plane *= SIZE.diameter / 2 * np.sqrt(np.pi / 4 / polygon)
+    return MeshHex(np.vstack([plane, z * (1 + GRADING * (1 - z)) * SIZE.height / 2]), unit.t)
+
+
+def solid_force(model: CylinderModel, m: Material, n: int) -> np.ndarray:
+    """Forces (N) on bonded ends of the solid model, as many elements along z as `model` has."""
+    table, _ = elements(solid_eighth(n, model.cells[1]))
+    np.testing.assert_allclose(table.weights.sum(), AREA * SIZE.height / 8, rtol=1e-10)
+    x = table.positions
+    fixed = x < 1e-9
+    top = x[:, 2] > SIZE.height / 2 - 1e-9
+    fixed[top] = True
+    motion = np.where(top[:, None] & (np.arange(3) == 2), -0.5, 0.0)
+    solution = solve(
+        DrivenProblem(table, unknowns(table.nodes, equations(fixed)), motion),
+        m,
+        model.travel,
+        directions=np.eye(len(m.constants) + 1),
+        steps=model.steps,
+        newton=model.newton,
+    )
+    return np.array([8.0 * state.force for state in solution.states])
+
+
+def test_the_solid_model_with_bonded_ends_converges_to_the_axisymmetric_one():
+    m = make("mooney-rivlin-2", 60.0)
+    model = CylinderModel(SIZE, (8, 3), (2.0, 4.0), "bonded")
+    force = model.respond(m).force
+    coarse, fine = (np.abs(solid_force(model, m, n) / force - 1.0) for n in (3, 6))
+    assert (fine < 0.5 * coarse).all(), (coarse, fine)
+    assert (fine < 3e-3).all(), (coarse, fine)
 
 
 def test_friction_raises_the_force_from_sliding_to_bonded_ends():
