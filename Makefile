@@ -11,7 +11,8 @@ PYTEST_ARGS ?=
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help study test test-all test-lowest lint types bench clean
+.PHONY: help study test test-all test-lowest lint types bench bench-fe verify-fe clean
+VERIFY_ARGS ?=
 
 # One thread a process: the runs are spread over processes, and sums come in one order.
 export OMP_NUM_THREADS := 1
@@ -47,6 +48,12 @@ types: $(INSTALLED)  ## check types
 
 bench: $(INSTALLED)  ## time one FE run of each hypothesis and the emulator
 	$(BIN)/python -m benchmarks.stages
+
+bench-fe: $(INSTALLED)  ## time the FE model beside the thesis, FElupe and CalculiX (some 8 minutes)
+	$(BIN)/python benchmarks/fe.py $(if $(JSON),--json $(JSON))
+
+verify-fe: $(INSTALLED)  ## measure docs/verification/fe.json (hours; VERIFY_ARGS="--only gci" for a part)
+	$(BIN)/python -m benchmarks.verify_fe $(VERIFY_ARGS)
 
 $(LOWEST)/.installed: pyproject.toml $(INSTALLED)
 	$(BIN)/uv venv --quiet --clear --python 3.11 $(LOWEST)

@@ -135,9 +135,8 @@ def dense_field(posterior: Posterior) -> tuple[Array, Array]:
     smooth = ((inverse.T * noise.floor_values) @ inverse)[np.ix_(keep, keep)]
     n_step = noise.step.shape[0]
     total = np.kron(noise.step, np.kron(own, np.diag(noise.noise_variance)))
-    for step, variance in enumerate(noise.floor_variance):
-        rows = slice(step * keep.size * 3, (step + 1) * keep.size * 3)
-        total[rows, rows] += np.kron(smooth, np.diag(variance))
+    floor = np.einsum("cij,pq,cd->ipcjqd", noise.floor, smooth, np.eye(3))
+    total += floor.reshape(total.shape)
     flat = noise.patterns[:, :, keep].reshape(-1, n_step * keep.size * 3)
     residual = (field.observed - field.basis.offset)[:, keep].ravel()
     return residual, total + flat.T @ flat

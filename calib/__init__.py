@@ -1,3 +1,3 @@
 """Calibration: from measurements to a posterior of the constants, with the FE model in the loop."""
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"

@@ -33,6 +33,7 @@ def field_data() -> FieldData:
 
 
 FIELD = field_data()
+PATTERNS = 0.02 * RNG.standard_normal((2, 5, 7, 3))
 FLOOR = np.linspace(0.001, 0.006, 15).reshape(5, 3)
 
 
@@ -50,9 +51,7 @@ def dense_field(covariance: FieldCovariance) -> Array:
         covariance.correlation,
         np.diag(covariance.noise_variance),
     )
-    floor = np.einsum(
-        "ij,pq,ic,cd->ipcjqd", np.eye(n_step), smooth, covariance.floor_variance, np.eye(3)
-    )
+    floor = np.einsum("cij,pq,cd->ipcjqd", covariance.floor, smooth, np.eye(3))
     total = (noise + floor).reshape(n_step * n_point * 3, -1)
     flat = covariance.patterns.reshape(-1, len(total))
     return total + flat.T @ flat
@@ -64,7 +63,8 @@ def likelihood(with_field: bool, error: float = 0.02) -> Likelihood:
         AnalyticForward(BLOCK, error, with_field),
         NoiseSettings(),
         force_discretisation=np.array([0.01, 0.02, 0.03, 0.04, 0.06]),
-        field_floor=np.linspace(0.001, 0.006, 15).reshape(5, 3),
+        field_floor=FLOOR,
+        field_patterns=PATTERNS,
     )
 
 

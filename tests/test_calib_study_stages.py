@@ -310,6 +310,11 @@ def test_what_is_left_of_the_mesh_error_is_its_index_and_its_spread() -> None:
     np.testing.assert_allclose(error.force**2, (1.2 * size) ** 2 + half_gap**2)
     spread = (np.diff(field, axis=0)[0] ** 2 / 2).mean(axis=1)
     np.testing.assert_allclose(error.field_floor**2, 1.44 * (field**2).mean(axis=(0, 2)) + spread)
+    patterns = error.field_patterns
+    assert patterns.shape == (10, 5, 9, 3)
+    # All signs the same, they add up to the differences; each lives at one increment.
+    np.testing.assert_allclose(patterns.sum(axis=0), 1.2 * field.sum(axis=0))
+    assert (np.abs(patterns).max(axis=(2, 3)) > 0).sum(axis=1).tolist() == [1] * 10
     one = MeshError(error.ratios[:1], signed[:1], field[:1])
     np.testing.assert_allclose(one.field_floor**2, 1.44 * (field[:1] ** 2).mean(axis=(0, 2)))
 

@@ -2,8 +2,9 @@
 
 With points P, increments I and components C the covariance is
 
-    A (I x I)  (x)  S (P x P)  (x)  diag(noise_std^2)  +  diag(floor_ic^2) (x) L (P x P)
-                                                           +  patterns^T patterns.
+    A (I x I)  (x)  S (P x P)  (x)  diag(noise_std^2)
+      +  B_c (I x I)  (x)  L (P x P), for each component c
+      +  patterns^T patterns.
 
 S is the correlation of the measurement's noise over the points and L, with a longer length, that
 of the model's errors. Vectors V with V^T S V = I and V^T L V diagonal turn the first two terms into
@@ -31,6 +32,8 @@ Kernel = Literal["exponential", "squared_exponential"]
 NUGGET = 1e-6
 FLOOR_NUGGET = 0.1
 """share of the variance of the model's errors that is not correlated over the points"""
+FLOOR_SHARED = 0.5
+"""share of the variance of the model's errors that is common to all increments"""
 
 
 def spatial_correlation(
@@ -77,8 +80,8 @@ class FieldCovariance:
     """(n_point, n_point) S"""
     noise_variance: Array
     """(3,) variance of each component, mm^2"""
-    floor_variance: Array
-    """(n_step, 3) variance of the model's errors, independent over increments, mm^2"""
+    floor: Array
+    """(3, n_step, n_step) covariance of the model's errors over increments, mm^2"""
     patterns: Array
     """(q, n_step, n_point, 3) errors of known shape, each with a standard normal factor, mm"""
 
@@ -99,7 +102,7 @@ class FieldCovariance:
         return replace(
             self,
             step=self.step[np.ix_(keep, keep)],
-            floor_variance=self.floor_variance[keep],
+            floor=self.floor[:, keep[:, None], keep],
             patterns=self.patterns[:, keep],
         )
 
@@ -108,10 +111,7 @@ class FieldCovariance:
         """(n_point, 3, n_step, n_step) lower Cholesky factors of the independent blocks."""
         noise = self.noise_variance[:, None, None] * self.step
         blocks = np.repeat(noise[None], self.floor_values.size, axis=0)
-        diagonal = np.arange(self.step.shape[0])
-        blocks[:, :, diagonal, diagonal] += np.multiply.outer(
-            self.floor_values, self.floor_variance.T
-        )
+        blocks += np.multiply.outer(self.floor_values, self.floor)
         return np.asarray(np.linalg.cholesky(blocks), dtype=np.float64)
 
     @cached_property
@@ -198,8 +198,9 @@ def field_covariance(
 
     `patterns` (q, n_step, n_point, 3) are model errors of known shape [mm]; `floor`, one SD [mm] or
     (n_step, 3) of them, is for model errors of unknown shape, correlated over the points as a
-    squared exponential of `floor_length` [mm]: errors of a mesh are smooth, and taken as
-    independent from point to point they would average away, as they do not in truth.
+    squared exponential of `floor_length` [mm] and half common to all increments: errors of a mesh
+    are smooth and grow with the travel. Taken as independent they would average away, as they do
+    not in truth.
     Raises ValueError when shapes disagree or a floor is negative.
     """
     n_step, n_point, _ = field.displacement.shape
@@ -216,12 +217,13 @@ def field_covariance(
         field.points, floor_length, "squared_exponential", nugget=FLOOR_NUGGET
     )
     values, vectors = eigh(smooth, correlation)
+    shared = step_correlation(n_step, FLOOR_SHARED)
     return FieldCovariance(
         step=step_correlation(n_step, field.reference_share),
         vectors=vectors,
         floor_values=values,
         correlation=correlation,
         noise_variance=field.noise_std**2,
-        floor_variance=np.array(floors**2),
+        floor=floors.T[:, :, None] * floors.T[:, None, :] * shared,
         patterns=patterns,
     )

@@ -109,19 +109,23 @@ def build_likelihood(
     *,
     force_discretisation: Array | float = 0.0,
     field_floor: Array | float = 0.0,
+    field_patterns: Array | None = None,
     kernel: Kernel = "exponential",
 ) -> Likelihood:
     """Likelihood of `dataset` under `forward`; the field is used when the dataset has one.
 
     `force_discretisation` (n_step,) is the relative SD of the mesh error of the force,
-    `field_floor` that of the field [mm], one for all or (n_step, 3).
+    `field_floor` that of the field [mm], one for all or (n_step, 3), and `field_patterns`
+    (q, n_step, n_point, 3) its parts of known shape [mm], each of one SD.
     Raises ValueError when shapes disagree, the noise is impossible (see `noise`), or the
     forward model has no field where the data have one.
     """
     errors = force_errors(dataset, noise, force_discretisation)
     if dataset.field is None:
         return Likelihood(forward, dataset.force_mean, errors)
-    covariance = field_covariance(dataset.field, kernel=kernel, floor=field_floor)
+    covariance = field_covariance(
+        dataset.field, kernel=kernel, floor=field_floor, patterns=field_patterns
+    )
     basis = forward.field_basis
     if basis is None:
         # A direct model shows the shape of its field with its first run only.

@@ -60,6 +60,19 @@ class MeshError:
         floor: Array = np.sqrt(LEFT_SHARE**2 * size + spread)
         return floor
 
+    @property
+    def field_patterns(self) -> Array:
+        """(n_check n_step, n_step, n_point, 3) errors of the field in known shapes, mm.
+
+        What is left of each difference has its shape at one increment, and a sign and size of its
+        own there. Mesh errors look like other constants: as rows of nodes pass the pin's edge, the
+        front face moves as it does with r and s. A floor that is spread over all shapes would put
+        almost nothing into those.
+        """
+        n_step = self.field.shape[1]
+        single = np.eye(n_step)[:, None, :, None, None] * self.field
+        return LEFT_SHARE * single.reshape(-1, *self.field.shape[1:])
+
 
 def _variance_over_checks(differences: Array) -> Array:
     """Variance over the checks (the first axis); zero with a single check."""

@@ -48,6 +48,7 @@ def posterior_of(
         noise,
         force_discretisation=mesh.force,
         field_floor=mesh.field_floor,
+        field_patterns=mesh.field_patterns,
     )
     return Posterior(prior_of(study), likelihood)
 

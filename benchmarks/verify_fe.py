@@ -1,0 +1,154 @@
+"""Measure what docs/verification/fe.json states about the FE model, part by part.
+
+    python -m benchmarks.verify_fe [--only PART ...] [--draws 200] [--workers 1] [--out FILE]
+
+Parts: felupe, calculix, taylor (a minute each), gci (some minutes), sobol (200 draws for each pin
+and contact: an hour or more).  Each part replaces its own figures in FILE and leaves the others;
+every simulation of gci and sobol is kept under --runs, so an interrupted part goes on where it was.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+
+for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ.setdefault(_name, "1")  # read when numpy and MKL are loaded
+if __name__ == "__main__" and not __package__:
+    # as a script, this folder comes first on the path, and benchmarks/fe.py would hide `fe`
+    sys.path[0] = str(Path(__file__).resolve().parents[1])
+
+import argparse
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from benchmarks import convergence_study, grid_convergence, taylor
+from benchmarks.stuck_patch import StuckPatch, press
+
+ROOT = Path(__file__).resolve().parents[1]
+OUT = ROOT / "docs" / "verification" / "fe.json"
+LAW = (0.004, 0.008, 0.003)
+MU = 2.0 * (LAW[0] + LAW[1])
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What the parts need from the command line."""
+
+    runs: Path
+    """folder of finished simulations"""
+    draws: int
+    workers: int
+    contacts: tuple[str, ...]
+
+
+def felupe(settings: Settings) -> dict[str, Any]:
+    """Same mesh, element and law: distorted hexahedra, sharp footprint and dimple."""
+    from benchmarks import felupe_patch
+
+    worst = 0.0
+    for dimple in (False, True):
+        case = StuckPatch(
+            (4, 4, 4, 4),
+            (0.1, 0.2, 0.3, 0.4),
+            constants=LAW,
+            bulk=200 * MU,
+            dimple=dimple,
+            distortion=0.2,
+        )
+        worst = max(worst, press(case).error_percent(felupe_patch.press(case).force))
+    return {"felupe_force_difference_percent": worst}
+
+
+def calculix(settings: Settings) -> dict[str, Any]:
+    """C3D20R on the same bricks: the dimple at three compressibilities, on two meshes each."""
+    from benchmarks import calculix_patch
+
+    if not calculix_patch.available():
+        print("ccx is not installed: calculix is left as it was")
+        return {}
+    table = []
+    for bulk_ratio in (2.0, 10.0, 200.0):
+        for n in (3, 6):
+            case = StuckPatch(
+                (n, n, n, 2 * n),
+                (0.2, 0.4),
+                constants=LAW,
+                bulk=bulk_ratio * MU,
+                dimple=True,
+                footprint=2.5,
+            )
+            difference = press(case).error_percent(calculix_patch.press(case).force)
+            elements = [2 * n, n, 2 * n]
+            table.append({"bulk_over_mu": bulk_ratio, "elements": elements, "percent": difference})
+    stated = [row["percent"] for row in table if row["bulk_over_mu"] == 10.0][-1]
+    return {"calculix_force_difference_percent": stated, "calculix_force_differences": table}
+
+
+def taylor_orders(settings: Settings) -> dict[str, Any]:
+    """Order of |F(theta + h) - F - h dF| by contact."""
+    return taylor.figures()
+
+
+def gci(settings: Settings) -> dict[str, Any]:
+    """Grid convergence index of the force by contact and increment."""
+    return grid_convergence.figures(settings.runs / "gci")
+
+
+def sobol(settings: Settings) -> dict[str, Any]:
+    """Fraction of Sobol draws that reach the last travel, by pin and contact."""
+    return convergence_study.figures(
+        settings.runs / "sobol", settings.draws, settings.workers, settings.contacts
+    )
+
+
+PARTS: dict[str, Callable[[Settings], dict[str, Any]]] = {
+    "felupe": felupe,
+    "calculix": calculix,
+    "taylor": taylor_orders,
+    "gci": gci,
+    "sobol": sobol,
+}
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Measure the parts asked for and merge their figures into the file."""
+    parser = argparse.ArgumentParser(
+        prog="benchmarks.verify_fe", description=__doc__.splitlines()[0]
+    )
+    parser.add_argument("--only", nargs="+", choices=PARTS, default=list(PARTS), metavar="PART")
+    parser.add_argument("--draws", type=int, default=200, help="of the Sobol study, each case")
+    parser.add_argument("--workers", type=int, default=1, help="processes of the Sobol study")
+    parser.add_argument(
+        "--contacts", nargs="+", choices=convergence_study.CASES, help="cases of the Sobol study"
+    )
+    parser.add_argument("--runs", type=Path, default=ROOT / "runs" / "verify-fe")
+    parser.add_argument("--out", type=Path, default=OUT, metavar="FILE")
+    options = parser.parse_args(arguments)
+    contacts = tuple(options.contacts or convergence_study.CASES)
+    settings = Settings(options.runs, options.draws, options.workers, contacts)
+    for name in options.only:
+        print(f"{name}:", flush=True)
+        merge(options.out, PARTS[name](settings))
+    print(f"written to {options.out}")
+
+
+def merge(path: Path, figures: dict[str, Any]) -> None:
+    """Replace these figures in the file; print them.
+
+    A figure that is a table by case keeps the cases that were not run this time.
+    """
+    print(json.dumps(figures, indent=2), flush=True)
+    known = json.loads(path.read_text()) if path.exists() else {}
+    for name, value in figures.items():
+        if isinstance(value, dict):
+            figures = figures | {name: known.get(name, {}) | value}
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(json.dumps(known | figures, indent=2, sort_keys=True) + "\n")
+
+
+if __name__ == "__main__":
+    main()
