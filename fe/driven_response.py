@@ -115,6 +115,9 @@ def _response(
             displacement_gradient[i, :, :, j] = specimen.probe @ state.u_gradient[:, :, j]
         negative[i] = state.negative_pivots
     complete = len(solution.states) == n_step
+    reason = solution.outcome.reason
+    parts = ("reached every asked travel" if complete else "", reason)
+    message = "; ".join(part for part in parts if part)
     return Response(
         travel=np.asarray(travel, dtype=np.float64),
         force=force,
@@ -123,7 +126,7 @@ def _response(
         displacement_gradient=displacement_gradient,
         reached=solution.outcome.reached,
         status=Status.CONVERGED if complete else Status.STOPPED,
-        message="reached every asked travel" if complete else solution.outcome.reason,
+        message=message,
         negative_pivots=negative,
         n_factorisations=solution.n_factorisations,
         seconds=seconds,

@@ -26,6 +26,8 @@ Array = npt.NDArray[np.float64]
 FRICTION_TOLERANCE = 1e-3
 """change of the friction limits between passes, relative to their norm"""
 FRICTION_PASSES = 20
+FALL = 0.999
+"""force relative to that of the step before, below which the force is said to fall"""
 
 
 @dataclass(frozen=True)
@@ -99,7 +101,11 @@ def drive(
     steps: StepOptions,
     newton: NewtonOptions,
 ) -> Iterator[DrivenState]:
-    """Yield the solution at each target; what happened is left in `outcome`."""
+    """Yield the solution at each target; what happened is left in `outcome`.
+
+    Its `reason` also tells of a force that falls: compressed mixed elements can leave the wanted
+    solution for one of their own that is stable.
+    """
     plate = potential.problem.plate
     memory = None if plate is None else initial_memory(plate)
     u, p = potential.zero_state()
@@ -128,12 +134,21 @@ def drive(
                 continue
             u, p = found.u, found.p
             memory = renewed
+            if found.assembly.pin_force < FALL * assembly.pin_force:
+                outcome.reason = outcome.reason or _fall(travel)
             assembly = potential.assemble(u, p, travel, memory)
             negative = solver.factorise(assembly.data)
             outcome.reached = travel
             outcome.n_steps += 1
             step = min(steps.largest, step * (1.5 if found.iterations <= 6 else 0.8))
         yield _state(potential, solver, found, negative, target, directions)
+
+
+def _fall(travel: float) -> str:
+    return (
+        f"the force falls at a travel of {travel:.4f} mm: another branch of equilibria, real or of "
+        "the mesh, or a material that softens"
+    )
 
 
 def _equilibrate(

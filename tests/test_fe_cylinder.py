@@ -54,6 +54,17 @@ def test_without_friction_the_force_is_the_uniaxial_closed_form(law):
     np.testing.assert_allclose(response.force, expected, rtol=1e-8)
 
 
+def test_a_mesh_that_leaves_the_homogeneous_solution_says_so():
+    m = material("mooney-rivlin-2", (0.0054, 0.0053), 5.0)
+    response = CylinderModel(SIZE, (6, 4), (15.0, 18.0)).respond(m)
+    good, bad = response.force / AREA
+    np.testing.assert_allclose(good, -uniaxial(m, 0.5)[0], rtol=1e-6)
+    assert bad < -0.5 * uniaxial(m, 0.4)[0], "the mesh has become stable, nothing tested"
+    assert response.message.startswith("reached every asked travel; the force falls at a travel")
+    fine = CylinderModel(SIZE, (6, 4), (15.0,)).respond(m)
+    assert fine.message == "reached every asked travel"
+
+
 def linear_force(model: CylinderModel, mu: float, bulk: float, travel: float) -> float:
     """Force (N) on bonded ends of the linearly elastic cylinder, by scikit-fem's own assembly."""
     basis = Basis(model.mesh(), ElementVector(ElementQuad2()), intorder=8)
