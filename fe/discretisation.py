@@ -102,15 +102,19 @@ def pattern(element_nodes: IntArray, face_nodes: IntArray, fixed: BoolArray) -> 
         number=number,
         indptr=indptr,
         indices=indices,
-        element_slots=_slots(element_nodes, number, indptr, indices),
-        face_slots=_slots(face_nodes, number, indptr, indices),
+        element_slots=entry_slots(element_nodes, number, indptr, indices),
+        face_slots=entry_slots(face_nodes, number, indptr, indices),
     )
 
 
 @njit(cache=True)
-def _slots(
+def entry_slots(
     nodes: IntArray, number: IntArray, indptr: Int32Array, indices: Int32Array
 ) -> Int32Array:
+    """(n, a, 3, 3, a) slots in the upper-triangular CSR data of the entries of parts (n, a).
+
+    `number` (3 n_node,) is the equation of each unknown, -1 where prescribed.
+    """
     n_elem, n_a = nodes.shape
     slots = np.full((n_elem, n_a, 3, 3, n_a), -1, dtype=np.int32)
     for e in range(n_elem):

@@ -38,6 +38,8 @@ class SymmetricSolver:
         self._indices = indices
         self._n = indptr.size - 1
         self._pardiso: Any = PyPardisoSolver(mtype=_SYMMETRIC_INDEFINITE)
+        # pypardiso searches the whole environment for MKL each time, up to a second, unless told
+        os.environ.setdefault("PYPARDISO_MKL_RT", self._pardiso.libmkl._name)
         for number, value in _OPTIONS.items():
             self._pardiso.set_iparm(number, value)
         self._matrix: sp.csr_matrix | None = None

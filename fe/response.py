@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import MISSING, dataclass, field, fields
 from enum import StrEnum
 from pathlib import Path
 from typing import Any, cast
@@ -25,22 +25,24 @@ class Status(StrEnum):
 
 @dataclass(frozen=True)
 class Response:
-    """Solution of the specimen at kappa = C10 + C01 = 1 MPa.
+    """Solution of a specimen: at kappa = C10 + C01 = 1 MPa for ratios, else of a material.
 
-    Steps beyond `reached` hold NaN. Forces are of the whole sample, positive in compression;
-    gradients are with respect to the ratios (r, s) = (C01, C11) / kappa at kappa = 1 MPa.
+    Steps beyond `reached` hold NaN.  Forces are of the whole sample, positive along the travel:
+    in compression for pin, plates and a bar that is compressed, in tension for one that is pulled.
+    Gradients are with respect to `parameters`, by default the ratios (r, s) = (C01, C11) / kappa at
+    that kappa.
     """
 
     travel: Array
-    """(n_step,) pin travel, mm"""
+    """(n_step,) travel of pin, plates or clamps, mm"""
     force: Array
     """(n_step,) force of the whole sample, N"""
     displacement: Array
-    """(n_step, n_point, 3) displacement (x, y, z) of the front-face points, mm"""
+    """(n_step, n_point, 3) displacement (x, y, z) of the points seen on the surface, mm"""
     force_gradient: Array
-    """(n_step, 2) dF/d(r, s), N"""
+    """(n_step, n_parameter) N per unit of the parameter; (r, s) have none"""
     displacement_gradient: Array
-    """(n_step, n_point, 3, 2) du/d(r, s), mm"""
+    """(n_step, n_point, 3, n_parameter) mm per unit of the parameter"""
     reached: float
     """travel up to which the solution is good, mm"""
     status: Status
@@ -50,6 +52,10 @@ class Response:
     """(n_step,) negative pivots of the tangent: > 0 is an unstable equilibrium, -1 not reached"""
     n_factorisations: int
     seconds: float
+    points: Array = field(default_factory=lambda: np.zeros((0, 2)))
+    """(n_point, 2) reference position of the points on the surface, mm; none when not kept"""
+    parameters: tuple[str, ...] = ("r", "s")
+    """what the gradients are in: stress-like constants and the bulk modulus in MPa"""
 
     def __post_init__(self) -> None:
         n_step = self.travel.size
@@ -78,16 +84,20 @@ def load_response(path: Path) -> Response:
 
     Raises ValueError naming the file when it is damaged or is not a response.
     """
-    names = {f.name for f in fields(Response)}
     try:
         with path.open("rb") as stream, np.load(stream, allow_pickle=False) as stored:
-            values = {name: stored[name] for name in names}
+            values = {name: stored[name] for name in _stored_names(stored.files)}
     except (OSError, ValueError, KeyError, EOFError) as error:
         raise ValueError(f"{path}: not a readable simulation result ({error})") from error
     except Exception as error:  # zipfile raises its own BadZipFile, zlib its own error
         if type(error).__module__ not in {"zipfile", "zlib"}:
             raise
         raise ValueError(f"{path}: damaged simulation result ({error})") from error
+    labels: dict[str, Any] = {}
+    if "points" in values:
+        labels["points"] = values["points"]
+    if "parameters" in values:
+        labels["parameters"] = tuple(str(name) for name in values["parameters"])
     return Response(
         travel=values["travel"],
         force=values["force"],
@@ -100,4 +110,14 @@ def load_response(path: Path) -> Response:
         negative_pivots=values["negative_pivots"],
         n_factorisations=int(values["n_factorisations"]),
         seconds=float(values["seconds"]),
+        **labels,
     )
+
+
+def _stored_names(found: list[str]) -> list[str]:
+    """Fields to read: results written before a field with a default existed lack it."""
+    return [
+        f.name
+        for f in fields(Response)
+        if f.name in found or (f.default is MISSING and f.default_factory is MISSING)
+    ]

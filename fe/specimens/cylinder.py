@@ -1,0 +1,156 @@
+"""A cylinder compressed between two rigid plates: axisymmetric, bonded, sliding or with friction.
+
+The upper half is modelled (the plane z = 0 is one of symmetry), so the plate comes down by half the
+travel.  Ends that are bonded or slide keep flat on the plate; the free side may roll over onto it.
+Displacements of the response are (u_r, u_z, 0) on the side r = diameter / 2.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+import scipy.sparse as sp
+from skfem import MeshQuad
+
+from fe.contact import PenaltyLaw
+from fe.driven import DrivenProblem, unknowns
+from fe.driven_response import DrivenSpecimen, Schedule, respond, respond_to_ratios
+from fe.load_stepping import StepOptions
+from fe.materials.material import Material
+from fe.newton import NewtonOptions
+from fe.plane_elements import axisymmetric_elements, hoop_equations
+from fe.plate import Plate, ring_edges
+from fe.response import Response
+
+Array = npt.NDArray[np.float64]
+
+SYMMETRY_FACTOR = 2.0
+GRADING = 0.7
+"""0 is a uniform mesh; elements shrink towards the rim of the plate as it grows to 1"""
+
+
+@dataclass(frozen=True)
+class Cylinder:
+    """Dimensions, mm; raises ValueError unless above 0."""
+
+    diameter: float = 50.0
+    height: float = 30.0
+
+    def __post_init__(self) -> None:
+        for name in ("diameter", "height"):
+            value = getattr(self, name)
+            if not value > 0.0:
+                raise ValueError(f"{name}: expected a length above 0 mm, found {value}")
+
+
+@dataclass(frozen=True)
+class CylinderModel:
+    """Simulation of the cylinder as a function of (r, s) or of any material; picklable, one thread.
+
+    `ends` are bonded to the plates or slide on them with the coefficient `friction`, which also
+    acts on a side that has rolled over.  `cells` are the numbers of Q2 elements along the radius
+    and half the height; `travel` the approaches of the plates (mm, increasing); `bulk_ratio` the
+    bulk modulus over mu = 2 kappa for calls with ratios; `n_point` the number of field points along
+    half the side.  With friction the gradients are NaN: they would depend on the whole path.
+    """
+
+    specimen: Cylinder
+    cells: tuple[int, int]
+    travel: tuple[float, ...]
+    ends: Literal["bonded", "slide"] = "slide"
+    friction: float = 0.0
+    bulk_ratio: float = 200.0
+    n_point: int = 20
+    slip: float = 0.01
+    """length over which friction builds up in a step, mm"""
+    penalty: PenaltyLaw = field(default_factory=lambda: PenaltyLaw(500.0, 0.2))
+    """of the side that rolls over, softer than for the thin block: 1/mm, mm"""
+    steps: StepOptions = field(default_factory=lambda: StepOptions(0.25, 1.0, 0.005))
+    newton: NewtonOptions = field(default_factory=lambda: NewtonOptions(1e-8, max_move=1.0))
+
+    def __post_init__(self) -> None:
+        if min(self.cells) < 1:
+            raise ValueError(f"cells: expected at least one element a side, found {self.cells}")
+        self._schedule()
+        if self.travel[-1] >= self.specimen.height:
+            raise ValueError(
+                f"travel: expected less than the height {self.specimen.height} mm, "
+                f"found {self.travel[-1]}"
+            )
+        if self.ends not in ("bonded", "slide"):
+            raise ValueError(f"ends: expected 'bonded' or 'slide', found {self.ends!r}")
+        if not self.friction >= 0.0:
+            raise ValueError(
+                f"friction: expected a coefficient of at least 0, found {self.friction}"
+            )
+        if not self.bulk_ratio > 0.0:
+            raise ValueError(f"bulk_ratio: expected a ratio above 0, found {self.bulk_ratio}")
+
+    def points(self) -> Array:
+        """(n_point, 2) reference r, z of the field points on the side, mm."""
+        z = (np.arange(self.n_point) + 0.5) * self.specimen.height / 2.0 / self.n_point
+        return np.stack([np.full(self.n_point, self.specimen.diameter / 2.0), z], axis=1)
+
+    def __call__(self, ratios: Array) -> Response:
+        """Response at kappa = 1 MPa for ratios (r, s), gradients in them."""
+        return respond_to_ratios(self.discretise(), ratios, self.bulk_ratio, self._schedule())
+
+    def respond(self, material: Material) -> Response:
+        """Response of any material, gradients in its constants and its bulk modulus."""
+        return respond(self.discretise(), material, self._schedule())
+
+    def mesh(self) -> MeshQuad:
+        """Half section (r, z), finer towards the rim of the plate."""
+        lines = []
+        for n, length in zip(self.cells, self._half_size(), strict=True):
+            x = np.linspace(0.0, 1.0, n + 1)
+            lines.append(length * x * (1.0 + GRADING * (1.0 - x)))
+        return MeshQuad.init_tensor(*lines)
+
+    def discretise(self) -> DrivenSpecimen:
+        """Tables of the section's mesh, the plate, constraints and field points."""
+        mesh = self.mesh()
+        table, basis = axisymmetric_elements(mesh)
+        radius, top = self._half_size()
+        tolerance = 1e-9 * top
+        position = table.positions[: basis.N, :2]
+        fixed = position < tolerance
+        end = position[:, 1] > top - tolerance
+        fixed[end, 1] = True
+        if self.ends == "bonded":
+            fixed[end, 0] = True
+        ends = np.flatnonzero(end)
+        motion = np.zeros(table.positions.shape)
+        motion[ends, 1] = -0.5
+        side = mesh.facets_satisfying(lambda x: abs(x[0] - radius) < tolerance)
+        plate = Plate(
+            height=top,
+            speed=0.5,
+            ends=ends,
+            edges=ring_edges(mesh, side),
+            friction=self.friction,
+            slip=self.slip,
+            law=self.penalty,
+        )
+        probe = basis.probes(self.points().T).tocsr()
+        return DrivenSpecimen(
+            problem=DrivenProblem(
+                elements=table,
+                unknowns=unknowns(table.nodes, hoop_equations(fixed), plate.edges.nodes),
+                motion=motion,
+                plate=plate,
+            ),
+            points=self.points(),
+            probe=sp.hstack([probe, sp.csr_matrix(probe.shape)]).tocsr(),
+            symmetry=SYMMETRY_FACTOR,
+        )
+
+    def _half_size(self) -> tuple[float, float]:
+        """Radius and half the height, mm."""
+        return self.specimen.diameter / 2.0, self.specimen.height / 2.0
+
+    def _schedule(self) -> Schedule:
+        return Schedule(self.travel, self.steps, self.newton)

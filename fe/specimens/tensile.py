@@ -1,0 +1,148 @@
+"""The validation test: a notched plate, clamped at both ends and pulled (thesis, section 3.6).
+
+The thesis pulls a sample whose strain field is mixed, modelled up to 5 mm into the clamps, but its
+figure gives no dimensions in the text: here a plate (width x, length y, thickness z) with two
+circular notches in the middle of its sides, all dimensions free.  An eighth is modelled (planes
+x = 0, y = 0, z = 0); the camera looks at the front face z = thickness / 2.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+from skfem import MeshHex
+
+from fe.discretisation import elements
+from fe.driven import DrivenProblem, equations, unknowns
+from fe.driven_response import DrivenSpecimen, Schedule, respond, respond_to_ratios
+from fe.load_stepping import StepOptions
+from fe.materials.material import Material
+from fe.newton import NewtonOptions
+from fe.response import Response
+
+Array = npt.NDArray[np.float64]
+
+SYMMETRY_FACTOR = 8.0
+
+
+@dataclass(frozen=True)
+class NotchedPlate:
+    """Dimensions of the plate between the clamps, mm.
+
+    Raises ValueError for a length that is not above 0, notches that meet or that reach the clamps,
+    and a notch at least as deep as its radius.
+    """
+
+    width: float = 20.0
+    length: float = 30.0
+    thickness: float = 2.5
+    notch_radius: float = 5.0
+    notch_depth: float = 4.0
+
+    def __post_init__(self) -> None:
+        for name in ("width", "length", "thickness", "notch_radius", "notch_depth"):
+            value = getattr(self, name)
+            if not value > 0.0:
+                raise ValueError(f"{name}: expected a length above 0 mm, found {value}")
+        if not self.notch_depth < min(self.notch_radius, self.width / 2.0):
+            raise ValueError(
+                f"notch_depth: expected less than the radius {self.notch_radius} mm and half the "
+                f"width {self.width} mm, found {self.notch_depth}"
+            )
+        if not 2.0 * self.notch_reach < self.length:
+            raise ValueError(
+                f"notch_radius: expected notches that end before the clamps, found an opening of "
+                f"{2.0 * self.notch_reach:.3g} mm in a length of {self.length} mm"
+            )
+
+    @property
+    def notch_reach(self) -> float:
+        """Half the opening of a notch along y, mm."""
+        above = self.notch_radius - self.notch_depth
+        return float(np.sqrt(self.notch_radius**2 - above**2))
+
+    def half_width(self, y: npt.ArrayLike) -> Array:
+        """Half the width (mm) at the distance y (mm) from the middle."""
+        y = np.abs(np.asarray(y, dtype=np.float64))
+        inside = np.sqrt(np.maximum(self.notch_radius**2 - y**2, 0.0))
+        cut = inside - (self.notch_radius - self.notch_depth)
+        return self.width / 2.0 - np.where(y < self.notch_reach, np.maximum(cut, 0.0), 0.0)
+
+
+@dataclass(frozen=True)
+class TensileModel:
+    """Simulation of the plate as a function of (r, s) or of any material; picklable, one thread.
+
+    `cells` are the numbers of Q2 elements along x, y, z of the eighth; `travel` the motions of one
+    clamp against the other (mm, increasing) at which the response is asked; `bulk_ratio` the bulk
+    modulus over mu = 2 kappa for calls with ratios; `field_grid` the numbers of field points
+    across half the width and along half the length of the front face.
+    """
+
+    specimen: NotchedPlate
+    cells: tuple[int, int, int]
+    travel: tuple[float, ...]
+    bulk_ratio: float = 200.0
+    field_grid: tuple[int, int] = (12, 18)
+    steps: StepOptions = field(default_factory=lambda: StepOptions(0.5, 3.0, 0.01))
+    newton: NewtonOptions = field(default_factory=lambda: NewtonOptions(1e-8, max_move=1.0))
+
+    def __post_init__(self) -> None:
+        nx, ny, nz = self.cells
+        if min(nx, nz) < 1 or ny < 2:
+            raise ValueError(f"cells: expected at least (1, 2, 1) elements, found {self.cells}")
+        self._schedule()
+        if not self.bulk_ratio > 0.0:
+            raise ValueError(f"bulk_ratio: expected a ratio above 0, found {self.bulk_ratio}")
+
+    def points(self) -> Array:
+        """(n_point, 2) reference x, y of the field points on the front face, mm."""
+        nx, ny = self.field_grid
+        across, along = np.meshgrid((np.arange(nx) + 0.5) / nx, (np.arange(ny) + 0.5) / ny)
+        y = along.ravel() * self.specimen.length / 2.0
+        return np.stack([across.ravel() * self.specimen.half_width(y), y], axis=1)
+
+    def __call__(self, ratios: Array) -> Response:
+        """Response at kappa = 1 MPa for ratios (r, s), gradients in them; forces pull."""
+        return respond_to_ratios(self.discretise(), ratios, self.bulk_ratio, self._schedule())
+
+    def respond(self, material: Material) -> Response:
+        """Response of any material, gradients in its constants and its bulk modulus."""
+        return respond(self.discretise(), material, self._schedule())
+
+    def mesh(self) -> MeshHex:
+        """Hexahedra of the eighth: half of those along y lie beside the notch."""
+        nx, ny, nz = self.cells
+        beside = max(1, round(ny / 2))
+        reach, end = self.specimen.notch_reach, self.specimen.length / 2.0
+        lines = np.concatenate(
+            [np.linspace(0.0, reach, beside + 1), np.linspace(reach, end, ny - beside + 1)[1:]]
+        )
+        depth = np.linspace(0.0, self.specimen.thickness / 2.0, nz + 1)
+        unit = MeshHex.init_tensor(np.linspace(0.0, 1.0, nx + 1), lines, depth)
+        p = unit.p.copy()
+        p[0] *= self.specimen.half_width(p[1])
+        return MeshHex(p, unit.t)
+
+    def discretise(self) -> DrivenSpecimen:
+        """Tables of the eighth's mesh, constraints, motion of the clamp and field points."""
+        table, basis = elements(self.mesh())
+        tolerance = 1e-9 * self.specimen.length
+        fixed = table.positions < tolerance
+        clamp = table.positions[:, 1] > self.specimen.length / 2.0 - tolerance
+        fixed[clamp] = True
+        motion = np.zeros(table.positions.shape)
+        motion[clamp, 1] = 0.5
+        points = self.points()
+        at = np.vstack([points.T, np.full(len(points), self.specimen.thickness / 2.0)])
+        return DrivenSpecimen(
+            problem=DrivenProblem(table, unknowns(table.nodes, equations(fixed)), motion),
+            points=points,
+            probe=basis.probes(at).tocsr(),
+            symmetry=SYMMETRY_FACTOR,
+        )
+
+    def _schedule(self) -> Schedule:
+        return Schedule(self.travel, self.steps, self.newton)

@@ -1,0 +1,126 @@
+"""A bar in uniaxial tension or compression between frictionless ends: one element, the oracle.
+
+The bar (width x, length y, depth z) stands on the planes x = 0, y = 0 and z = 0 and its end y =
+length moves.  The element is trilinear with one pressure, and the nodes of a free side share the
+motion of that side: two unknowns, so that the deformation is homogeneous also where a larger mesh
+would leave it by an instability.  The force is that of fe.closed_forms.uniaxial.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+from skfem import Basis, ElementHex1, MeshHex
+
+from fe.discretisation import VOLUME_ORDER
+from fe.driven import DrivenProblem, unknowns
+from fe.driven_response import DrivenSpecimen, Schedule, respond, respond_to_ratios
+from fe.load_stepping import StepOptions
+from fe.materials.material import Material
+from fe.newton import NewtonOptions
+from fe.response import Response
+from fe.weak_form import Elements
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Bar:
+    """Dimensions of the bar, mm; raises ValueError unless above 0."""
+
+    width: float = 1.0
+    length: float = 1.0
+    depth: float = 1.0
+
+    def __post_init__(self) -> None:
+        for name in ("width", "length", "depth"):
+            value = getattr(self, name)
+            if not value > 0.0:
+                raise ValueError(f"{name}: expected a length above 0 mm, found {value}")
+
+
+@dataclass(frozen=True)
+class UniaxialModel:
+    """Simulation of the bar as a function of (r, s) or of any material; picklable, one thread.
+
+    `travel` are the changes of length (mm, increasing, above 0) at which the response is asked,
+    `direction` what they do; forces are positive along the travel.  `bulk_ratio` is the bulk
+    modulus over mu = 2 kappa for calls with ratios.
+    """
+
+    specimen: Bar
+    travel: tuple[float, ...]
+    direction: Literal["tension", "compression"] = "tension"
+    bulk_ratio: float = 200.0
+    field_grid: tuple[int, int] = (2, 2)
+    steps: StepOptions = field(default_factory=lambda: StepOptions(0.1, 0.5, 1e-4))
+    newton: NewtonOptions = field(default_factory=lambda: NewtonOptions(1e-10, max_move=1.0))
+
+    def __post_init__(self) -> None:
+        self._schedule()
+        if self.direction not in ("tension", "compression"):
+            raise ValueError(
+                f"direction: expected 'tension' or 'compression', found {self.direction!r}"
+            )
+        if self.direction == "compression" and self.travel[-1] >= self.specimen.length:
+            raise ValueError(
+                f"travel: expected less than the length {self.specimen.length} mm in compression, "
+                f"found {self.travel[-1]}"
+            )
+
+    def points(self) -> Array:
+        """(n_point, 2) reference x, y of the field points on the face z = depth, mm."""
+        nx, ny = self.field_grid
+        x = (np.arange(nx) + 0.5) * self.specimen.width / nx
+        y = (np.arange(ny) + 0.5) * self.specimen.length / ny
+        return np.stack([c.ravel() for c in np.meshgrid(x, y, indexing="ij")], axis=1)
+
+    def __call__(self, ratios: Array) -> Response:
+        """Response at kappa = 1 MPa for ratios (r, s), gradients in them."""
+        return respond_to_ratios(self.discretise(), ratios, self.bulk_ratio, self._schedule())
+
+    def respond(self, material: Material) -> Response:
+        """Response of any material, gradients in its constants and its bulk modulus."""
+        return respond(self.discretise(), material, self._schedule())
+
+    def discretise(self) -> DrivenSpecimen:
+        """Tables of the one element."""
+        size = (self.specimen.width, self.specimen.length, self.specimen.depth)
+        basis = Basis(
+            MeshHex.init_tensor(*([0.0, s] for s in size)), ElementHex1(), intorder=VOLUME_ORDER
+        )
+        table = _table(basis)
+        far = table.positions > 1e-9 * min(size)
+        equation = np.full(table.positions.shape, -1, dtype=np.int64)
+        equation[far[:, 0], 0] = 0
+        equation[far[:, 2], 2] = 1
+        motion = np.zeros(table.positions.shape)
+        motion[far[:, 1], 1] = 1.0 if self.direction == "tension" else -1.0
+        points = self.points()
+        at = np.vstack([points.T, np.full(len(points), self.specimen.depth)])
+        return DrivenSpecimen(
+            problem=DrivenProblem(table, unknowns(table.nodes, equation.ravel()), motion),
+            points=points,
+            probe=basis.probes(at).tocsr(),
+            symmetry=1.0,
+        )
+
+    def _schedule(self) -> Schedule:
+        return Schedule(self.travel, self.steps, self.newton)
+
+
+def _table(basis: Basis) -> Elements:
+    """Trilinear displacement with a constant pressure."""
+    weights = np.ascontiguousarray(basis.dx)
+    gradients = np.stack([np.broadcast_to(phi[0].grad, (3, *weights.shape)) for phi in basis.basis])
+    return Elements(
+        nodes=np.ascontiguousarray(basis.element_dofs.T, dtype=np.int64),
+        positions=np.ascontiguousarray(basis.doflocs.T),
+        gradients=np.ascontiguousarray(gradients.transpose(2, 3, 1, 0)),
+        weights=weights,
+        psi=np.ones((weights.shape[1], 1)),
+        mass_inverse=1.0 / weights.sum(axis=1)[:, None, None],
+    )

@@ -1,0 +1,151 @@
+"""One door to all specimens: labels, names of theta, scale, derivatives, refusals."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import fe
+import fe.newton
+from fe.materials import LAWS
+from fe.response import load_response, save_response
+
+SPECIMENS = {
+    "uniaxial": fe.UniaxialModel(fe.Bar(), (0.2, 0.4)),
+    "tensile": fe.TensileModel(fe.NotchedPlate(), (2, 2, 1), (2.0, 4.0), field_grid=(2, 3)),
+    "cylinder": fe.CylinderModel(fe.Cylinder(), (3, 2), (1.0, 2.0), "bonded", n_point=4),
+    "block_pin": fe.BlockPinModel(
+        fe.BlockPin(),
+        fe.Contact("stick", "stick"),
+        (4, 2, 1),
+        (0.1, 0.2),
+        field_grid=(3, 2),
+        newton=fe.newton.NewtonOptions(tolerance=1e-9),
+    ),
+}
+every_specimen = pytest.mark.parametrize("specimen", SPECIMENS.values(), ids=SPECIMENS.keys())
+THETA = {"C10": 0.02, "C01": 0.01, "C11": 0.003, "bulk": 6.0}
+
+
+@every_specimen
+def test_the_response_is_labelled_and_good_to_the_last_travel(specimen):
+    response = fe.simulate(specimen, "mooney-rivlin-3", THETA)
+    assert response.status is fe.Status.CONVERGED, response.message
+    assert response.reached == response.travel[-1] == specimen.travel[-1]
+    n_step, n_point, n_parameter = 2, len(specimen.points()), len(response.parameters)
+    assert response.force.shape == (n_step,)
+    assert response.displacement.shape == (n_step, n_point, 3)
+    assert response.force_gradient.shape == (n_step, n_parameter)
+    assert response.displacement_gradient.shape == (n_step, n_point, 3, n_parameter)
+    np.testing.assert_array_equal(response.points, specimen.points())
+    assert (np.diff(response.force) > 0.0).all()
+    assert response.force[0] > 0.0
+    assert response.n_factorisations > 0
+    assert response.seconds > 0.0
+
+
+@every_specimen
+def test_a_stiffer_material_takes_more_force_for_the_same_field(specimen):
+    one = fe.simulate(specimen, "mooney-rivlin-3", THETA)
+    five = fe.simulate(specimen, "mooney-rivlin-3", {k: 5.0 * v for k, v in THETA.items()})
+    np.testing.assert_allclose(five.force, 5.0 * one.force, rtol=1e-7)
+    np.testing.assert_allclose(five.displacement, one.displacement, atol=1e-7)
+
+
+@every_specimen
+def test_laws_that_are_special_cases_of_one_another_respond_the_same(specimen):
+    general = fe.simulate(specimen, "mooney-rivlin-3", (0.02, 0.0, 0.0, 6.0))
+    special = fe.simulate(specimen, LAWS["neo-hookean"], (0.02, 6.0))
+    np.testing.assert_allclose(special.force, general.force, rtol=1e-10)
+
+
+@pytest.mark.parametrize("name", ["uniaxial", "tensile", "cylinder"])
+def test_gradients_are_in_the_numbers_of_theta(name):
+    specimen = SPECIMENS[name]
+    theta, h = np.array([0.02, 0.004, 0.001, 6.0]), 1e-4
+    response = fe.simulate(specimen, "yeoh", theta)
+    assert response.parameters == ("C10", "C20", "C30", "bulk")
+    for j in range(4):
+        step = h * theta * np.eye(4)[j]
+        plus, minus = (fe.simulate(specimen, "yeoh", theta + k * step).force for k in (1, -1))
+        difference = (plus - minus) / (2 * h * theta[j])
+        np.testing.assert_allclose(
+            response.force_gradient[:, j], difference, rtol=2e-5, atol=1e-6 * abs(difference).max()
+        )
+
+
+def test_gradients_of_the_block_under_a_pin_are_in_the_ratios_at_fixed_kappa():
+    def force(r: float, s: float) -> np.ndarray:
+        theta = (0.03 * (1 - r), 0.03 * r, 0.03 * s, 6.0)
+        return fe.simulate(SPECIMENS["block_pin"], "mooney-rivlin-3", theta).force
+
+    response = fe.simulate(SPECIMENS["block_pin"], "mooney-rivlin-3", (0.02, 0.01, 0.003, 6.0))
+    assert response.parameters == ("r", "s")
+    h = 1e-3
+    r, s = 1 / 3, 0.1
+    by_r = (force(r + h, s) - force(r - h, s)) / (2 * h)
+    by_s = (force(r, s + h) - force(r, s - h)) / (2 * h)
+    np.testing.assert_allclose(response.force_gradient, np.stack([by_r, by_s], axis=1), rtol=2e-3)
+
+
+def test_the_volumetric_law_matters_where_volume_changes():
+    theta = (0.02, 0.05)
+    one, two = (
+        fe.simulate(SPECIMENS["uniaxial"], "neo-hookean", theta, volumetric=v).force
+        for v in ("quadratic", "logarithmic")
+    )
+    assert (np.abs(one / two - 1) > 1e-4).all()
+
+
+def test_a_labelled_response_survives_storage(tmp_path):
+    response = fe.simulate(SPECIMENS["uniaxial"], "yeoh", (0.02, 0.004, 0.001, 6.0))
+    save_response(tmp_path / "r.npz", response)
+    loaded = load_response(tmp_path / "r.npz")
+    assert loaded.parameters == response.parameters
+    np.testing.assert_array_equal(loaded.points, response.points)
+
+
+def test_results_stored_without_labels_are_read_as_those_of_ratios(tmp_path):
+    save_response(tmp_path / "r.npz", fe.simulate(SPECIMENS["uniaxial"], "yeoh", (1, 0, 0, 9.0)))
+    with np.load(tmp_path / "r.npz") as stored:
+        old = {k: stored[k] for k in stored.files if k not in ("points", "parameters")}
+    np.savez(tmp_path / "old.npz", **old)
+    loaded = load_response(tmp_path / "old.npz")
+    assert loaded.parameters == ("r", "s")
+    assert loaded.points.shape == (0, 2)
+
+
+@pytest.mark.parametrize(
+    ("law", "theta", "message"),
+    [
+        ("gent", (1.0, 2.0), "law: expected one of neo-hookean"),
+        ("yeoh", (1.0, 2.0), r"theta: expected 4 numbers \(C10, C20, C30, bulk\)"),
+        ("neo-hookean", {"C10": 1.0, "K": 2.0}, "theta: expected C10, bulk, found C10, K"),
+        ("neo-hookean", (1.0, np.inf), "material: expected a finite bulk modulus"),
+        ("neo-hookean", (-1.0, 2.0), "shear modulus above 0"),
+    ],
+)
+def test_what_gives_no_material_is_refused(law, theta, message):
+    with pytest.raises(ValueError, match=message):
+        fe.simulate(SPECIMENS["uniaxial"], law, theta)
+
+
+def test_a_block_under_a_pin_refuses_laws_it_does_not_know():
+    with pytest.raises(ValueError, match="law: expected one of neo-hookean, mooney-rivlin-2"):
+        fe.simulate(SPECIMENS["block_pin"], "yeoh", (0.02, 0.004, 0.001, 6.0))
+    with pytest.raises(ValueError, match=r"found neo-hookean \(logarithmic\)"):
+        fe.simulate(SPECIMENS["block_pin"], "neo-hookean", (0.02, 6.0), volumetric="logarithmic")
+
+
+def test_a_run_that_stops_says_so_and_keeps_what_is_good():
+    hopeless = replace(
+        SPECIMENS["cylinder"], newton=fe.newton.NewtonOptions(max_iterations=0), travel=(1.0,)
+    )
+    response = fe.simulate(hopeless, "neo-hookean", (0.02, 6.0))
+    assert response.status is fe.Status.STOPPED
+    assert "at a travel of" in response.message
+    assert response.reached == 0.0
+    assert np.isnan(response.force).all()
+    assert response.negative_pivots.tolist() == [-1]
