@@ -102,6 +102,9 @@ def unknowns(
 class DrivenPotential:
     """Assembles one `DrivenProblem` with one material."""
 
+    has_friction = False
+    """none that fe.newton must know: friction of the plate is lagged, and has a potential"""
+
     def __init__(self, problem: DrivenProblem, material: Material) -> None:
         self.problem = problem
         self.solid = Solid(problem.elements, material)
@@ -113,7 +116,9 @@ class DrivenPotential:
         """Undeformed displacement (n_node, 3) mm and pressure (n_elem, n_p) MPa."""
         return self.solid.zero_state()
 
-    def energy(self, u: Array, travel: float, memory: PlateMemory | None) -> float:
+    def energy(
+        self, u: Array, travel: float, memory: PlateMemory | None, frame: None = None
+    ) -> float:
         """Potential (N mm) at displacement u (n_node, 3) mm; inf where some det F <= 0."""
         inner = self.solid.energy(u)
         touch = self._touch(u, travel, memory) if np.isfinite(inner) else None
@@ -136,14 +141,17 @@ class DrivenPotential:
             add_entries(touch.face_tangent, problem.pattern.face_slots, data)
             self._add_diagonal(touch.nodal_stiffness, data)
         held = np.where(self._free, 0.0, forces.ravel())
+        by_travel = self.reduce(by_motion)
         return Assembly(
             energy=energy,
             smallest_J=smallest,
             gradient=self.reduce(forces),
             data=data,
-            by_travel=self.reduce(by_motion),
+            by_travel=by_travel,
             pin_force=float(np.sum(problem.motion * forces)) + travel_force,
+            pin_force_by_u=by_travel,
             force_scale=float(np.linalg.norm(held)),
+            frame=None,
         )
 
     def force_slopes(self, u: Array, travel: float, directions: Array) -> tuple[Array, Array]:

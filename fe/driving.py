@@ -12,7 +12,7 @@ from typing import cast
 import numpy as np
 import numpy.typing as npt
 
-from fe.contact import ContactMemory
+from fe.contact_memory import ContactMemory
 from fe.driven import DrivenPotential, DrivenProblem
 from fe.linear_solver import SymmetricSolver
 from fe.load_stepping import March, StepOptions
