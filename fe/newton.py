@@ -149,7 +149,8 @@ def equilibrate(
         if norm <= options.tolerance * assembly.force_scale:
             return Equilibrium(u, p, assembly, True, "", iteration)
         negative = solver.factorise(assembly.data)
-        if potential.has_friction and norm <= options.near * assembly.force_scale:
+        near = negative == 0 and norm <= options.near * assembly.force_scale
+        if potential.has_friction and near:
             nearer = _nearer(potential, solver, u, p, assembly, travel, memory, options)
             if nearer is not None:
                 u, p, assembly = nearer

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from analytic_models import AnalyticBlock, AnalyticForward
 
-from calib.data import PUBLISHED_CONSTANTS, thesis_forces
+from calib.data import PUBLISHED_CONSTANTS, FieldData, thesis_forces
 from calib.inference import (
     HypothesisFit,
     Marginal,
@@ -27,6 +27,7 @@ from calib.inference import (
     theta_of_constants,
 )
 from calib.inference.comparison import predictive_p_value
+from calib.inference.identifiability import with_noise
 
 PRIOR = Prior(
     Marginal("log_uniform", 0.003, 0.3), Marginal("uniform", 0, 1), Marginal("uniform", 0, 0.5)
@@ -167,6 +168,20 @@ def test_theta_of_constants_inverts_constants() -> None:
     assert theta == pytest.approx([0.04, 0.25, 0.05])
     with pytest.raises(ValueError, match="positive sum"):
         theta_of_constants(0.01, -0.02, 0.0)
+
+
+def test_another_zero_of_the_travel_is_that_of_forces_and_field() -> None:
+    points = np.random.default_rng(1).random((6, 2)) * 3
+    block = AnalyticBlock(points=points)
+    clean = block(np.array([0.4, 0.1])).displacement
+    field = FieldData(points, clean, np.array([0.01, 0.01, 0.02]), 0.5, 0.3)
+    data, forward = replace(thesis_forces(), field=field), AnalyticForward(block, 0.01, True)
+    narrow, wide = NoiseSettings(travel_zero_sd=0.0), NoiseSettings(travel_zero_sd=0.05)
+    first, second = (build_likelihood(data, forward, noise) for noise in (narrow, wide))
+    theta = np.array([[0.02, 0.4, 0.1], [0.03, 0.5, 0.2]])
+    changed = with_noise(data, replace(POST, likelihood=first), wide).likelihood
+    assert changed.log_prob(theta) == pytest.approx(second.log_prob(theta), rel=1e-12)
+    assert np.abs(first.log_prob(theta) - second.log_prob(theta)).min() > 0.1
 
 
 def test_study_of_assumptions_has_a_row_each_and_its_base_row_is_the_posterior() -> None:

@@ -70,6 +70,29 @@ def optimum(post: Posterior, direct: DirectForward, start: Array) -> Array:
 
 
 @pytest.mark.parametrize("field", [False, True])
+def test_without_slopes_of_the_direct_model_secants_lead_to_its_maximum(field: bool) -> None:
+    block = AnalyticBlock(bend=0.1, points=POINTS)
+
+    def no_slopes(ratios: Array) -> Response:
+        found = block(ratios)
+        return replace(
+            found,
+            force_gradient=np.full_like(found.force_gradient, np.nan),
+            displacement_gradient=np.full_like(found.displacement_gradient, np.nan),
+        )
+
+    post = posterior(INFORMED, field=field)
+    start = emulator_map(post, SD, np.random.default_rng(0))
+    found = refine_map(post, DirectForward(no_slopes, with_field=field), start, SD, max_solves=30)
+    best = optimum(post, DirectForward(block, with_field=field), start.x)
+    assert found.by_secants and found.direct is not None
+    assert np.isfinite(found.direct.gradient).all()
+    # It starts off by more than it may end off.
+    assert np.abs((best - start.x) / SD).max() > 0.3
+    assert np.abs((best - found.direct.x) / SD).max() < 0.15
+
+
+@pytest.mark.parametrize("field", [False, True])
 def test_refinement_reaches_the_maximum_of_a_direct_model_that_differs(field: bool) -> None:
     post = posterior(INFORMED, field=field)
     start = emulator_map(post, SD, np.random.default_rng(0))

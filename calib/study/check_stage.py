@@ -1,4 +1,4 @@
-"""Stage `check`: the error of the mesh where the posterior is, by one run on a finer mesh."""
+"""Stage `check`: the error of the mesh where the posterior is, by two runs on a finer mesh."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def run(context: Context) -> list[Path]:
         runs = load_refinement(context, hypothesis)
         kept = tuple(runs.responses[i] for i in CHECKED)
         coarse = Campaign(runs.ratios[CHECKED], kept, n_reused=len(kept))
-        error = mesh_error(campaign, coarse, hypothesis.name)
+        error = mesh_error(campaign, coarse, context.study.mesh.refinement, hypothesis.name)
         paths += save_mesh_error(context.out, hypothesis, context.study, error)
         paths += manifest_files(check_folder(context.out, hypothesis))
     return paths

@@ -103,6 +103,7 @@ def describe(result: MapResult, samples: StoredSamples) -> dict[str, object]:
         "n_fe_solves": result.n_solves,
         "converged": result.status is MapStatus.CONVERGED,
         "status": str(result.status),
+        "by_secants": result.by_secants,
         "message": result.message,
     }
 

@@ -14,16 +14,25 @@ from calib.study.sections import Hypothesis
 from fe.campaign import Campaign, CampaignFailed
 from fe.response import Array
 
-LEFT_SHARE = 1.2
-"""SD of the error that is left after the correction, as a share of the measured difference: half
-the grid convergence index of the finer mesh, 3 / (1.5^2 - 1), with the safety factor for two grids
-(Roache 1994), elements 1.5 times smaller and second order, read as a 95 % band"""
+SAFETY = 3.0
+"""of the grid convergence index from two grids (Roache 1994)"""
+
+
+def left_share(refinement: float) -> float:
+    """SD of the error that is left after the correction, as a share of the measured difference.
+
+    Half the grid convergence index of the finer mesh, whose elements are `refinement` times
+    smaller, at second order and read as a 95 % band: 1.2 for elements 1.5 times smaller.
+    """
+    return 0.5 * SAFETY / (refinement**2 - 1.0)
 
 
 @dataclass(frozen=True)
 class MeshError:
     """How far the mesh of the emulator's runs is from the finer mesh, for one hypothesis."""
 
+    refinement: float
+    """edge of the coarse mesh's elements over that of the fine one's"""
     ratios: Array
     """(n_check, 2) ratios (r, s) at which both meshes were solved"""
     signed_force: Array
@@ -49,7 +58,8 @@ class MeshError:
         size = np.sqrt(np.mean(self.signed_force**2, axis=0))
         overall = np.sqrt(np.mean(self.signed_force**2))
         spread = _variance_over_checks(self.signed_force)
-        sd: Array = np.sqrt((LEFT_SHARE * np.maximum(size, overall)) ** 2 + spread)
+        share = left_share(self.refinement)
+        sd: Array = np.sqrt((share * np.maximum(size, overall)) ** 2 + spread)
         return sd
 
     @property
@@ -57,21 +67,23 @@ class MeshError:
         """(n_step, 3) SD of the field's error after the correction, mm; as for the force."""
         size = np.mean(self.field**2, axis=(0, 2))
         spread = _variance_over_checks(self.field).mean(axis=1)
-        floor: Array = np.sqrt(LEFT_SHARE**2 * size + spread)
+        floor: Array = np.sqrt(left_share(self.refinement) ** 2 * size + spread)
         return floor
 
     @property
     def field_patterns(self) -> Array:
         """(n_check n_step, n_step, n_point, 3) errors of the field in known shapes, mm.
 
-        What is left of each difference has its shape at one increment, and a sign and size of its
-        own there. Mesh errors look like other constants: as rows of nodes pass the pin's edge, the
-        front face moves as it does with r and s. A floor that is spread over all shapes would put
-        almost nothing into those.
+        What is left has the shapes of the differences at one increment, and a sign and size of its
+        own there: all checks together that of one. Mesh errors look like other constants: as rows
+        of nodes pass the pin's edge, the front face moves as it does with r and s. A floor that is
+        spread over all shapes would put almost nothing into those.
         """
-        n_step = self.field.shape[1]
+        n_check, n_step = self.field.shape[:2]
         single = np.eye(n_step)[:, None, :, None, None] * self.field
-        return LEFT_SHARE * single.reshape(-1, *self.field.shape[1:])
+        share = left_share(self.refinement) / np.sqrt(n_check)
+        patterns: Array = share * single.reshape(-1, *self.field.shape[1:])
+        return patterns
 
 
 def _variance_over_checks(differences: Array) -> Array:
@@ -82,8 +94,10 @@ def _variance_over_checks(differences: Array) -> Array:
     return variance
 
 
-def mesh_error(fine: Campaign, coarse: Campaign, name: str) -> MeshError:
+def mesh_error(fine: Campaign, coarse: Campaign, refinement: float, name: str) -> MeshError:
     """Difference between two meshes solved at the same ratios, where both reached the end.
+
+    `refinement` is how many times smaller the fine one's elements are.
 
     Raises CampaignFailed when there is no such point.
     """
@@ -99,6 +113,7 @@ def mesh_error(fine: Campaign, coarse: Campaign, name: str) -> MeshError:
             n_total=len(both),
         )
     return MeshError(
+        refinement=refinement,
         ratios=fine.ratios[both],
         signed_force=coarse.force[both] / fine.force[both] - 1.0,
         field=coarse.displacement[both] - fine.displacement[both],
@@ -111,6 +126,7 @@ def load_mesh_error(out: Path, hypothesis: Hypothesis) -> MeshError:
     with np.load(check_folder(out, hypothesis) / "mesh_error.npz", allow_pickle=False) as stored:
         field = stored["field"]
     return MeshError(
+        refinement=float(facts["refinement"]),
         ratios=np.asarray(facts["ratios"], dtype=float),
         signed_force=np.asarray(facts["signed_force"], dtype=float),
         field=field,
@@ -126,6 +142,8 @@ def save_mesh_error(
         "coarse_cells": study.mesh.sampling,
         "fine_cells": study.mesh.check,
         "travel": study.increments,
+        "refinement": error.refinement,
+        "left_share": left_share(error.refinement),
         "ratios": error.ratios,
         "force": error.force,
         "signed_force": error.signed_force,

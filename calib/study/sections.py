@@ -110,6 +110,10 @@ class Material:
     """bulk modulus over the small-strain shear modulus"""
 
 
+MIN_REFINEMENT = 1.3
+"""less says too little of the error: it is read off a difference that gets small by itself"""
+
+
 @dataclass(frozen=True, kw_only=True, config=STRICT)
 class Mesh:
     """[mesh] Elements of the quarter model in x, y, z."""
@@ -117,11 +121,20 @@ class Mesh:
     sampling: Cells = (12, 6, 2)
     """three numbers of elements (x, y, z) for the runs that train the emulator"""
     check: Cells = (20, 8, 3)
-    """three numbers of elements (x, y, z) for the run that measures the discretisation error"""
+    """three numbers of elements (x, y, z) for the runs that measure the discretisation error"""
+
+    @property
+    def refinement(self) -> float:
+        """Edge of the sampling mesh's elements over that of the check mesh's, mean of directions"""
+        return math.cbrt(math.prod(self.check) / math.prod(self.sampling))
 
     def __post_init__(self) -> None:
-        if not is_finer(self.check, self.sampling):
-            expected = f"a mesh finer than mesh.sampling {list(self.sampling)}"
+        finer = is_finer(self.check, self.sampling)
+        if not finer or self.refinement < MIN_REFINEMENT:
+            expected = (
+                f"a mesh finer than mesh.sampling {list(self.sampling)}, with elements at least "
+                f"{MIN_REFINEMENT} times smaller (cube root of the ratio of their numbers)"
+            )
             raise Contradiction("check", self.check, expected)
 
 
@@ -244,8 +257,9 @@ class Design:
     n_held_out: Annotated[int, Field(ge=2)] = 4
     """number of further runs that only judge the emulator"""
     n_refine: Annotated[int, Field(ge=3)] = 6
-    """number of runs added where the posterior is, for each hypothesis; the last two of them at its
-    maximum and mean by the emulator that has the others"""
+    """number of runs added where the posterior is, for each hypothesis; the last two of them (half
+    of all where there is a field) at and around its maximum and mean by the emulator that has the
+    others"""
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)

@@ -113,7 +113,7 @@ def map_table(maps: Mapping[str, Any]) -> Table:
             "ln kappa [SD]",
             "r [SD]",
             "s [SD]",
-            "gradient * SD [-]",
+            "slope used * SD [-]",
             "FE solves",
             "search",
         ),
@@ -128,6 +128,12 @@ def map_table(maps: Mapping[str, Any]) -> Table:
             "construction."
             for name, found in maps.items()
             if found["fe_is_training_run"]
+        )
+        + "".join(
+            f" {name}: the slopes of the direct model there were not known or led to a worse "
+            "point; those used are the emulator's with secants between direct solves."
+            for name, found in maps.items()
+            if found["by_secants"]
         ),
     )
 
@@ -144,14 +150,24 @@ def mesh_table(errors: Mapping[str, Any]) -> Table:
             rows.append((f"{name}, field RMS [mm]", at, *(number(value, 2) for value in field)))
         left = (f"{100 * value:.2f}" for value in error["force"])
         rows.append((f"{name}, SD of force left [%]", "", *left))
+        floors = (number(max(value), 2) for value in error["field_floor"])
+        rows.append((f"{name}, SD of field left [mm]", "", *floors))
     coarse, fine = (" x ".join(map(str, first[key])) for key in ("coarse_cells", "fine_cells"))
     return Table(
         f"Discretisation error: mesh {coarse} of the emulator's runs against {fine}",
         ("hypothesis", "measured at", *(f"{travel:g} mm" for travel in first["travel"])),
         tuple(rows),
         "Predictions are corrected by the mean difference. SD left: of the error that the "
-        "likelihood still allows for, 1.2 times the difference (half the grid convergence index "
-        "of two meshes) and its spread over the points. It is an estimate, not a bound.",
+        f"likelihood still allows for, {first['left_share']:.2f} times the difference (half the "
+        "grid convergence index of two meshes; of the force never less than that of the RMS over "
+        "the increments) and its spread over the points; of the field, the worst component. It is "
+        "an estimate, not a bound."
+        + "".join(
+            f" {name}: one of the points could not be solved on both meshes, so the spread is "
+            "not known."
+            for name, error in errors.items()
+            if len(error["ratios"]) < 2
+        ),
     )
 
 
