@@ -1,4 +1,4 @@
-"""Finite element samples of the specimen: material, contact, equilibrium, response, campaign."""
+"""Finite-element samples of specimens: material, contact, equilibrium, response, campaign."""
 
 from fe.campaign import Campaign, CampaignFailed, run_campaign
 from fe.dask_executor import dask_map

@@ -31,21 +31,24 @@ def test_a_second_run_finds_everything_up_to_date(thesis_study: StudyResult) -> 
 
 
 def test_direct_fe_and_emulator_agree_on_the_maximum(thesis_study: StudyResult) -> None:
-    # The emulator's error is part of the posterior SD, and the emulator has been trained at its
-    # own maximum: half an SD apart would mean that its stated error is wrong.
+    # The emulator's error is part of the posterior SD, and the emulator has been trained close
+    # to its maximum: half an SD apart would mean that its stated error is wrong.
     maps = json.loads((thesis_study.out / "map.json").read_text())
     for found in maps.values():
         assert found["status"] in {"converged", "blocked"}, found["message"]
+        assert all(np.isfinite(found["projected_gradient_fe"]))
         assert np.max(np.abs(found["difference_sd_x"])) < 0.5
 
 
 def test_the_published_constants_are_far_too_stiff(thesis_study: StudyResult) -> None:
-    # They predict about ten times the measured forces when stuck; with contact
-    # free of friction, the softest reading of all, still more than twice.
+    # They predict 13 times and more of the measured forces when stuck; with contact free of
+    # friction, the softest reading of all, still more than 4 times. The bounds leave a factor of
+    # 1.3 for another geometry of the model.
     comparison = json.loads((thesis_study.out / "comparison.json").read_text())
     measured = np.asarray(comparison["force_mean"])
-    for found in comparison["hypotheses"].values():
-        assert np.all(np.asarray(found["published"]["force"]) > 2.0 * measured)
+    for name, factor in (("stuck", 10.0), ("sliding", 3.4)):
+        published = comparison["hypotheses"][name]["published"]
+        assert np.all(np.asarray(published["force"]) > factor * measured)
 
 
 def test_stuck_contact_needs_the_softer_material(thesis_study: StudyResult) -> None:

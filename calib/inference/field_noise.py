@@ -30,6 +30,8 @@ Kernel = Literal["exponential", "squared_exponential"]
 # Smallest share of uncorrelated noise: a squared exponential over points much closer than its
 # length is singular in double precision.
 NUGGET = 1e-6
+FLOOR_LENGTH = 1.0
+"""mm, over which the model's errors are correlated"""
 FLOOR_NUGGET = 0.1
 """share of the variance of the model's errors that is not correlated over the points"""
 FLOOR_SHARED = 0.5
@@ -152,17 +154,6 @@ class FieldCovariance:
             )
         return product
 
-    def solve(self, fields: Array) -> Array:
-        """(q, n_step, n_point, 3) covariance^-1 times each field."""
-        white = self._whiten(fields)
-        if len(self.patterns):
-            pattern = self._whitened_patterns
-            white = white - cho_solve(self._capacitance, pattern @ white.T).T @ pattern
-        n_step, n_point, n_component = self.shape
-        blocks = white.reshape(-1, n_point, n_component, n_step)
-        back = np.einsum("pcji,qpcj->qipc", self._inverse_factors, blocks)
-        return self._rotate(back, self.vectors)
-
     @cached_property
     def logdet(self) -> float:
         """Natural logarithm of the determinant of the covariance."""
@@ -191,14 +182,13 @@ def field_covariance(
     *,
     kernel: Kernel = "exponential",
     floor: Array | float = 0.0,
-    floor_length: float = 1.0,
     patterns: Array | None = None,
 ) -> FieldCovariance:
     """Covariance of the errors of `field`, without the emulator's.
 
     `patterns` (q, n_step, n_point, 3) are model errors of known shape [mm]; `floor`, one SD [mm] or
     (n_step, 3) of them, is for model errors of unknown shape, correlated over the points as a
-    squared exponential of `floor_length` [mm] and half common to all increments: errors of a mesh
+    squared exponential of `FLOOR_LENGTH` and half common to all increments: errors of a mesh
     are smooth and grow with the travel. Taken as independent they would average away, as they do
     not in truth.
     Raises ValueError when shapes disagree or a floor is negative.
@@ -214,7 +204,7 @@ def field_covariance(
         raise ValueError(f"patterns: expected shape {expected}, found {patterns.shape}")
     correlation = spatial_correlation(field.points, field.correlation_length, kernel)
     smooth = spatial_correlation(
-        field.points, floor_length, "squared_exponential", nugget=FLOOR_NUGGET
+        field.points, FLOOR_LENGTH, "squared_exponential", nugget=FLOOR_NUGGET
     )
     values, vectors = eigh(smooth, correlation)
     shared = step_correlation(n_step, FLOOR_SHARED)

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from calib.inference.field_noise import FLOOR_LENGTH, FLOOR_NUGGET
 from calib.study.config import Study
-from calib.study.sections import ParameterPrior
+from calib.study.mesh_error import left_share
+from calib.study.sections import ParameterPrior, Virtual
 from calib.study.tables import Table
 
 
@@ -41,7 +43,15 @@ def assumptions_table(study: Study) -> Table:
         ("prior of s = C11 / kappa", _prior(study.prior.s), "-"),
         ("mesh of the emulator's runs (quarter of the sample)", _cells(mesh.sampling), "elements"),
         ("mesh of the check", _cells(mesh.check), "elements"),
+        (
+            "mesh error left after the correction, SD over the measured difference",
+            f"{left_share(mesh.refinement):.2f}, half of its square common to all increments",
+            "-",
+        ),
+        ("samples independent of each other, their SDs taken as known", "", "-"),
     ]
+    if study.virtual is not None:
+        rows += _field_rows(study.virtual)
     return Table(
         "What the study assumes",
         ("assumption", "value", "unit"),
@@ -49,6 +59,20 @@ def assumptions_table(study: Study) -> Table:
         "Contact: stick, slide (no friction) or a coefficient of Coulomb friction. Other contact, "
         "pins, heights, and laws other than Mooney-Rivlin are not part of this study.",
     )
+
+
+def _field_rows(virtual: Virtual) -> list[tuple[str, str, str]]:
+    noise = ", ".join(f"{sd:g}" for sd in virtual.field_noise_std)
+    return [
+        ("noise of the field, SD of x, y, z", noise, "mm"),
+        ("its correlation length over the points", f"{virtual.field_correlation_length:g}", "mm"),
+        ("its share common to all increments", f"{virtual.field_reference_share:g}", "-"),
+        (
+            "correlation length of the field's mesh error",
+            f"{FLOOR_LENGTH:g}; {FLOOR_NUGGET:g} of it uncorrelated",
+            "mm",
+        ),
+    ]
 
 
 def _prior(prior: ParameterPrior) -> str:

@@ -15,9 +15,9 @@ import numpy as np
 
 from calib.data import PUBLISHED_CONSTANTS
 from calib.data.thesis import optimization_runs, stated_average
+from calib.inference.coordinates import CONSTANTS
 
 NOTE_WIDTH = 100
-CONSTANTS = ("C10", "C01", "C11", "mu")
 
 
 @dataclass(frozen=True)

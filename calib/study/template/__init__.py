@@ -14,8 +14,11 @@ def write_template(folder: Path) -> list[Path]:
     """Write the template's files into `folder`, made if need be; the study is named after it.
 
     Raises:
-        ValueError: a file of that name is already there; nothing is written then.
+        ValueError: `folder` is a file, or one of its files is already there; nothing is written
+            then.
     """
+    if folder.exists() and not folder.is_dir():
+        raise ValueError(f"{folder}: found a file, expected a folder or a new name")
     targets = [folder / name for name in FILES]
     for target in targets:
         if target.exists():
