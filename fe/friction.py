@@ -1,7 +1,8 @@
 """Coulomb friction at the contact points of block, pin and base.
 
 A point that touches has slipped by s, its way along the surface since the anchor (two numbers:
-arc length across the bar's profile, or x on the floor; and z).  The traction on the surface is
+arc length across the bar's profile, or x on the floor; and z; the pin that rubs is a bar along
+z).  The traction on the surface is
 
     t = mu p h(|s| / a) s / |s|,     h(x) = (3 x - x^3) / 2 for x < 1, else 1,
 
@@ -23,7 +24,8 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from fe.contact import FREE, ContactSystem, Faces, RigidPin, bar_distance, penalty, position
+from fe.contact import FREE, ContactSystem, Faces, penalty, position
+from fe.pin_surface import RigidPin, bar_distance
 
 Array = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -106,12 +108,14 @@ def touch(
     if on_side and law.base > 0.0 and x[1] < 0.0:
         _, slope, curvature = penalty(x[1], pin.stiffness, pin.ramp)
         return Touch(FLOOR, -law.base * slope, -law.base * curvature, 0.0, 1.0, x[0], 1.0, 0.0)
-    bottom = pin.height - travel
-    gap, nx, ny, hxx, _, hyy = bar_distance(x[0], x[1], pin.half_width, pin.fillet, bottom)
-    if gap >= 0.0 or law.pin == 0.0:
+    if law.pin == 0.0:
+        return Touch(PIN, 0.0, 0.0, 0.0, -1.0, 0.0, 1.0, 0.0)
+    bottom, across = pin.height - travel, x[0] - pin.x
+    gap, nx, ny, hxx, _, hyy = bar_distance(across, x[1], pin.half_width, pin.fillet, bottom)
+    if gap >= 0.0:
         return Touch(PIN, 0.0, 0.0, nx, ny, 0.0, 1.0, 0.0)
     _, slope, curvature = penalty(gap, pin.stiffness, pin.ramp)
-    arc, stretch = bar_arc(x[0], x[1], pin.half_width, pin.fillet, bottom)
+    arc, stretch = bar_arc(across, x[1], pin.half_width, pin.fillet, bottom)
     return Touch(PIN, -law.pin * slope, -law.pin * curvature, nx, ny, arc, stretch, hxx + hyy)
 
 

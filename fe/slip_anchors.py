@@ -13,8 +13,9 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from fe.contact import FREE, Faces, RigidPin, bar_distance, position
+from fe.contact import FREE, Faces, position
 from fe.friction import FLOOR, PIN, FrictionLaw, bar_arc, slip_potential, surface_tangent, touch
+from fe.pin_surface import RigidPin, bar_distance
 
 Array = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -44,7 +45,8 @@ def _places(faces: Faces, pin: RigidPin, place: Array) -> None:
     for c in range(faces.weights.shape[0]):
         for q in range(faces.weights.shape[1]):
             x = faces.points[c, q]
-            place[c, q, PIN, 0] = bar_arc(x[0], x[1], pin.half_width, pin.fillet, pin.height)[0]
+            across = x[0] - pin.x
+            place[c, q, PIN, 0] = bar_arc(across, x[1], pin.half_width, pin.fillet, pin.height)[0]
             place[c, q, FLOOR, 0] = x[0]
             place[c, q, :, 1] = x[2]
 
@@ -63,7 +65,7 @@ def parameter_pull(
     """Derivative of the friction forces in the parameters, at fixed u, by anchors and coefficients.
 
     Adds the forces of each point (N) to `pull` (n_face, n_q, 3, n_p) and returns that of the
-    pin force (n_p,) N.  Parameters 2 and 3 are the coefficients of pin and base.
+    pin force (n_p,) N.  The last two parameters are the coefficients of pin and base.
     """
     n_p = pull.shape[3]
     on_pin = np.zeros(n_p)
@@ -87,7 +89,7 @@ def parameter_pull(
                 along = fall * (s0 * a0 + s1 * a1)
                 g0 = w * (along * s0 - secant * a0)
                 g1 = w * (along * s1 - secant * a1)
-                if j == 2 + t.surface:
+                if j == n_p - 2 + t.surface:
                     coefficient = law.pin if t.surface == PIN else law.base
                     g0 += w / coefficient * secant * s0
                     g1 += w / coefficient * secant * s1
@@ -160,9 +162,9 @@ def _position_gradient(u_gradient: Array, faces: Faces, c: int, q: int, dx: Arra
 @njit(cache=True)
 def _on_pin(x: Array, dx: Array, travel: float, pin: RigidPin, here: Array, there: Array) -> None:
     """Fill a point's place on the pin (2,) and its derivative (2, n_p)."""
-    bottom = pin.height - travel
-    _, nx, ny, _, _, _ = bar_distance(x[0], x[1], pin.half_width, pin.fillet, bottom)
-    here[0], stretch = bar_arc(x[0], x[1], pin.half_width, pin.fillet, bottom)
+    bottom, across = pin.height - travel, x[0] - pin.x
+    _, nx, ny, _, _, _ = bar_distance(across, x[1], pin.half_width, pin.fillet, bottom)
+    here[0], stretch = bar_arc(across, x[1], pin.half_width, pin.fillet, bottom)
     here[1] = x[2]
     there[0] = stretch * (nx * dx[1] - ny * dx[0])
     there[1] = dx[2]

@@ -11,8 +11,6 @@ from fe import BlockPin, BlockPinModel, Contact
 from fe.contact import (
     TIED_TO_PIN,
     PenaltyLaw,
-    RigidPin,
-    bar_distance,
     contact_system,
     empty_system,
 )
@@ -29,7 +27,9 @@ from fe.friction import (
 )
 from fe.linear_solver import SymmetricSolver
 from fe.load_stepping import March, march
+from fe.material_parameters import ratio_parameters
 from fe.newton import NewtonOptions
+from fe.pin_surface import RigidPin, bar_distance
 from fe.potential import Potential
 from fe.slip_anchors import parameter_pull
 
@@ -297,6 +297,7 @@ def test_at_equilibrium_no_traction_passes_mu_p_and_the_base_carries_the_pin():
     memory = initial_memory(discrete.faces, discrete.glued, problem.pin, problem.friction)
     solver = SymmetricSolver(discrete.pattern.indptr, discrete.pattern.indices)
     keys = {"stick_to_pin": False, "stick_to_floor": False, "steps": m.steps, "newton": m.newton}
+    keys["parameters"] = ratio_parameters(problem.material)
     states = list(march(Potential(problem), solver, memory, m.travel, March(), **keys))
     solver.close()
     faces, u = discrete.faces, states[-1].u
