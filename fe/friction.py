@@ -1,8 +1,7 @@
 """Coulomb friction at the contact points of block, pin and base.
 
 A point that touches has slipped by s, its way along the surface since the anchor (two numbers:
-arc length across the bar's profile, or x on the floor; and z; the pin that rubs is a bar along
-z).  The traction on the surface is
+arc length across the profile of a bar along z, or x on the floor; and z).  The traction is
 
     t = mu p h(|s| / a) s / |s|,     h(x) = (3 x - x^3) / 2 for x < 1, else 1,
 
@@ -108,11 +107,9 @@ def touch(
     if on_side and law.base > 0.0 and x[1] < 0.0:
         _, slope, curvature = penalty(x[1], pin.stiffness, pin.ramp)
         return Touch(FLOOR, -law.base * slope, -law.base * curvature, 0.0, 1.0, x[0], 1.0, 0.0)
-    if law.pin == 0.0:
-        return Touch(PIN, 0.0, 0.0, 0.0, -1.0, 0.0, 1.0, 0.0)
     bottom, across = pin.height - travel, x[0] - pin.x
     gap, nx, ny, hxx, _, hyy = bar_distance(across, x[1], pin.half_width, pin.fillet, bottom)
-    if gap >= 0.0:
+    if gap >= 0.0 or law.pin == 0.0:
         return Touch(PIN, 0.0, 0.0, nx, ny, 0.0, 1.0, 0.0)
     _, slope, curvature = penalty(gap, pin.stiffness, pin.ramp)
     arc, stretch = bar_arc(across, x[1], pin.half_width, pin.fillet, bottom)

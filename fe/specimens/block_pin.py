@@ -136,10 +136,14 @@ class BlockPinModel:
         Raises ValueError when the material is incompressible (infinite bulk modulus).
         """
         started = time.perf_counter()
-        parameters = all_parameters(material)
         with threadpool_limits(limits=1):
-            solved = self._march(material, material.shear_modulus, parameters)
-        return self._response(*solved, time.perf_counter() - started, parameters.names)
+            solved = self.solve_for(material)
+        names = (*material.law.constant_names, "bulk")
+        return self._response(*solved, time.perf_counter() - started, names)
+
+    def solve_for(self, material: Material) -> tuple[list[TravelState], March, int]:
+        """States of the modelled part of a block of this material at the travels reached."""
+        return self._march(material, material.shear_modulus, all_parameters(material))
 
     def solve(self, ratios: Array, kappa: float = 1.0) -> tuple[list[TravelState], March, int]:
         """States of the modelled part at the travels reached, at the given kappa (MPa)."""
