@@ -8,9 +8,9 @@ import numpy as np
 import numpy.typing as npt
 
 from fe.contact import FREE, TIED_TO_FLOOR, TIED_TO_PIN, Faces
-from fe.friction import FrictionLaw
 from fe.pin_surface import RigidPin, pin_point
 from fe.slip_anchors import SlipAnchors, advance_anchors, rest
+from fe.touch import FrictionLaw
 
 Array = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]

@@ -11,10 +11,11 @@ from fe import contact, friction, slip_anchors, weak_form
 from fe.contact import TIED_TO_PIN, Faces
 from fe.contact_memory import ContactMemory
 from fe.discretisation import Pattern, add_entries
-from fe.friction import Frame, FrictionLaw
+from fe.friction import Frame
 from fe.materials.material import KernelMaterial, Material
 from fe.materials.volumetric import deviation_slopes
 from fe.pin_surface import RigidPin
+from fe.touch import FrictionLaw
 from fe.weak_form import Elements
 
 Array = npt.NDArray[np.float64]

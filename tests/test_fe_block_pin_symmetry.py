@@ -128,7 +128,7 @@ def test_a_bar_turned_either_way_gives_the_mirrored_field_and_breaks_the_symmetr
         ),
         (
             lambda: model(contact=(0.3, "stick"), pin_rotation=5.0),
-            "pin: expected 'stick' or 'slide' under a round or turned pin",
+            "pin: expected 'stick' or 'slide' under a turned bar",
         ),
     ],
 )

@@ -16,10 +16,6 @@ from fe.contact import (
 )
 from fe.contact_memory import initial_memory, slide_anchors
 from fe.friction import (
-    FLOOR,
-    PIN,
-    FrictionLaw,
-    bar_arc,
     freeze,
     friction_system,
     frozen_energy,
@@ -32,6 +28,7 @@ from fe.newton import NewtonOptions
 from fe.pin_surface import RigidPin, bar_distance
 from fe.potential import Potential
 from fe.slip_anchors import parameter_pull
+from fe.touch import FLOOR, PIN, FrictionLaw, bar_arc
 
 RIGID = RigidPin(2.5, 2.0, 0.3, stiffness=500.0, ramp=0.1, base_stiffness=2e4)
 LAW = FrictionLaw(0.3, 0.7, 0.01)
@@ -88,9 +85,7 @@ def tractions(faces, u, memory, travel, law=LAW):
     frame = freeze(u, faces, memory.tied, memory.slip.place, travel, RIGID, law)
     x = faces.points + np.einsum("cqa,cai->cqi", faces.shape, u[faces.nodes])
     x[..., 1] += frame.moves * travel
-    slip = frame.offset.copy()
-    slip[..., 0] += np.einsum("cqi,cqi->cq", frame.tangent, x[..., :2])
-    slip[..., 1] += x[..., 2]
+    slip = frame.offset + np.einsum("cqai,cqi->cqa", frame.tangent, x)
     secant = np.array([slip_potential(*s, law.slip)[1] for s in slip.reshape(-1, 2)])
     size = frame.limit * secant.reshape(frame.limit.shape) * np.linalg.norm(slip, axis=-1)
     return size, frame.limit

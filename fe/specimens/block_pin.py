@@ -49,7 +49,7 @@ class BlockPinModel:
     whole; a half has both sides of the plane x = 0, and its field too.
 
     Raises ValueError for impossible numbers, for a symmetry that the pin's place breaks, for
-    friction on a pin that is round or turned, and where nothing keeps a half or full block from
+    friction on a bar that is turned, and where nothing keeps a half or full block from
     sliding away.
     """
 
@@ -78,11 +78,9 @@ class BlockPinModel:
         if not self.bulk_ratio > 0.0:
             raise ValueError(f"bulk_ratio: expected a ratio above 0, found {self.bulk_ratio}")
         self._check_symmetry()
-        if self.contact.friction(self.penalty.slip).pin > 0.0 and (
-            self.specimen.pin == "round" or self.specimen.turned
-        ):
+        if self.contact.friction(self.penalty.slip).pin > 0.0 and self.specimen.turned:
             raise ValueError(
-                f"pin: expected 'stick' or 'slide' under a round or turned pin, where friction is "
+                f"pin: expected 'stick' or 'slide' under a turned bar, where friction is "
                 f"not modelled, found a coefficient of {self.contact.pin}"
             )
 

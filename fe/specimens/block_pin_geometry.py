@@ -7,8 +7,8 @@ from typing import Literal
 
 import numpy as np
 
-from fe.friction import FrictionLaw
 from fe.pin_surface import BAR, ROUND, RigidPin
+from fe.touch import FrictionLaw
 
 Interface = Literal["stick", "slide"] | float
 Symmetry = Literal["quarter", "half", "full"]
