@@ -9,6 +9,7 @@ from fe.specimens.block_pin import BlockPin, BlockPinModel, Contact
 from fe.specimens.cylinder import Cylinder, CylinderModel
 from fe.specimens.tensile import NotchedPlate, TensileModel
 from fe.specimens.uniaxial import Bar, UniaxialModel
+from fe.vtk_export import export_vtk
 
 __all__ = [
     "Bar",
@@ -26,6 +27,7 @@ __all__ = [
     "TensileModel",
     "UniaxialModel",
     "dask_map",
+    "export_vtk",
     "load_response",
     "process_map",
     "run_campaign",

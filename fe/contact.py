@@ -1,4 +1,4 @@
-"""Contact of the block's free faces with a rigid filleted bar pin and a rigid floor.
+"""Contact of the block's free faces with a rigid filleted pin and a rigid floor.
 
 Evaluated at Gauss points of the deformed element faces, not at nodes (nodal contact chatters).
 Free points meet a penalty whose stiffness ramps up over a small penetration, so the energy is
@@ -17,6 +17,8 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 from numba import njit
+
+from fe.pin_surface import RigidPin, pin_point
 
 Array = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -56,23 +58,6 @@ class PenaltyLaw:
     """slip over which friction grows from 0 to its limit, mm"""
 
 
-class RigidPin(NamedTuple):
-    """Bar pin above a block on the floor y = 0, with the stiffness of what it meets."""
-
-    height: float
-    """of the pin's flat bottom at travel 0, mm"""
-    half_width: float
-    """mm"""
-    fillet: float
-    """radius of the lower edges, mm"""
-    stiffness: float
-    """contact pressure per penetration, MPa/mm"""
-    ramp: float
-    """mm, see PenaltyLaw"""
-    base_stiffness: float = 0.0
-    """pressure per displacement u_y of base faces, MPa/mm"""
-
-
 class ContactSystem(NamedTuple):
     """Work arrays that `contact_system` fills."""
 
@@ -95,29 +80,6 @@ def empty_system(faces: Faces) -> ContactSystem:
         by_travel=np.zeros((n_face, n_a, 3)),
         pin_force_by_u=np.zeros((n_face, n_a, 3)),
     )
-
-
-@njit(cache=True)
-def bar_distance(
-    x: float, y: float, half_width: float, fillet: float, bottom: float
-) -> tuple[float, float, float, float, float, float]:
-    """Signed distance of (x, y) to a bar pin with filleted lower edges (x >= 0 half, mm).
-
-    Returns (distance, normal_x, normal_y, H_xx, H_xy, H_yy): the outward normal of the pin is the
-    gradient of the distance, H its Hessian (1/mm).
-    """
-    side = 1.0 if x >= 0.0 else -1.0
-    q0 = abs(x) - (half_width - fillet)
-    q1 = bottom + fillet - y
-    if q0 <= 0.0 or q1 <= 0.0:
-        if q0 > q1:
-            return q0 - fillet, side, 0.0, 0.0, 0.0, 0.0
-        return q1 - fillet, 0.0, -1.0, 0.0, 0.0, 0.0
-    radius = np.sqrt(q0 * q0 + q1 * q1)
-    nx = side * q0 / radius
-    ny = -q1 / radius
-    c = 1.0 / max(radius, 1e-6)
-    return radius - fillet, nx, ny, c * ny * ny, -c * nx * ny, c * nx * nx
 
 
 @njit(cache=True)
@@ -160,17 +122,20 @@ def _free_point(
     """
     force[:] = 0.0
     hessian[:, :] = 0.0
-    gap, nx, ny, hxx, hxy, hyy = bar_distance(
-        x[0], x[1], pin.half_width, pin.fillet, pin.height - travel
-    )
-    energy, slope, curvature = penalty(gap, pin.stiffness, pin.ramp)
+    s = pin_point(x, travel, pin)
+    energy, slope, curvature = penalty(s.gap, pin.stiffness, pin.ramp)
     if slope != 0.0:
-        force[0] = slope * nx
-        force[1] = slope * ny
-        hessian[0, 0] = curvature * nx * nx + slope * hxx
-        hessian[0, 1] = curvature * nx * ny + slope * hxy
-        hessian[1, 0] = hessian[0, 1]
-        hessian[1, 1] = curvature * ny * ny + slope * hyy
+        force[0] = slope * s.nx
+        force[1] = slope * s.ny
+        force[2] = slope * s.nz
+        hessian[0, 0] = curvature * s.nx * s.nx + slope * s.hxx
+        hessian[0, 1] = curvature * s.nx * s.ny + slope * s.hxy
+        hessian[0, 2] = curvature * s.nx * s.nz + slope * s.hxz
+        hessian[1, 1] = curvature * s.ny * s.ny + slope * s.hyy
+        hessian[1, 2] = curvature * s.ny * s.nz + slope * s.hyz
+        hessian[2, 2] = curvature * s.nz * s.nz + slope * s.hzz
+        hessian[1, 0], hessian[2, 0] = hessian[0, 1], hessian[0, 2]
+        hessian[2, 1] = hessian[1, 2]
     pin_force = force[1]
     floor_stiffness = 0.0
     if on_side and x[1] < 0.0:

@@ -7,9 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from fe.contact import FREE, TIED_TO_FLOOR, TIED_TO_PIN, Faces, RigidPin, bar_distance
-from fe.friction import FrictionLaw
+from fe.contact import FREE, TIED_TO_FLOOR, TIED_TO_PIN, Faces
+from fe.pin_surface import RigidPin, pin_point
 from fe.slip_anchors import SlipAnchors, advance_anchors, rest
+from fe.touch import FrictionLaw
 
 Array = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -19,8 +20,8 @@ IntArray = npt.NDArray[np.int64]
 class ContactMemory:
     """Which points are tied and where, from where the others slide, and what it depends on (state).
 
-    Gradients are with respect to the n_p parameters of the march: (r, s), and with friction also
-    the coefficients of pin and base.
+    Gradients are with respect to the n_p parameters of the march: those of the material, and with
+    friction also, last, the coefficients of pin and base.
     """
 
     tied: IntArray
@@ -45,20 +46,19 @@ def initial_memory(
     glued: npt.NDArray[np.bool_],
     pin: RigidPin,
     law: FrictionLaw = FrictionLaw(),  # noqa: B008 - immutable
+    n_material: int = 2,
 ) -> ContactMemory:
-    """Memory at travel 0: points where `glued` (n_face, n_q) are tied to the pin in place."""
-    n_p = n_parameters(law)
+    """Memory at travel 0: points where `glued` (n_face, n_q) are tied to the pin in place.
+
+    `n_material` is the number of material parameters that sensitivities are taken in.
+    """
+    n_p = n_material + (2 if law.pin > 0.0 or law.base > 0.0 else 0)
     return ContactMemory(
         tied=np.where(glued, TIED_TO_PIN, FREE).astype(np.int64),
         anchor=faces.points.copy(),
         anchor_gradient=np.zeros((*faces.points.shape, n_p)),
         slip=rest(faces, pin, n_p),
     )
-
-
-def n_parameters(law: FrictionLaw) -> int:
-    """Parameters that sensitivities are taken in: (r, s), and the two coefficients of friction."""
-    return 4 if law.pin > 0.0 or law.base > 0.0 else 2
 
 
 def tie_touching(
@@ -90,16 +90,14 @@ def tie_touching(
     if not to_pin:
         return count
     for c, q in zip(*np.nonzero((memory.tied == FREE) & ~faces.base[:, None]), strict=True):
-        gap, nx, ny, hxx, hxy, hyy = bar_distance(
-            x[c, q, 0], x[c, q, 1], pin.half_width, pin.fillet, pin.height - travel
-        )
-        if gap >= 0.0:
+        s = pin_point(x[c, q], travel, pin)
+        if s.gap >= 0.0:
             continue
-        normal = np.array([nx, ny, 0.0])
-        hessian = np.array([[hxx, hxy, 0.0], [hxy, hyy, 0.0], [0.0, 0.0, 0.0]])
-        projection = np.eye(3) - np.outer(normal, normal) - gap * hessian
+        normal = np.array([s.nx, s.ny, s.nz])
+        hessian = np.array([[s.hxx, s.hxy, s.hxz], [s.hxy, s.hyy, s.hyz], [s.hxz, s.hyz, s.hzz]])
+        projection = np.eye(3) - np.outer(normal, normal) - s.gap * hessian
         memory.tied[c, q] = TIED_TO_PIN
-        memory.anchor[c, q] = x[c, q] - gap * normal + np.array([0.0, travel, 0.0])
+        memory.anchor[c, q] = x[c, q] - s.gap * normal + np.array([0.0, travel, 0.0])
         memory.anchor_gradient[c, q] = projection @ dx[c, q]
         count += 1
     return count

@@ -1,7 +1,7 @@
 """Coulomb friction at the contact points of block, pin and base.
 
-A point that touches has slipped by s, its way along the surface since the anchor (two numbers:
-arc length across the bar's profile, or x on the floor; and z).  The traction on the surface is
+A point that touches has slipped by s, its way along the surface since the anchor (two numbers,
+see `fe.touch`).  The traction on the surface is
 
     t = mu p h(|s| / a) s / |s|,     h(x) = (3 x - x^3) / 2 for x < 1, else 1,
 
@@ -23,21 +23,12 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from fe.contact import FREE, ContactSystem, Faces, RigidPin, bar_distance, penalty, position
+from fe.contact import FREE, ContactSystem, Faces, position
+from fe.pin_surface import RigidPin
+from fe.touch import PIN, Chart, FrictionLaw, empty_chart, touch
 
 Array = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
-
-PIN, FLOOR = 0, 1
-
-
-class FrictionLaw(NamedTuple):
-    """Coefficients of friction, 0 for none."""
-
-    pin: float = 0.0
-    base: float = 0.0
-    slip: float = 0.01
-    """a: slip over which friction grows to its limit, mm"""
 
 
 class Frame(NamedTuple):
@@ -46,73 +37,11 @@ class Frame(NamedTuple):
     limit: Array
     """(n_face, n_q) mu p, MPa; 0 where nothing touches"""
     tangent: Array
-    """(n_face, n_q, 2) x and y of the tangent across the bar; the other one is z"""
+    """(n_face, n_q, 2, 3) unit tangents"""
     offset: Array
     """(n_face, n_q, 2) mm"""
     moves: Array
     """(n_face, n_q) 1 where the surface moves with the pin, else 0"""
-
-
-class Touch(NamedTuple):
-    """A point's contact: what friction needs of it."""
-
-    surface: int
-    """PIN or FLOOR"""
-    limit: float
-    """mu p, MPa"""
-    slope: float
-    """derivative of the limit in the distance to the surface, MPa/mm"""
-    nx: float
-    ny: float
-    """outward normal of the surface"""
-    arc: float
-    """place along the surface, mm"""
-    stretch: float
-    """derivative of the arc length along the tangent: > 1 outside a fillet's surface, < 1 inside"""
-    curvature: float
-    """1/mm, of the surface through the point"""
-
-
-@njit(cache=True)
-def bar_arc(
-    x: float, y: float, half_width: float, fillet: float, bottom: float
-) -> tuple[float, float]:
-    """Arc length on the bar's profile of the point nearest to (x, y), mm, and its stretch.
-
-    Counted from the middle of the flat bottom, with the sign of x; the stretch is its derivative
-    along the tangent at (x, y), that is fillet radius over distance from the fillet's centre.
-    """
-    side = 1.0 if x >= 0.0 else -1.0
-    flat = half_width - fillet
-    q0 = abs(x) - flat
-    q1 = bottom + fillet - y
-    if q0 <= 0.0 or q1 <= 0.0:
-        if q0 > q1:
-            return side * (flat + 0.5 * np.pi * fillet - q1), 1.0
-        return x, 1.0
-    radius = max(np.sqrt(q0 * q0 + q1 * q1), 1e-6)
-    return side * (flat + fillet * np.arctan2(q0, q1)), fillet / radius
-
-
-@njit(cache=True)
-def touch(
-    x: Array, on_base: bool, on_side: bool, travel: float, pin: RigidPin, law: FrictionLaw
-) -> Touch:
-    """Contact of the point x (3,) mm at the pin travel."""
-    if on_base:
-        pressed = x[1] < 0.0 and law.base > 0.0
-        rate = law.base * pin.base_stiffness if pressed else 0.0
-        return Touch(FLOOR, -rate * x[1] if pressed else 0.0, -rate, 0.0, 1.0, x[0], 1.0, 0.0)
-    if on_side and law.base > 0.0 and x[1] < 0.0:
-        _, slope, curvature = penalty(x[1], pin.stiffness, pin.ramp)
-        return Touch(FLOOR, -law.base * slope, -law.base * curvature, 0.0, 1.0, x[0], 1.0, 0.0)
-    bottom = pin.height - travel
-    gap, nx, ny, hxx, _, hyy = bar_distance(x[0], x[1], pin.half_width, pin.fillet, bottom)
-    if gap >= 0.0 or law.pin == 0.0:
-        return Touch(PIN, 0.0, 0.0, nx, ny, 0.0, 1.0, 0.0)
-    _, slope, curvature = penalty(gap, pin.stiffness, pin.ramp)
-    arc, stretch = bar_arc(x[0], x[1], pin.half_width, pin.fillet, bottom)
-    return Touch(PIN, -law.pin * slope, -law.pin * curvature, nx, ny, arc, stretch, hxx + hyy)
 
 
 @njit(cache=True)
@@ -142,43 +71,41 @@ def freeze(
     n_face, n_quad = faces.weights.shape
     frame = Frame(
         np.zeros((n_face, n_quad)),
-        np.zeros((n_face, n_quad, 2)),
+        np.zeros((n_face, n_quad, 2, 3)),
         np.zeros((n_face, n_quad, 2)),
         np.zeros((n_face, n_quad)),
     )
     x = np.empty(3)
+    chart = empty_chart()
     for c in range(n_face):
         for q in range(n_quad):
             if tied[c, q] != FREE:
                 continue
             position(u, faces, c, q, x)
-            t = touch(x, faces.base[c], faces.floor[c], travel, pin, law)
-            if t.limit <= 0.0:
+            surface, limit, _ = touch(x, faces.base[c], faces.floor[c], travel, pin, law, chart)
+            if limit <= 0.0:
                 continue
-            moves = 1.0 if t.surface == PIN else 0.0
-            tx, ty = surface_tangent(t)
-            frame.limit[c, q] = t.limit
-            frame.tangent[c, q, 0] = tx
-            frame.tangent[c, q, 1] = ty
-            along = tx * x[0] + ty * (x[1] + moves * travel)
-            frame.offset[c, q, 0] = t.arc - place[c, q, t.surface, 0] - along
-            frame.offset[c, q, 1] = -place[c, q, t.surface, 1]
+            moves = 1.0 if surface == PIN else 0.0
+            frame.limit[c, q] = limit
             frame.moves[c, q] = moves
+            x[1] += moves * travel
+            for a in range(2):
+                frame.tangent[c, q, a] = chart.tangent[a]
+                frame.offset[c, q, a] = chart.place[a] - place[c, q, surface, a]
+                for i in range(3):
+                    frame.offset[c, q, a] -= chart.tangent[a, i] * x[i]
     return frame
-
-
-@njit(cache=True)
-def surface_tangent(t: Touch) -> tuple[float, float]:
-    """Unit tangent of the surface in the direction of growing arc length."""
-    return (-t.ny, t.nx) if t.surface == PIN else (1.0, 0.0)
 
 
 @njit(cache=True)
 def _frozen_slip(frame: Frame, c: int, q: int, x: Array, travel: float) -> tuple[float, float]:
     """Slip of the point x (3,) mm in the frame, mm."""
-    along = frame.tangent[c, q, 0] * x[0]
-    along += frame.tangent[c, q, 1] * (x[1] + frame.moves[c, q] * travel)
-    return frame.offset[c, q, 0] + along, frame.offset[c, q, 1] + x[2]
+    s0, s1 = frame.offset[c, q, 0], frame.offset[c, q, 1]
+    for i in range(3):
+        xi = x[i] + (frame.moves[c, q] * travel if i == 1 else 0.0)
+        s0 += frame.tangent[c, q, 0, i] * xi
+        s1 += frame.tangent[c, q, 1, i] * xi
+    return s0, s1
 
 
 @njit(cache=True)
@@ -219,6 +146,7 @@ def friction_system(
     f = np.empty(3)
     frozen = np.empty((3, 3))
     true = np.empty((3, 3))
+    chart = empty_chart()
     for c in range(faces.weights.shape[0]):
         coupling[c] = 0.0
         for q in range(faces.weights.shape[1]):
@@ -227,8 +155,8 @@ def friction_system(
             position(u, faces, c, q, x)
             s0, s1 = _frozen_slip(frame, c, q, x, travel)
             w, moves = faces.weights[c, q], frame.moves[c, q]
-            t = touch(x, faces.base[c], faces.floor[c], travel, pin, law)
-            energy += w * _point(t, s0, s1, law.slip, f, frozen, true)
+            _, limit, slope = touch(x, faces.base[c], faces.floor[c], travel, pin, law, chart)
+            energy += w * _point(chart, limit, slope, s0, s1, law.slip, f, frozen, true)
             pin_force += w * moves * f[1]
             _add_point(c, faces.shape[c, q], w, moves, f, frozen, true, system)
             _add_matrix(coupling[c], faces.shape[c, q], w, true, frozen)
@@ -237,31 +165,37 @@ def friction_system(
 
 @njit(cache=True)
 def _point(
-    t: Touch, s0: float, s1: float, slip: float, f: Array, frozen: Array, true: Array
+    chart: Chart,
+    limit: float,
+    slope: float,
+    s0: float,
+    s1: float,
+    slip: float,
+    f: Array,
+    frozen: Array,
+    true: Array,
 ) -> float:
     """Frozen energy density of one point; fills force, frozen Hessian and true tangent (3, 3)."""
     potential, secant, fall = slip_potential(s0, s1, slip)
-    tx, ty = surface_tangent(t)
-    basis = ((tx, 0.0), (ty, 0.0), (0.0, 1.0))
-    normal = (t.nx, t.ny, 0.0)
-    h00 = t.limit * (secant - fall * s0 * s0)
-    h01 = -t.limit * fall * s0 * s1
-    h11 = t.limit * (secant - fall * s1 * s1)
+    h00 = limit * (secant - fall * s0 * s0)
+    h01 = -limit * fall * s0 * s1
+    h11 = limit * (secant - fall * s1 * s1)
+    t0, t1 = chart.tangent[0], chart.tangent[1]
     for i in range(3):
-        b0, b1 = basis[i]
-        direction = secant * (s0 * b0 + s1 * b1)
-        f[i] = t.limit * direction
-        g0 = b0 * h00 + b1 * h01
-        g1 = b0 * h01 + b1 * h11
+        direction = secant * (s0 * t0[i] + s1 * t1[i])
+        f[i] = limit * direction
+        g0 = t0[i] * h00 + t1[i] * h01
+        g1 = t0[i] * h01 + t1[i] * h11
         for k in range(3):
-            frozen[i, k] = g0 * basis[k][0] + g1 * basis[k][1]
+            frozen[i, k] = g0 * t0[k] + g1 * t1[k]
+            bend = s0 * chart.bend[0, i, k] + s1 * chart.bend[1, i, k]
             true[i, k] = (
-                g0 * t.stretch * basis[k][0]
-                + g1 * basis[k][1]
-                + direction * t.slope * normal[k]
-                - t.limit * secant * s0 * t.curvature * normal[i] * basis[k][0]
+                g0 * chart.slope[0, k]
+                + g1 * chart.slope[1, k]
+                + direction * slope * chart.normal[k]
+                + limit * secant * bend
             )
-    return t.limit * potential
+    return limit * potential
 
 
 @njit(cache=True)

@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from fe.contact_memory import ContactMemory, slide_anchors, tie_touching
 from fe.linear_solver import SymmetricSolver
+from fe.material_parameters import MaterialParameters
 from fe.newton import (
     Equilibrium,
     NewtonOptions,
@@ -43,12 +44,14 @@ class TravelState:
     u: Array
     """(n_node, 3) mm"""
     u_gradient: Array
-    """(n_node, 3, n_p) du/d(r, s), mm; with friction also in the coefficients of pin and base (the
-    column of one that is 0 is 0).  NaN if a linear system was not solved to its tolerance"""
+    """(n_node, 3, n_p) du/d parameter of the material, mm; with friction also, last, in the
+    coefficients of pin and base (the column of one that is 0 is 0).  NaN if a linear system was not
+    solved to its tolerance"""
     pin_force: float
     """N"""
     force_gradient: Array
-    """(n_p,) dF/d(r, s), N; with friction also in the coefficients of pin and base"""
+    """(n_p,) dF/d parameter of the material, N; with friction also in the coefficients of pin and
+    base"""
     energy: float
     """stored energy with the contact's, N mm"""
     friction_work: float
@@ -73,6 +76,7 @@ def march(
     targets: Sequence[float],
     outcome: March,
     *,
+    parameters: MaterialParameters,
     stick_to_pin: bool,
     stick_to_floor: bool,
     steps: StepOptions,
@@ -80,8 +84,9 @@ def march(
 ) -> Iterator[TravelState]:
     """Yield the solution at each target travel (mm, increasing) until one cannot be reached.
 
-    `stick_to_pin` and `stick_to_floor` tie points to what they touch at the end of each step.  What
-    happened is left in `outcome`: the travel reached and, when the march stopped early, why.
+    Sensitivities are in `parameters` and, with friction, its coefficients.  `stick_to_pin` and
+    `stick_to_floor` tie points to what they touch at the end of each step.  What happened is left
+    in `outcome`: the travel reached and, when the march stopped early, why.
     """
     u, p = potential.zero_state()
     step = steps.first
@@ -108,7 +113,9 @@ def march(
                 continue
             u, p, assembly = found.u, found.p, found.assembly
             stick = (stick_to_pin, stick_to_floor)
-            state = _accept(potential, solver, found, travel, memory, stick, friction_work)
+            state = _accept(
+                potential, solver, found, travel, memory, parameters, stick, friction_work
+            )
             negative, friction_work = state.negative_pivots, state.friction_work
             outcome.reached = travel
             outcome.n_steps += 1
@@ -122,6 +129,7 @@ def _accept(
     found: Equilibrium,
     travel: float,
     memory: ContactMemory,
+    parameters: MaterialParameters,
     stick: tuple[bool, bool],
     friction_work: float,
 ) -> TravelState:
@@ -131,7 +139,7 @@ def _accept(
     """
     problem, u = potential.problem, found.u
     negative = solver.factorise(found.assembly.data)
-    u_gradient, force_gradient = _sensitivity(potential, solver, found, travel, memory)
+    u_gradient, force_gradient = _sensitivity(potential, solver, found, travel, memory, parameters)
     energy = potential.energy(u, travel, memory)
     state = (memory, problem.faces, u, u_gradient, travel, problem.pin)
     if potential.has_friction:
@@ -195,6 +203,7 @@ def _sensitivity(
     found: Equilibrium,
     travel: float,
     memory: ContactMemory,
+    parameters: MaterialParameters,
 ) -> tuple[Array, Array]:
     """du/d parameter (n_node, 3, n_p) mm and dF/d parameter (n_p,) N of the modelled part.
 
@@ -202,8 +211,25 @@ def _sensitivity(
     slip and stick anchors carry their own derivatives from step to step.
     """
     rhs, direct = potential.memory_gradient(found.u, travel, memory)
-    rhs[:, :2] += potential.ratio_gradient(found.u)
+    n_material = len(parameters.names)
+    rhs[:, :n_material] += _material_gradient(potential, found.u, parameters)
+    direct[:n_material] += found.assembly.pin_force * parameters.stiffness
     free = solve_coupled(potential, solver, -rhs, SENSITIVITY_TOLERANCE)
     force = found.assembly.pin_force_by_u @ free + direct
     columns = [potential.expand(free[:, j]) for j in range(free.shape[1])]
     return np.stack(columns, axis=2), force
+
+
+def _material_gradient(potential: Potential, u: Array, parameters: MaterialParameters) -> Array:
+    """(n_free, n_p) derivative of the gradient in the material's parameters at fixed u, N.
+
+    Of the last `assemble`; forces of contact are linear in its stiffness.
+    """
+    moving = parameters.constants.any(axis=1)
+    columns = np.zeros((potential.n_unknowns, len(parameters.names)))
+    columns[:, moving] = potential.constants_gradient(u, parameters.constants[moving])
+    if parameters.bulk.any():
+        columns += np.outer(potential.bulk_gradient(u), parameters.bulk)
+    if parameters.stiffness.any():
+        columns += np.outer(potential.penalty_gradient(), parameters.stiffness)
+    return columns

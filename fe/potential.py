@@ -8,14 +8,14 @@ import numpy as np
 import numpy.typing as npt
 
 from fe import contact, friction, slip_anchors, weak_form
-from fe.contact import TIED_TO_PIN, Faces, RigidPin
+from fe.contact import TIED_TO_PIN, Faces
 from fe.contact_memory import ContactMemory
 from fe.discretisation import Pattern, add_entries
-from fe.friction import Frame, FrictionLaw
-from fe.materials.law import MOONEY_RIVLIN_3
+from fe.friction import Frame
 from fe.materials.material import KernelMaterial, Material
-from fe.materials.mooney_rivlin import RATIO_DERIVATIVES
 from fe.materials.volumetric import deviation_slopes
+from fe.pin_surface import RigidPin
+from fe.touch import FrictionLaw
 from fe.weak_form import Elements
 
 Array = npt.NDArray[np.float64]
@@ -175,16 +175,9 @@ class Potential:
         """(n_free,) derivative of the gradient at u (n_node, 3) mm in the bulk modulus, N/MPa."""
         return self._residual(u, self.problem.elements, self.problem.material.bulk_slope())
 
-    def ratio_gradient(self, u: Array) -> Array:
-        """(n_free, 2) derivative of the gradient with respect to (r, s) at kappa = C10 + C01, N.
-
-        Raises ValueError when the law is not Mooney-Rivlin with three constants.
-        """
-        material = self.problem.material
-        if material.law != MOONEY_RIVLIN_3:
-            raise ValueError(f"law: expected {MOONEY_RIVLIN_3.name}, found {material.law.name}")
-        kappa = material.constants[0] + material.constants[1]
-        return self.constants_gradient(u, kappa * RATIO_DERIVATIVES)
+    def penalty_gradient(self) -> Array:
+        """(n_free,) contact forces of the last `assemble`, N: linear in the contact stiffness."""
+        return self._sum_faces(self._contact_system.force)[self._free]
 
     def _residual(self, u: Array, elements: Elements, material: KernelMaterial) -> Array:
         """(n_free,) gradient of the inner energy of `material`, whatever that of the problem."""

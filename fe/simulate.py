@@ -3,23 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
 
-from fe.materials.law import LAWS, MOONEY_RIVLIN_2, MOONEY_RIVLIN_3, NEO_HOOKEAN, Law
+from fe.materials.law import LAWS, Law
 from fe.materials.material import Material, material
 from fe.materials.volumetric import Volumetric
 from fe.response import Response
-from fe.specimens.block_pin import BlockPinModel
 
 Array = npt.NDArray[np.float64]
 
 
 class Specimen(Protocol):
-    """A model that responds to any material, as those of tensile, uniaxial and cylinder do."""
+    """A model that responds to any material, as all of `fe.specimens` do."""
 
     def respond(self, material: Material) -> Response:
         """Response with gradients in the constants and the bulk modulus."""
@@ -27,7 +25,7 @@ class Specimen(Protocol):
 
 
 def simulate(
-    specimen: Specimen | BlockPinModel,
+    specimen: Specimen,
     law: Law | str,
     theta: Mapping[str, float] | npt.ArrayLike,
     volumetric: Volumetric = "quadratic",
@@ -35,17 +33,13 @@ def simulate(
     """Response of a specimen of one material; a solver failure is a status, not a raise.
 
     `theta` holds the constants of the law and its bulk modulus, by name ("C10", ..., "bulk") or in
-    that order, MPa.  Gradients are in the same numbers; those of a block under a pin, which knows
-    Mooney-Rivlin laws without C20 only, are in (r, s) at fixed kappa and bulk ratio.
+    that order, MPa.  Gradients are in the same numbers.
 
-    Raises ValueError for an unknown law, names or numbers that are not those of the law, what
-    `fe.materials.Material` refuses and a law that the specimen does not know.
+    Raises ValueError for an unknown law, names or numbers that are not those of the law, and
+    what `fe.materials.Material` refuses.
     """
     name = law if isinstance(law, str) else law.name
-    made = _material(name, theta, volumetric)
-    if isinstance(specimen, BlockPinModel):
-        return _block_pin(specimen, made)
-    return specimen.respond(made)
+    return specimen.respond(_material(name, theta, volumetric))
 
 
 def _material(
@@ -67,23 +61,3 @@ def _material(
             )
         values = array.tolist()
     return material(law, values[:-1], values[-1], volumetric)
-
-
-def _block_pin(model: BlockPinModel, made: Material) -> Response:
-    """The block's own response at kappa = 1 MPa, scaled (fields do not depend on kappa)."""
-    known = (NEO_HOOKEAN, MOONEY_RIVLIN_2, MOONEY_RIVLIN_3)
-    if made.law not in known or made.volumetric != "quadratic":
-        raise ValueError(
-            f"law: expected one of {', '.join(law.name for law in known)} with the quadratic "
-            f"volumetric law for a block under a pin, found {made.law.name} ({made.volumetric})"
-        )
-    C10, C01, C11 = (*made.constants, 0.0, 0.0)[:3]
-    kappa = C10 + C01
-    at_bulk = replace(model, bulk_ratio=made.bulk / (2.0 * kappa))
-    unit = at_bulk(np.array([C01, C11]) / kappa)
-    return replace(
-        unit,
-        force=kappa * unit.force,
-        force_gradient=kappa * unit.force_gradient,
-        points=model.points(),
-    )

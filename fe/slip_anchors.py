@@ -13,8 +13,10 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from fe.contact import FREE, Faces, RigidPin, bar_distance, position
-from fe.friction import FLOOR, PIN, FrictionLaw, bar_arc, slip_potential, surface_tangent, touch
+from fe.contact import FREE, Faces, position
+from fe.friction import slip_potential
+from fe.pin_surface import RigidPin
+from fe.touch import FLOOR, PIN, FrictionLaw, chart_floor, chart_pin, empty_chart, touch
 
 Array = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -24,7 +26,7 @@ class SlipAnchors(NamedTuple):
     """From where each point's slip on pin (0) and floor (1) is measured."""
 
     place: Array
-    """(n_face, n_q, 2, 2) arc length or x, and z, on the surface, mm"""
+    """(n_face, n_q, 2, 2) on the surface, mm, see `fe.touch`"""
     gradient: Array
     """(n_face, n_q, 2, 2, n_p) d place / d parameter, mm"""
     traction: Array
@@ -41,12 +43,13 @@ def rest(faces: Faces, pin: RigidPin, n_p: int) -> SlipAnchors:
 
 @njit(cache=True)
 def _places(faces: Faces, pin: RigidPin, place: Array) -> None:
+    chart = empty_chart()
     for c in range(faces.weights.shape[0]):
         for q in range(faces.weights.shape[1]):
-            x = faces.points[c, q]
-            place[c, q, PIN, 0] = bar_arc(x[0], x[1], pin.half_width, pin.fillet, pin.height)[0]
-            place[c, q, FLOOR, 0] = x[0]
-            place[c, q, :, 1] = x[2]
+            chart_pin(faces.points[c, q], 0.0, pin, chart)
+            place[c, q, PIN] = chart.place
+            chart_floor(faces.points[c, q], chart)
+            place[c, q, FLOOR] = chart.place
 
 
 @njit(cache=True)
@@ -63,39 +66,38 @@ def parameter_pull(
     """Derivative of the friction forces in the parameters, at fixed u, by anchors and coefficients.
 
     Adds the forces of each point (N) to `pull` (n_face, n_q, 3, n_p) and returns that of the
-    pin force (n_p,) N.  Parameters 2 and 3 are the coefficients of pin and base.
+    pin force (n_p,) N.  The last two parameters are the coefficients of pin and base.
     """
     n_p = pull.shape[3]
     on_pin = np.zeros(n_p)
     x = np.empty(3)
+    chart = empty_chart()
     for c in range(faces.weights.shape[0]):
         for q in range(faces.weights.shape[1]):
             if tied[c, q] != FREE:
                 continue
             position(u, faces, c, q, x)
-            t = touch(x, faces.base[c], faces.floor[c], travel, pin, law)
-            if t.limit <= 0.0:
+            surface, limit, _ = touch(x, faces.base[c], faces.floor[c], travel, pin, law, chart)
+            if limit <= 0.0:
                 continue
-            s0 = t.arc - slip.place[c, q, t.surface, 0]
-            s1 = x[2] - slip.place[c, q, t.surface, 1]
+            s0 = chart.place[0] - slip.place[c, q, surface, 0]
+            s1 = chart.place[1] - slip.place[c, q, surface, 1]
             _, secant, fall = slip_potential(s0, s1, law.slip)
-            tx, ty = surface_tangent(t)
-            w = faces.weights[c, q] * t.limit
+            w = faces.weights[c, q] * limit
             for j in range(n_p):
-                a0 = slip.gradient[c, q, t.surface, 0, j]
-                a1 = slip.gradient[c, q, t.surface, 1, j]
+                a0 = slip.gradient[c, q, surface, 0, j]
+                a1 = slip.gradient[c, q, surface, 1, j]
                 along = fall * (s0 * a0 + s1 * a1)
                 g0 = w * (along * s0 - secant * a0)
                 g1 = w * (along * s1 - secant * a1)
-                if j == 2 + t.surface:
-                    coefficient = law.pin if t.surface == PIN else law.base
+                if j == n_p - 2 + surface:
+                    coefficient = law.pin if surface == PIN else law.base
                     g0 += w / coefficient * secant * s0
                     g1 += w / coefficient * secant * s1
-                pull[c, q, 0, j] += g0 * tx
-                pull[c, q, 1, j] += g0 * ty
-                pull[c, q, 2, j] += g1
-                if t.surface == PIN:
-                    on_pin[j] += g0 * ty
+                for i in range(3):
+                    pull[c, q, i, j] += g0 * chart.tangent[0, i] + g1 * chart.tangent[1, i]
+                if surface == PIN:
+                    on_pin[j] += g0 * chart.tangent[0, 1] + g1 * chart.tangent[1, 1]
     return on_pin
 
 
@@ -117,8 +119,8 @@ def advance_anchors(
     n_p = u_gradient.shape[2]
     x = np.empty(3)
     dx = np.empty((3, n_p))
-    here = np.empty(2)
     there = np.empty((2, n_p))
+    chart = empty_chart()
     work = 0.0
     for c in range(faces.weights.shape[0]):
         for q in range(faces.weights.shape[1]):
@@ -126,22 +128,23 @@ def advance_anchors(
                 continue
             position(u, faces, c, q, x)
             _position_gradient(u_gradient, faces, c, q, dx)
-            t = touch(x, faces.base[c], faces.floor[c], travel, pin, law)
+            touched, pressed, _ = touch(x, faces.base[c], faces.floor[c], travel, pin, law, chart)
             for surface in (PIN, FLOOR):
                 if surface == PIN:
                     if faces.base[c]:
                         continue
-                    _on_pin(x, dx, travel, pin, here, there)
+                    chart_pin(x, travel, pin, chart)
                 else:
-                    here[0] = x[0]
-                    here[1] = x[2]
-                    there[0] = dx[0]
-                    there[1] = dx[2]
-                limit = t.limit if t.surface == surface else 0.0
+                    chart_floor(x, chart)
+                there[:, :] = 0.0
+                for i in range(3):
+                    there[0] += chart.slope[0, i] * dx[i]
+                    there[1] += chart.slope[1, i] * dx[i]
+                limit = pressed if touched == surface else 0.0
                 work += faces.weights[c, q] * _return(
                     limit,
                     law.slip,
-                    here,
+                    chart.place,
                     there,
                     slip.place[c, q, surface],
                     slip.gradient[c, q, surface],
@@ -155,17 +158,6 @@ def _position_gradient(u_gradient: Array, faces: Faces, c: int, q: int, dx: Arra
     dx[:, :] = 0.0
     for a in range(faces.nodes.shape[1]):
         dx += faces.shape[c, q, a] * u_gradient[faces.nodes[c, a]]
-
-
-@njit(cache=True)
-def _on_pin(x: Array, dx: Array, travel: float, pin: RigidPin, here: Array, there: Array) -> None:
-    """Fill a point's place on the pin (2,) and its derivative (2, n_p)."""
-    bottom = pin.height - travel
-    _, nx, ny, _, _, _ = bar_distance(x[0], x[1], pin.half_width, pin.fillet, bottom)
-    here[0], stretch = bar_arc(x[0], x[1], pin.half_width, pin.fillet, bottom)
-    here[1] = x[2]
-    there[0] = stretch * (nx * dx[1] - ny * dx[0])
-    there[1] = dx[2]
 
 
 @njit(cache=True)

@@ -29,8 +29,11 @@ def test_one_and_two_worker_processes_give_the_same_bits(tmp_path: Path) -> None
 
 
 SCRIPT = """
+import signal
 import sys
 from pathlib import Path
+# Started from a background job, a process inherits that interrupts are ignored.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 sys.path.insert(0, {tests!r})
 import toy_simulation as t
 from fe.campaign import run_campaign

@@ -9,13 +9,12 @@ from fe.contact import (
     FREE,
     TIED_TO_FLOOR,
     TIED_TO_PIN,
-    RigidPin,
-    bar_distance,
     contact_system,
     empty_system,
     penalty,
 )
 from fe.contact_memory import initial_memory, tie_touching
+from fe.pin_surface import RigidPin, bar_distance
 from fe.specimens.block_pin import BlockPin, BlockPinModel, Contact
 
 PIN = RigidPin(height=2.5, half_width=2.0, fillet=0.3, stiffness=500.0, ramp=0.1)

@@ -11,17 +11,11 @@ from fe import BlockPin, BlockPinModel, Contact
 from fe.contact import (
     TIED_TO_PIN,
     PenaltyLaw,
-    RigidPin,
-    bar_distance,
     contact_system,
     empty_system,
 )
 from fe.contact_memory import initial_memory, slide_anchors
 from fe.friction import (
-    FLOOR,
-    PIN,
-    FrictionLaw,
-    bar_arc,
     freeze,
     friction_system,
     frozen_energy,
@@ -29,9 +23,12 @@ from fe.friction import (
 )
 from fe.linear_solver import SymmetricSolver
 from fe.load_stepping import March, march
+from fe.material_parameters import ratio_parameters
 from fe.newton import NewtonOptions
+from fe.pin_surface import RigidPin, bar_distance
 from fe.potential import Potential
 from fe.slip_anchors import parameter_pull
+from fe.touch import FLOOR, PIN, FrictionLaw, bar_arc
 
 RIGID = RigidPin(2.5, 2.0, 0.3, stiffness=500.0, ramp=0.1, base_stiffness=2e4)
 LAW = FrictionLaw(0.3, 0.7, 0.01)
@@ -88,9 +85,7 @@ def tractions(faces, u, memory, travel, law=LAW):
     frame = freeze(u, faces, memory.tied, memory.slip.place, travel, RIGID, law)
     x = faces.points + np.einsum("cqa,cai->cqi", faces.shape, u[faces.nodes])
     x[..., 1] += frame.moves * travel
-    slip = frame.offset.copy()
-    slip[..., 0] += np.einsum("cqi,cqi->cq", frame.tangent, x[..., :2])
-    slip[..., 1] += x[..., 2]
+    slip = frame.offset + np.einsum("cqai,cqi->cqa", frame.tangent, x)
     secant = np.array([slip_potential(*s, law.slip)[1] for s in slip.reshape(-1, 2)])
     size = frame.limit * secant.reshape(frame.limit.shape) * np.linalg.norm(slip, axis=-1)
     return size, frame.limit
@@ -297,6 +292,7 @@ def test_at_equilibrium_no_traction_passes_mu_p_and_the_base_carries_the_pin():
     memory = initial_memory(discrete.faces, discrete.glued, problem.pin, problem.friction)
     solver = SymmetricSolver(discrete.pattern.indptr, discrete.pattern.indices)
     keys = {"stick_to_pin": False, "stick_to_floor": False, "steps": m.steps, "newton": m.newton}
+    keys["parameters"] = ratio_parameters(problem.material)
     states = list(march(Potential(problem), solver, memory, m.travel, March(), **keys))
     solver.close()
     faces, u = discrete.faces, states[-1].u

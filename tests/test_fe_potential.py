@@ -10,7 +10,9 @@ from material_laws import CONSTANTS, make
 
 from fe import BlockPin, BlockPinModel, Contact
 from fe.contact_memory import initial_memory
+from fe.material_parameters import all_parameters, ratio_parameters
 from fe.materials import Material
+from fe.materials.material import mooney_rivlin_of_ratios
 from fe.materials.volumetric import VOLUMETRIC_CODES
 from fe.potential import Potential, Problem
 
@@ -73,18 +75,26 @@ def test_bulk_gradient_is_the_difference_quotient_in_the_bulk_modulus(material):
     np.testing.assert_allclose(found, expected, atol=1e-8 * np.abs(expected).max())
 
 
-def test_ratio_gradient_is_a_contraction_of_the_constants_gradient():
-    potential, u = Potential(problem()), bent()
-    C10, C01, C11 = potential.constants_gradient(u).T
-    columns = np.stack([C01 - C10, C11], axis=1)
-    np.testing.assert_allclose(
-        potential.ratio_gradient(u), columns, rtol=0, atol=1e-13 * np.abs(columns).max()
-    )
+def test_parameters_are_in_the_ratios_or_in_every_constant_and_the_bulk_modulus():
+    law = mooney_rivlin_of_ratios(RATIOS, 0.02, BULK)
+    ratios, every = ratio_parameters(law), all_parameters(law)
+    np.testing.assert_allclose(ratios.constants, [[-0.02, 0.02, 0.0], [0.0, 0.0, 0.02]])
+    assert not ratios.bulk.any() and not ratios.stiffness.any()
+    assert every.names == ("C10", "C01", "C11", "bulk")
+    np.testing.assert_array_equal(np.column_stack([every.constants, every.bulk]), np.eye(4))
+    np.testing.assert_allclose(every.stiffness, [50.0, 50.0, 0.0, 0.0], atol=1e-12)
 
 
-def test_ratio_gradient_belongs_to_three_constants_of_mooney_and_rivlin():
-    with pytest.raises(ValueError, match="law: expected mooney-rivlin-3, found yeoh"):
-        with_material(make("yeoh", BULK)).ratio_gradient(bent())
+def test_contact_stiffness_goes_with_the_shear_modulus_of_exponents_too():
+    law = make("ogden-2", BULK)
+    h = 1e-6
+    for j, found in enumerate(all_parameters(law).stiffness[:-1]):
+        step = h * np.eye(4)[j]
+        plus, minus = (
+            np.log(replace(law, constants=tuple(law.constants + k * step)).shear_modulus)
+            for k in (1, -1)
+        )
+        assert found == pytest.approx((plus - minus) / (2 * h), rel=1e-7)
 
 
 @pytest.mark.parametrize("volumetric", VOLUMETRIC_CODES)

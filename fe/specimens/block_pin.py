@@ -1,8 +1,9 @@
-"""Soft block under a bar pin: geometry, contact hypothesis, mesh, and the model to run.
+"""Soft block under a pin: the simulation of it as a function of its material.
 
-The block (width x, height y, depth z) stands on a base; a rigid bar, filleted at its lower edges
-and running through the whole depth, is pressed into the middle of its top.  A quarter is modelled
-(planes x = 0 and z = 0 through the pin's centre), so forces are multiplied by four.
+The block (width x, height y, depth z) stands on a base; a rigid pin, filleted at its lower edge,
+is pressed into the middle of its top.  A quarter is modelled (planes x = 0 and z = 0 through the
+pin's centre), so forces are multiplied by four; where the pin's shift or rotation break that
+symmetry, a half or the whole is.
 """
 
 from __future__ import annotations
@@ -13,105 +14,43 @@ from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
-import scipy.sparse as sp
 from skfem import MeshHex
 from threadpoolctl import threadpool_limits
 
-from fe.contact import Faces, PenaltyLaw, RigidPin
+from fe.contact import PenaltyLaw
 from fe.contact_memory import initial_memory
-from fe.discretisation import Pattern, elements, faces, pattern
-from fe.friction import FrictionLaw
 from fe.linear_solver import SymmetricSolver
 from fe.load_stepping import March, StepOptions, TravelState, march
-from fe.materials.material import mooney_rivlin_of_ratios
+from fe.material_parameters import MaterialParameters, all_parameters, ratio_parameters
+from fe.materials.material import Material, mooney_rivlin_of_ratios
 from fe.newton import NewtonOptions
 from fe.potential import Potential, Problem
 from fe.response import Response, Status
-from fe.weak_form import Elements
+from fe.specimens.block_pin_geometry import BlockPin, Contact, Interface, Symmetry
+from fe.specimens.block_pin_mesh import Discretisation, block_mesh, discretise, front_points
+
+__all__ = ["BlockPin", "BlockPinModel", "Contact", "Discretisation", "Interface"]
 
 Array = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
-Interface = Literal["stick", "slide"] | float
 
-SYMMETRY_FACTOR = 4.0
-"""a quarter model carries a quarter of the measured force"""
-
-EDGE_DENSITY = 2.0
-"""how much denser the mesh lines are at the pin's edge than far away, less one"""
-DEPTH_GRADING = 0.6
-"""0 is uniform along the bar; elements shrink towards the front face as it grows to 1"""
-
-
-@dataclass(frozen=True)
-class BlockPin:
-    """Dimensions of block and pin, mm; a pin wider than the block is a platen."""
-
-    width: float = 10.0
-    depth: float = 10.0
-    height: float = 2.5
-    pin_width: float = 4.0
-    pin_fillet: float = 0.3
-
-    def __post_init__(self) -> None:
-        for name in ("width", "depth", "height", "pin_width", "pin_fillet"):
-            value = getattr(self, name)
-            if not value > 0.0:
-                raise ValueError(f"{name}: expected a length above 0 mm, found {value}")
-        if not self.pin_fillet < self.pin_width / 2.0:
-            raise ValueError(
-                f"pin_fillet: expected less than half the pin's width {self.pin_width} mm, "
-                f"found {self.pin_fillet}"
-            )
-
-
-@dataclass(frozen=True)
-class Contact:
-    """What the block's surface does where it touches pin and base.
-
-    It sticks ("stick"), slides without friction ("slide" or 0), or slides with a coefficient of
-    Coulomb friction (a number above 0).  Sliding or not, the base does not lift.
-    """
-
-    pin: Interface = "stick"
-    base: Interface = "stick"
-
-    def __post_init__(self) -> None:
-        for name in ("pin", "base"):
-            value = getattr(self, name)
-            number = isinstance(value, int | float) and not isinstance(value, bool)
-            if value not in ("stick", "slide") and not (number and 0.0 <= value < np.inf):
-                raise ValueError(
-                    f"{name}: expected 'stick', 'slide' or a coefficient of friction of 0 or more, "
-                    f"found {value!r}"
-                )
-
-    def friction(self, slip: float) -> FrictionLaw:
-        """Coefficients of friction, 0 also where the block sticks; `slip` in mm."""
-        pin, base = (0.0 if isinstance(c, str) else float(c) for c in (self.pin, self.base))
-        return FrictionLaw(pin, base, slip)
-
-
-@dataclass(frozen=True)
-class Discretisation:
-    """Everything about one specimen that does not depend on the material."""
-
-    elements: Elements
-    faces: Faces
-    pattern: Pattern
-    glued: BoolArray
-    """(n_face, n_q) contact points under the pin's flat part"""
-    probe: sp.csr_matrix
-    """(n_point, n_node) nodal values to values at the field points"""
+SYMMETRY_FACTOR: dict[Symmetry, float] = {"quarter": 4.0, "half": 2.0, "full": 1.0}
+"""how many of the modelled parts the whole sample has"""
 
 
 @dataclass(frozen=True)
 class BlockPinModel:
-    """Simulation of the specimen as a function of the ratios (r, s); picklable, one thread.
+    """Simulation of the specimen as a function of its material; picklable, one thread.
 
-    `cells` are the numbers of Q2 elements along x, y, z of the quarter; `travel` the pin travels
+    `cells` are the numbers of Q2 elements along x, y, z of a quarter; `travel` the pin travels
     (mm, increasing) at which the response is asked; `bulk_ratio` the bulk modulus over the shear
-    modulus mu = 2 kappa; `field_grid` the numbers of field points along x and y of the quarter's
-    front face, at the centres of equal rectangles (thesis, section 4.4.2: 35 x 24 = 840 points).
+    modulus mu = 2 kappa where ratios (r, s) are asked; `field_grid` the numbers of field points
+    along x and y of half the front face, at the centres of equal rectangles (thesis, section
+    4.4.2: 35 x 24 = 840 points).  `symmetry` "auto" models the smallest part that stands for the
+    whole; a half has both sides of the plane x = 0, and its field too.
+
+    Raises ValueError for impossible numbers, for a symmetry that the pin's place breaks, for
+    friction on a bar that is turned, and where nothing keeps a half or full block from
+    sliding away.
     """
 
     specimen: BlockPin
@@ -123,6 +62,7 @@ class BlockPinModel:
     penalty: PenaltyLaw = field(default_factory=PenaltyLaw)
     steps: StepOptions = field(default_factory=StepOptions)
     newton: NewtonOptions = field(default_factory=NewtonOptions)
+    symmetry: Literal["auto"] | Symmetry = "auto"
 
     def __post_init__(self) -> None:
         if min(self.cells) < 1:
@@ -137,13 +77,38 @@ class BlockPinModel:
             )
         if not self.bulk_ratio > 0.0:
             raise ValueError(f"bulk_ratio: expected a ratio above 0, found {self.bulk_ratio}")
+        self._check_symmetry()
+        if self.contact.friction(self.penalty.slip).pin > 0.0 and self.specimen.turned:
+            raise ValueError(
+                f"pin: expected 'stick' or 'slide' under a turned bar, where friction is "
+                f"not modelled, found a coefficient of {self.contact.pin}"
+            )
+
+    def _check_symmetry(self) -> None:
+        if self.symmetry not in ("auto", *SYMMETRY_FACTOR):
+            raise ValueError(
+                f"symmetry: expected 'auto', 'quarter', 'half' or 'full', found {self.symmetry!r}"
+            )
+        if SYMMETRY_FACTOR[self.part] > SYMMETRY_FACTOR[self.specimen.symmetry]:
+            raise ValueError(
+                f"symmetry: expected {self.specimen.symmetry!r} or more of the block for a pin "
+                f"shifted by {self.specimen.pin_shift} mm and turned by "
+                f"{self.specimen.pin_rotation} degrees, found {self.symmetry!r}"
+            )
+        if self.part != "quarter" and "stick" not in (self.contact.pin, self.contact.base):
+            raise ValueError(
+                f"contact: expected a pin or base that sticks in a {self.part} model, where the "
+                f"block could slide away, found pin={self.contact.pin}, base={self.contact.base}"
+            )
+
+    @property
+    def part(self) -> Symmetry:
+        """What part of the block is modelled."""
+        return self.specimen.symmetry if self.symmetry == "auto" else self.symmetry
 
     def points(self) -> Array:
         """(n_point, 2) reference x, y of the field points on the front face, mm."""
-        nx, ny = self.field_grid
-        x = (np.arange(nx) + 0.5) * self.specimen.width / 2.0 / nx
-        y = (np.arange(ny) + 0.5) * self.specimen.height / ny
-        return np.stack([c.ravel() for c in np.meshgrid(x, y, indexing="ij")], axis=1)
+        return front_points(self.specimen, self.part, self.field_grid)
 
     def __call__(self, ratios: Array) -> Response:
         """Response at kappa = 1 MPa for ratios (r, s); a solver failure is a status, not a raise.
@@ -156,13 +121,47 @@ class BlockPinModel:
         started = time.perf_counter()
         with threadpool_limits(limits=1):
             states, outcome, n_factorisations = self.solve(ratios)
-        return self._response(states, outcome, n_factorisations, time.perf_counter() - started)
+        return self._response(
+            states, outcome, n_factorisations, time.perf_counter() - started, ("r", "s")
+        )
+
+    def respond(self, material: Material) -> Response:
+        """Response of a material, with derivatives in every constant and, last, the bulk modulus.
+
+        `bulk_ratio` is not used.  The contact stiffness goes with the material's shear modulus,
+        and so it does in the derivatives.  A solver failure is a status, not a raise.
+
+        Raises ValueError when the material is incompressible (infinite bulk modulus).
+        """
+        started = time.perf_counter()
+        with threadpool_limits(limits=1):
+            solved = self.solve_for(material)
+        names = (*material.law.constant_names, "bulk")
+        return self._response(*solved, time.perf_counter() - started, names)
+
+    def solve_for(self, material: Material) -> tuple[list[TravelState], March, int]:
+        """States of the modelled part of a block of this material at the travels reached."""
+        return self._march(material, material.shear_modulus, all_parameters(material))
 
     def solve(self, ratios: Array, kappa: float = 1.0) -> tuple[list[TravelState], March, int]:
-        """States of the quarter at the travels reached, at the given kappa (MPa)."""
+        """States of the modelled part at the travels reached, at the given kappa (MPa)."""
+        material = mooney_rivlin_of_ratios(ratios, kappa, self.bulk_ratio * 2.0 * kappa)
+        return self._march(material, 2.0 * kappa, ratio_parameters(material))
+
+    def _march(
+        self, material: Material, shear: float, parameters: MaterialParameters
+    ) -> tuple[list[TravelState], March, int]:
+        """States at the travels reached, outcome, number of factorisations."""
         discrete = self.discretise()
-        problem = self.problem(discrete, ratios, kappa)
+        problem = self._problem(discrete, material, shear)
         potential = Potential(problem)
+        memory = initial_memory(
+            discrete.faces,
+            discrete.glued,
+            problem.pin,
+            problem.friction,
+            n_material=len(parameters.names),
+        )
         solver = SymmetricSolver(discrete.pattern.indptr, discrete.pattern.indices)
         outcome = March()
         try:
@@ -170,9 +169,10 @@ class BlockPinModel:
                 march(
                     potential,
                     solver,
-                    initial_memory(discrete.faces, discrete.glued, problem.pin, problem.friction),
+                    memory,
                     self.travel,
                     outcome,
+                    parameters=parameters,
                     stick_to_pin=self.contact.pin == "stick",
                     stick_to_floor=self.contact.base == "stick",
                     steps=self.steps,
@@ -185,89 +185,53 @@ class BlockPinModel:
 
     def problem(self, discrete: Discretisation, ratios: Array, kappa: float = 1.0) -> Problem:
         """The discrete problem at ratios (r, s) and kappa (MPa)."""
+        material = mooney_rivlin_of_ratios(ratios, kappa, self.bulk_ratio * 2.0 * kappa)
+        return self._problem(discrete, material, 2.0 * kappa)
+
+    def _problem(self, discrete: Discretisation, material: Material, shear: float) -> Problem:
+        """The discrete problem with contact as stiff as for the shear modulus `shear` (MPa)."""
+        penalty = self.penalty
         return Problem(
             elements=discrete.elements,
             faces=discrete.faces,
             pattern=discrete.pattern,
-            pin=RigidPin(
-                height=self.specimen.height,
-                half_width=self.specimen.pin_width / 2.0,
-                fillet=self.specimen.pin_fillet,
-                stiffness=self.penalty.stiffness * 2.0 * kappa,
-                ramp=self.penalty.ramp,
-                base_stiffness=self.penalty.base * 2.0 * kappa,
+            pin=self.specimen.rigid_pin(
+                penalty.stiffness * shear, penalty.ramp, penalty.base * shear
             ),
-            material=mooney_rivlin_of_ratios(ratios, kappa, self.bulk_ratio * 2.0 * kappa),
-            friction=self.contact.friction(self.penalty.slip),
+            material=material,
+            friction=self.contact.friction(penalty.slip),
         )
 
     def mesh(self) -> MeshHex:
-        """Hexahedra of the quarter block, finer in x where material passes the pin's edge.
-
-        Whole rows of nodes snap past the fillet when the block slides; fine rows there make the
-        force curve smooth.  Along the bar little happens until near the front face, so the depth
-        takes few elements, finer towards the front.
-        """
-        half_width, half_depth = self.specimen.width / 2.0, self.specimen.depth / 2.0
-        nx, ny, nz = self.cells
-        edge = self.specimen.pin_width / 2.0
-        z = np.linspace(0.0, 1.0, nz + 1)
-        return MeshHex.init_tensor(
-            _graded_lines(half_width, nx, centre=0.7 * edge, spread=0.45 * edge),
-            np.linspace(0.0, self.specimen.height, ny + 1),
-            half_depth * z * (1.0 + DEPTH_GRADING * (1.0 - z)),
-        )
+        """Hexahedra of the modelled part of the block."""
+        return block_mesh(self.specimen, self.part, self.cells)
 
     def discretise(self) -> Discretisation:
-        """Tables of the quarter block's mesh, contact faces, constraints and field points."""
-        mesh = self.mesh()
-        table, basis = elements(mesh)
-        half_width, height, half_depth = mesh.p.max(axis=1)
-        tolerance = 1e-9 * height
-        top = mesh.facets_satisfying(lambda x: abs(x[1] - height) < tolerance)
-        side = mesh.facets_satisfying(
-            lambda x: (abs(x[0] - half_width) < tolerance) | (abs(x[2] - half_depth) < tolerance)
-        )
-        rubs = self.contact.friction(self.penalty.slip).base > 0.0
-        bottom = mesh.facets_satisfying(lambda x: abs(x[1]) < tolerance) if rubs else top[:0]
-        kind = np.repeat([0, 1, 2], [top.size, side.size, bottom.size])
-        contact_faces = faces(mesh, np.concatenate([top, side, bottom]), kind == 1, kind == 2)
-        position = table.positions
-        fixed = np.zeros(position.shape, dtype=bool)
-        fixed[position[:, 0] < tolerance, 0] = True
-        fixed[position[:, 2] < tolerance, 2] = True
-        base = position[:, 1] < tolerance
-        fixed[base, 1] = not rubs
-        if self.contact.base == "stick":
-            fixed[base] = True
-        flat = self.specimen.pin_width / 2.0 - self.specimen.pin_fillet
-        on_top = kind == 0
-        glued = on_top[:, None] & (contact_faces.points[..., 0] <= flat)
-        points = self.points()
-        probe_at = np.vstack([points.T, np.full(len(points), half_depth)])
-        return Discretisation(
-            elements=table,
-            faces=contact_faces,
-            pattern=pattern(table.nodes, contact_faces.nodes, fixed.ravel()),
-            glued=glued & (self.contact.pin == "stick"),
-            probe=basis.probes(probe_at).tocsr(),
-        )
+        """Tables of the mesh, contact faces, constraints and field points."""
+        pin = self.specimen.rigid_pin(1.0, 1.0, 1.0)  # where it is, not how stiff
+        return discretise(self.specimen, self.contact, self.part, self.mesh(), pin, self.points())
 
     def _response(
-        self, states: list[TravelState], outcome: March, n_factorisations: int, seconds: float
+        self,
+        states: list[TravelState],
+        outcome: March,
+        n_factorisations: int,
+        seconds: float,
+        parameters: tuple[str, ...],
     ) -> Response:
-        n_step, n_point = len(self.travel), len(self.points())
+        n_step, n_point, n_p = len(self.travel), len(self.points()), len(parameters)
+        factor = SYMMETRY_FACTOR[self.part]
         force = np.full(n_step, np.nan)
         displacement = np.full((n_step, n_point, 3), np.nan)
-        force_gradient = np.full((n_step, 2), np.nan)
-        displacement_gradient = np.full((n_step, n_point, 3, 2), np.nan)
+        force_gradient = np.full((n_step, n_p), np.nan)
+        displacement_gradient = np.full((n_step, n_point, 3, n_p), np.nan)
         negative = np.full(n_step, -1, dtype=np.int64)
         probe = self.discretise().probe
         for i, state in enumerate(states):
-            force[i] = SYMMETRY_FACTOR * state.pin_force
-            force_gradient[i] = SYMMETRY_FACTOR * state.force_gradient[:2]
+            force[i] = factor * state.pin_force
+            force_gradient[i] = factor * state.force_gradient[:n_p]
             displacement[i] = probe @ state.u
-            for j in range(2):
+            for j in range(n_p):
                 displacement_gradient[i, :, :, j] = probe @ state.u_gradient[:, :, j]
             negative[i] = state.negative_pivots
         complete = len(states) == n_step
@@ -283,14 +247,6 @@ class BlockPinModel:
             negative_pivots=negative,
             n_factorisations=n_factorisations,
             seconds=seconds,
+            points=self.points(),
+            parameters=parameters,
         )
-
-
-def _graded_lines(length: float, n: int, *, centre: float, spread: float) -> Array:
-    """(n + 1,) mesh lines on [0, length], mm, densest at `centre` over a width of `spread`."""
-    x = np.linspace(0.0, length, 4001)
-    density = 1.0 + EDGE_DENSITY * np.exp(-(((x - centre) / spread) ** 2))
-    count = np.concatenate([[0.0], np.cumsum((density[1:] + density[:-1]) / 2.0)])
-    lines = np.interp(np.linspace(0.0, 1.0, n + 1), count / count[-1], x)
-    lines[[0, -1]] = 0.0, length
-    return lines

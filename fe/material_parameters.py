@@ -1,0 +1,54 @@
+"""What sensitivities of a march are taken in: directions in the space of a material's constants."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from fe.materials.material import Material
+from fe.materials.mooney_rivlin import RATIO_DERIVATIVES
+
+Array = npt.NDArray[np.float64]
+
+
+class MaterialParameters(NamedTuple):
+    """Parameters of a material, each as the change of everything that it changes."""
+
+    names: tuple[str, ...]
+    constants: Array
+    """(n_p, n_constant) change of the constants, MPa (exponents: 1) per unit of the parameter"""
+    bulk: Array
+    """(n_p,) change of the bulk modulus, MPa per unit"""
+    stiffness: Array
+    """(n_p,) relative change of the contact stiffness, which goes with the shear modulus"""
+
+
+def ratio_parameters(material: Material) -> MaterialParameters:
+    """(r, s) of a Mooney-Rivlin material with three constants, kappa and bulk modulus held."""
+    kappa = material.constants[0] + material.constants[1]
+    none = np.zeros(2)
+    return MaterialParameters(("r", "s"), kappa * RATIO_DERIVATIVES, none, none)
+
+
+def all_parameters(material: Material) -> MaterialParameters:
+    """Every constant of the law and, last, the bulk modulus.
+
+    The contact stiffness goes with the shear modulus, which is affine in each single constant:
+    its central difference is exact.
+    """
+    law, theta = material.law, np.array(material.constants, dtype=np.float64)
+    n = theta.size
+    slopes = [
+        law.shear_modulus(theta + step) - law.shear_modulus(theta - step)
+        for step in np.diag(np.where(theta == 0.0, 1.0, np.abs(theta)))
+    ]
+    size = np.where(theta == 0.0, 1.0, np.abs(theta))
+    stiffness = np.array(slopes) / (2.0 * size) / material.shear_modulus
+    return MaterialParameters(
+        names=(*law.constant_names, "bulk"),
+        constants=np.vstack([np.eye(n), np.zeros(n)]),
+        bulk=np.append(np.zeros(n), 1.0),
+        stiffness=np.append(stiffness, 0.0),
+    )

@@ -1,0 +1,96 @@
+"""The file read back by meshio and, where it is installed, by VTK itself."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import fe
+from fe.materials import material
+
+meshio = pytest.importorskip("meshio")
+
+YEOH = material("yeoh", (0.02, 0.004, 0.001), 6.0)
+MODEL = fe.BlockPinModel(
+    fe.BlockPin(pin="round"), fe.Contact("stick", "stick"), (2, 1, 2), (0.1, 0.2)
+)
+
+
+@pytest.fixture(scope="module")
+def solved():
+    states, _, _ = MODEL.solve_for(YEOH)
+    return MODEL.discretise().elements, states[-1]
+
+
+@pytest.fixture(scope="module", params=["vtu", "vtk"])
+def stored(request, solved, tmp_path_factory):
+    path = tmp_path_factory.mktemp("vtk") / f"block.{request.param}"
+    fe.export_vtk(path, solved[0], solved[1].u, YEOH)
+    return path
+
+
+def test_displacement_and_force_come_back(solved, stored):
+    elements, state = solved
+    mesh = meshio.read(stored)
+    np.testing.assert_array_equal(mesh.points, elements.positions)
+    np.testing.assert_array_equal(mesh.point_data["displacement_mm"], state.u)
+    force = mesh.point_data["force_N"]
+    top = mesh.points[:, 1] > MODEL.specimen.height - 1e-9
+    # the pin presses down what the base presses up
+    assert -force[top, 1].sum() == pytest.approx(state.pin_force, rel=1e-4)
+    assert force[~top, 1].sum() == pytest.approx(state.pin_force, rel=1e-4)
+
+
+def test_every_element_is_a_triquadratic_hexahedron(solved, stored):
+    (block,) = meshio.read(stored).cells
+    assert block.type == "hexahedron27"
+    assert block.data.shape == (4, 27)
+    np.testing.assert_array_equal(np.sort(block.data), np.sort(solved[0].nodes))
+    X = solved[0].positions[block.data]
+    sides = np.stack([X[:, i] - X[:, 0] for i in (1, 3, 4)], axis=1)
+    assert (np.linalg.det(sides) > 0.0).all()
+    edges = [(0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4), (0, 4), (1, 5)]
+    for node, (a, b) in enumerate([*edges, (2, 6), (3, 7)], start=8):
+        np.testing.assert_allclose(X[:, node], (X[:, a] + X[:, b]) / 2.0, atol=1e-12)
+
+
+def test_vtk_itself_finds_every_node_where_its_own_shape_functions_put_it(stored):
+    pytest.importorskip("vtkmodules")
+    from vtkmodules.util.numpy_support import vtk_to_numpy
+    from vtkmodules.vtkIOLegacy import vtkUnstructuredGridReader
+    from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridReader
+
+    reader = (
+        vtkXMLUnstructuredGridReader() if stored.suffix == ".vtu" else vtkUnstructuredGridReader()
+    )
+    reader.SetFileName(str(stored))
+    reader.Update()
+    grid = reader.GetOutput()
+    assert grid.GetNumberOfCells() == 4
+    points = vtk_to_numpy(grid.GetPoints().GetData())
+    for c in range(4):
+        cell = grid.GetCell(c)
+        assert cell.GetClassName() == "vtkTriQuadraticHexahedron"
+        nodes = [cell.GetPointId(k) for k in range(27)]
+        own = np.array(cell.GetParametricCoords()[:81]).reshape(27, 3)
+        corner, size = points[nodes[0]], points[nodes[6]] - points[nodes[0]]
+        axes = [np.flatnonzero(np.abs(points[nodes[k]] - corner) > 1e-9)[0] for k in (1, 3, 4)]
+        expected = np.tile(corner, (27, 1))
+        expected[:, axes] += own * size[axes]
+        np.testing.assert_allclose(points[nodes], expected, atol=1e-6)
+
+
+def test_what_does_not_fit_is_refused(solved, tmp_path):
+    elements, state = solved
+    with pytest.raises(ValueError, match="u: expected shape"):
+        fe.export_vtk(tmp_path / "a.vtu", elements, state.u[1:], YEOH)
+    eight = elements._replace(nodes=elements.nodes[:, :8])
+    with pytest.raises(ValueError, match="elements: expected hexahedra of 27 nodes, found 8"):
+        fe.export_vtk(tmp_path / "a.vtu", eight, state.u, YEOH)
+
+
+def test_solving_for_a_material_is_what_the_response_is_made_of(solved):
+    response = replace(MODEL, field_grid=(3, 2)).respond(YEOH)
+    assert response.force[-1] == pytest.approx(4.0 * solved[1].pin_force, rel=1e-12)
