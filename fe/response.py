@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import zlib
 from dataclasses import MISSING, dataclass, field, fields
 from enum import StrEnum
 from pathlib import Path
 from typing import Any, cast
+from zipfile import BadZipFile
 
 import numpy as np
 import numpy.typing as npt
@@ -87,12 +89,9 @@ def load_response(path: Path) -> Response:
     try:
         with path.open("rb") as stream, np.load(stream, allow_pickle=False) as stored:
             values = {name: stored[name] for name in _stored_names(stored.files)}
-    except (OSError, ValueError, KeyError, EOFError) as error:
+    # RuntimeError: a damaged zip may claim to be encrypted or of an unknown compression.
+    except (OSError, ValueError, KeyError, EOFError, RuntimeError, BadZipFile, zlib.error) as error:
         raise ValueError(f"{path}: not a readable simulation result ({error})") from error
-    except Exception as error:  # zipfile raises its own BadZipFile, zlib its own error
-        if type(error).__module__ not in {"zipfile", "zlib"}:
-            raise
-        raise ValueError(f"{path}: damaged simulation result ({error})") from error
     labels: dict[str, Any] = {}
     if "points" in values:
         labels["points"] = values["points"]
