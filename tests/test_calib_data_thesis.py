@@ -1,4 +1,4 @@
-"""The thesis' tables carry every printed digit, and their notes say what is inconsistent in them."""
+"""The thesis' tables carry every printed digit; their notes say what is inconsistent in them."""
 
 from __future__ import annotations
 
