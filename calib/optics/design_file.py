@@ -111,10 +111,14 @@ class Limits:
     """number of displacement points needed on the face (thesis, requirement 6)"""
     speckle_pixels: Positive = 3.0
     """smallest speckle in pixels that does not alias"""
-    subset_speckles: Positive = 3.0
+    subset_speckles: Positive = 5.0
     """speckles along one side of a subset"""
     step_share: Annotated[float, Field(gt=0, le=1)] = 0.25
     """step between points as a share of the subset, up to 1"""
+    matching_noise: Positive = 0.05
+    """standard deviation of a match, pixels (thesis 2.6: 1/100 to 1/20)"""
+    out_of_plane_noise: Positive | None = None
+    """largest standard deviation of an out-of-plane displacement, mm; no limit when absent"""
     wavelength: Positive = 0.00055
     """wavelength of the light, mm"""
     circle_of_confusion: Positive | None = None

@@ -5,6 +5,8 @@ All lengths in mm, all angles in degrees. Functions take numbers or arrays that 
 
 from __future__ import annotations
 
+from math import sqrt
+
 import numpy as np
 
 from calib.optics.thin_lens import Values
@@ -64,3 +66,17 @@ def depth_needed(width: Values, out_of_plane: Values, half_angle: Values) -> Val
     2 B for the face, and the component of its out-of-plane displacement along the axis.
     """
     return 2 * half_depth(width, half_angle) + out_of_plane * np.cos(np.radians(half_angle))
+
+
+def in_plane_noise(match_noise: Values, half_angle: Values) -> Values:
+    """Standard deviation of a displacement across the face, match noise / (sqrt(2) cos), mm.
+
+    From x1, x2 = X cos(angle) +- Z sin(angle), seen by the two cameras with independent errors of
+    `match_noise` mm on the sample; see `out_of_plane_noise` for Z.
+    """
+    return match_noise / (sqrt(2) * np.cos(np.radians(half_angle)))
+
+
+def out_of_plane_noise(match_noise: Values, half_angle: Values) -> Values:
+    """Standard deviation of a displacement along the normal, match noise / (sqrt(2) sin), mm."""
+    return match_noise / (sqrt(2) * np.sin(np.radians(half_angle)))

@@ -116,7 +116,7 @@ def _appendix_a_2() -> Iterator[Check]:
     cell = dict(zip(table.cells("symbol"), table.cells("value"), strict=True))
     units = dict(zip(table.cells("symbol"), table.cells("unit"), strict=True))
 
-    def check(symbol: str, formula: Values, used: Values | None = None, *why: str) -> Check:
+    def check(symbol: str, formula: Values, used: Values | None = None, why: str = "") -> Check:
         reproduced = formula if used is None else used
         return Check(
             "Appendix A.2",
@@ -125,7 +125,7 @@ def _appendix_a_2() -> Iterator[Check]:
             units[symbol],
             float(formula),
             float(reproduced),
-            *why,
+            why,
             is_cut=symbol in ("NP_x", "Subsets_x", "Subsets_y"),
         )
 

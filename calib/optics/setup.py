@@ -8,7 +8,14 @@ import numpy as np
 import numpy.typing as npt
 
 from calib.optics.design_file import Camera, Limits, Sample
-from calib.optics.framing import clear_distance, depth_needed, pixels_across, projected_width
+from calib.optics.framing import (
+    clear_distance,
+    depth_needed,
+    in_plane_noise,
+    out_of_plane_noise,
+    pixels_across,
+    projected_width,
+)
 from calib.optics.thin_lens import (
     Values,
     airy_diameter,
@@ -72,6 +79,10 @@ class View:
     """subsets on the face that do not overlap, width times height (not rounded)"""
     points: Values
     """displacement points on the face, subsets overlapping by the step"""
+    in_plane_noise: Values
+    """standard deviation of a displacement across the face, mm"""
+    out_of_plane_noise: Values
+    """standard deviation of a displacement along the normal of the face, mm"""
 
 
 def view(
@@ -110,12 +121,15 @@ def view(
         subset_pixels=subset,
         subsets=(pixels_x / subset) * (pixels_y / subset),
         points=_along(pixels_x, subset, step) * _along(pixels_y, subset, step),
+        in_plane_noise=in_plane_noise(limits.matching_noise * pixel, setup.half_angle),
+        out_of_plane_noise=out_of_plane_noise(limits.matching_noise * pixel, setup.half_angle),
     )
 
 
 def _along(pixels: Values, subset: Values, step: Values) -> Values:
     """Subsets that lie wholly within a length, at this step; all in pixels."""
-    return np.maximum(np.floor((pixels - subset) / step) + 1, 0.0)
+    count: Values = np.maximum(np.floor((pixels - subset) / step) + 1, 0.0)
+    return count
 
 
 @dataclass(frozen=True)
@@ -143,6 +157,8 @@ def conditions(
         "working distance": room / setup.object_distance,
         "points": limits.least_points / np.maximum(seen.points, 0.5),
     }
+    if limits.out_of_plane_noise is not None:
+        demands["out-of-plane noise"] = seen.out_of_plane_noise / limits.out_of_plane_noise
     return tuple(
         Limit(name, np.broadcast_to(np.asarray(demand, dtype=np.float64), shape))
         for name, demand in demands.items()

@@ -81,5 +81,5 @@ def effective_f_stop(f_stop: Values, magnification: Values) -> Values:
 
 
 def airy_diameter(effective_f_stop: Values, wavelength: Values) -> Values:
-    """Diameter of the first dark ring of the diffraction pattern, 2.44 lambda N, mm on the sensor."""
+    """Diameter of the first dark ring of diffraction, 2.44 lambda N, mm on the sensor."""
     return 2.44 * wavelength * effective_f_stop
