@@ -210,3 +210,24 @@ def test_printed_columns_of_appendix_e_do_not_average_to_table_5_5(
 @pytest.mark.parametrize("label", ["Appendix D, Mccx3", "Appendix F, rxexp"])
 def test_values_called_r_squared_are_negative_at_points(label: str) -> None:
     assert np.nanmin(thesis_table(label).matrix()) < 0
+
+
+def test_table_6_1_and_the_requirements_have_the_printed_text() -> None:
+    assert rows_of(thesis_table("Table 6.1")) == printed_rows("Table 6.1: ")[1:]
+    section = thesis_text().partition("\nDesign Requirements:\n")[2].partition("\n3.2.2 ")[0]
+    table = thesis_table("Requirements 3.2.1")
+    starts = [int(match) for match in re.findall(r"^(\d)\. ", section, flags=re.MULTILINE)]
+    assert starts == list(range(1, 9))
+    paragraphs = re.split(r"^\d\. ", section, flags=re.MULTILINE)
+    for number, words in zip(table.cells("number"), table.cells("printed"), strict=True):
+        assert words in paragraphs[int(number)]
+
+
+def test_section_5_6_has_the_printed_averages() -> None:
+    section = thesis_text().partition("\n5.6 Validation of Material Model\n")[2]
+    section = section.partition("Chapter 6")[0]
+    table = thesis_table("Section 5.6")
+    r, signed, absolute = (table.cells(name) for name in list(table.columns)[1:])
+    assert re.findall(r"R\^2 = (\S+)\$", section) == list(r)
+    assert re.findall(r"varepsilon_[xy] = (\S+)\$", section) == list(signed)
+    assert re.findall(r"varepsilon_\{[xy]abs\} = (\S+)\$", section) == list(absolute)

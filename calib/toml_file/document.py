@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import re
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
@@ -47,10 +47,19 @@ class Document:
             content = json.dumps(self.values, default=str)
             return TypeAdapter(section_type).validate_json(content)
         except ValidationError as error:
-            found = refusals(error, section_type)
+            found = _innermost(refusals(error, section_type))
             # a key that is absent may only be misspelt: the misspelling is what to say first
             first = min(found, key=lambda r: (r.is_absent, nearest_line(self.lines, r.path)))
             raise self.refuse(first) from error
+
+
+def _innermost(found: Sequence[Refusal]) -> list[Refusal]:
+    """Without what is refused only for something within it, as an array with no good item."""
+
+    def holds(outer: KeyPath, inner: KeyPath) -> bool:
+        return len(inner) > len(outer) and inner[: len(outer)] == outer
+
+    return [one for one in found if not any(holds(one.path, other.path) for other in found)]
 
 
 def read_file(path: Path, kind: str) -> bytes:
