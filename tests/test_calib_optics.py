@@ -277,3 +277,46 @@ def test_noise_of_the_best_setup_is_a_match_on_its_own_pixels() -> None:
     pixel = CAMERA.pixel / found.seen.magnification
     in_plane = DESIGN.limits.matching_noise * pixel / sqrt(2) / cos(radians(15))
     assert found.seen.in_plane_noise == pytest.approx(in_plane, rel=1e-12)
+
+
+def test_any_numbers_that_a_file_may_hold_give_an_answer_or_one_sentence() -> None:
+    rng = np.random.default_rng(3)
+
+    def some(n: int, low: float = -5.9, high: float = 5.9) -> tuple[float, ...]:
+        return tuple((10 ** rng.uniform(low, high, n)).tolist())
+
+    answered = 0
+    for _ in range(300):
+        width, height, out, pixel, circle, barrel, room, wavelength = some(8)
+        focal = some(2, high=5)
+        design = Design(
+            sample=Sample(width=width, height=height, out_of_plane=out),
+            camera=Camera(columns=int(rng.integers(1, 10**5)), rows=9, pixel=pixel),
+            lenses=(
+                Lens(
+                    name="any",
+                    focal_lengths=focal,
+                    f_stops=some(2),
+                    image_circle=circle,
+                    nearest_distance=max(focal) * float(rng.uniform(2.01, 9)),
+                    barrel_diameter=barrel,
+                ),
+            ),
+            search=Choices(
+                extension_tubes=(0.0, *some(2)),
+                half_angles=(float(rng.uniform(0.02, 89)),),
+                distances=3,
+                farthest=some(1)[0],
+            ),
+            limits=Limits(smallest_distance=room, wavelength=wavelength),
+        )
+        try:
+            (found,) = search(design)
+        except ValueError as error:
+            assert str(error).startswith("search.farthest: found")
+            continue
+        answered += 1
+        assert found.is_feasible == (not found.misses)
+        values = [v for k, v in vars(found.seen).items() if k != "depth_of_field"]
+        assert np.isfinite(values).all()  # depth is infinite beyond the hyperfocal distance
+    assert answered > 100

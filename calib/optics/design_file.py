@@ -16,10 +16,11 @@ from pydantic.dataclasses import dataclass
 from calib.toml_file import Contradiction, FileRefused, Refusal, read_document, read_file
 
 STRICT = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False, use_attribute_docstrings=True)
-Positive = Annotated[float, Field(gt=0, lt=1e6)]
+# bounds that no lens reaches keep every result finite
+Positive = Annotated[float, Field(gt=1e-6, lt=1e6)]
 NotNegative = Annotated[float, Field(ge=0, lt=1e6)]
 Count = Annotated[int, Field(ge=1, le=100_000)]
-Angle = Annotated[float, Field(gt=0, lt=90)]
+Angle = Annotated[float, Field(gt=0.01, lt=90)]
 MOST_TRIED = 5_000_000  # combinations for one lens, some 1 GB of arrays
 
 
