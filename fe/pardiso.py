@@ -28,7 +28,7 @@ _SYMMETRIC_INDEFINITE, _GENERAL = -2, 11
 _OPTIONS = {1: 1, 2: 3, 8: 0, 10: 8, 11: 0, 13: 0, 21: 1, 35: 1}
 """MKL iparm (1-based): own values; nested dissection; no iterative refinement, which triples the
 cost of a solve and gains no digit here (residual 6e-14 without); pivot perturbation 1e-8; no
-scaling or matching; Bunch-Kaufman pivots, so that the inertia is right; indices from 0"""
+scaling or matching; analysed for Bunch-Kaufman pivots (see `factorise`); indices from 0"""
 _PIVOTING, _PERTURBED, _NEGATIVE = 20, 13, 22  # places in iparm, counted from 0
 _ANALYSE, _FACTORISE, _SOLVE, _RELEASE = 11, 22, 33, -1
 
@@ -59,12 +59,13 @@ class PardisoMatrix:
         self._numbers = np.array([1, 1, kind, 0, self._n, 1, 0, 0], dtype=np.int32)
         self._nothing = np.zeros(self._n)
         self._analysed = False
+        self._was_indefinite = False
 
     def factorise(self, data: Array) -> int:
         """Factorise the matrix with these entries; returns negative pivots of a symmetric one.
 
-        Without pivoting first: that is stable, and its count right, when no pivot is negative or
-        tiny.  Else once more with Bunch-Kaufman pivots.
+        Without pivoting, which is stable and counts right where no pivot is negative or tiny, else
+        with Bunch-Kaufman pivots.  The first try is what the matrix before needed.
         """
         self._data = np.ascontiguousarray(data, dtype=np.float64)
         if not self._analysed:
@@ -73,12 +74,14 @@ class PardisoMatrix:
         if not self._symmetric:
             self._call(_FACTORISE, self._nothing, self._nothing)
             return 0
-        for pivoting in (0, 1):
-            self._options[_PIVOTING] = pivoting
+        for pivoting in (1,) if self._was_indefinite else (0, 1):
+            self._options[_PIVOTING] = pivoting  # the solves must see what the factor is of
             self._call(_FACTORISE, self._nothing, self._nothing)
             if self._options[_NEGATIVE] == 0 and self._options[_PERTURBED] == 0:
                 break
-        return int(self._options[_NEGATIVE])
+        negative = int(self._options[_NEGATIVE])
+        self._was_indefinite = negative > 0
+        return negative
 
     def solve(self, b: Array) -> Array:
         """Solution for b (n,) or (n, k)."""
