@@ -6,6 +6,7 @@ pivots tells a stable equilibrium from an unstable one.
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from typing import Any, NamedTuple, Protocol
 
@@ -59,6 +60,7 @@ class Library(NamedTuple):
 SUPERLU = Library(superlu.NAME, superlu.SuperLUMatrix)
 
 
+@functools.cache
 def installed_library() -> Library:
     """MKL Pardiso where it can be loaded, else SuperLU."""
     if pardiso is None:

@@ -3,8 +3,8 @@
 K^-1 b - 2 W (W' K W)^-1 W' b, where W spans as many directions as K has negative pivots and
 W' K W is negative definite: then K is positive definite on the K-conjugate complement of W, and
 the direction is that of the positive definite matrix that differs from K by the sign on W.  With
-eigenvectors for W that is the saddle-free Newton method (Dauphin et al., NeurIPS 2014); but any such W
-goes down, and one found early in a Lanczos process costs few solves.
+eigenvectors for W that is the saddle-free Newton method (Dauphin et al., NeurIPS 2014); but any
+such W goes down, and one found early in a Lanczos process costs few solves.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ SETTLED = 0.3
 
 
 def flip_negative(solver: SymmetricSolver, x: Array, b: Array, count: int) -> Array:
-    """(n,) direction for the right side b from x = K^-1 b of the factorised K, `count` modes flipped.
+    """(n,) direction for the right side b from x = K^-1 b of the factorised K.
 
-    x itself where the search finds fewer modes.
+    `count` modes are flipped; it is x itself where the search finds fewer.
     """
     W, curvature = negative_directions(solver, x, count)
     return x if W.shape[1] < count else x - 2.0 * W @ ((W.T @ b) / curvature)
