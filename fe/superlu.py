@@ -66,7 +66,7 @@ class SuperLUMatrix:
         raise ArithmeticError("SuperLU: the matrix is singular")
 
     def solve(self, b: Array) -> Array:
-        """Solution for b (n,) or (n, k), refined: without pivoting the factors may be inaccurate."""
+        """Solution for b (n,) or (n, k), refined: factors without pivoting may be inaccurate."""
         if self._lu is None or self._matrix is None:
             raise RuntimeError("factorise a matrix first")
         right = np.asarray(b, dtype=np.float64)
