@@ -11,6 +11,7 @@ import numpy.typing as npt
 import scipy.sparse as sp
 from threadpoolctl import threadpool_limits
 
+from fe import linear_solver
 from fe.driven import DrivenProblem
 from fe.driving import Solution, solve
 from fe.load_stepping import StepOptions
@@ -132,4 +133,5 @@ def _response(
         seconds=seconds,
         points=specimen.points,
         parameters=parameters,
+        solver=linear_solver.installed_library().name,
     )

@@ -58,6 +58,8 @@ class Response:
     """(n_point, 2) reference position of the points on the surface, mm; none when not kept"""
     parameters: tuple[str, ...] = ("r", "s")
     """what the gradients are in: stress-like constants and the bulk modulus in MPa"""
+    solver: str = ""
+    """the library that factorised the tangents; empty when not known"""
 
     def __post_init__(self) -> None:
         n_step = self.travel.size
@@ -97,6 +99,8 @@ def load_response(path: Path) -> Response:
         labels["points"] = values["points"]
     if "parameters" in values:
         labels["parameters"] = tuple(str(name) for name in values["parameters"])
+    if "solver" in values:
+        labels["solver"] = str(values["solver"])
     return Response(
         travel=values["travel"],
         force=values["force"],

@@ -17,6 +17,7 @@ import numpy.typing as npt
 from skfem import MeshHex
 from threadpoolctl import threadpool_limits
 
+from fe import linear_solver
 from fe.contact import PenaltyLaw
 from fe.contact_memory import initial_memory
 from fe.linear_solver import SymmetricSolver
@@ -249,4 +250,5 @@ class BlockPinModel:
             seconds=seconds,
             points=self.points(),
             parameters=parameters,
+            solver=linear_solver.installed_library().name,
         )
