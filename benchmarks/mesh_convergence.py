@@ -41,9 +41,9 @@ class Mesh(NamedTuple):
         return f"{' x '.join(map(str, self.cells))}, {self.step:g}"
 
 
-SIMILAR = (Mesh((10, 6, 2), 0.05), Mesh((15, 9, 3), 0.05), Mesh((20, 12, 4), 0.05))
+SIMILAR = (Mesh((12, 6, 2), 0.05), Mesh((18, 9, 3), 0.05), Mesh((24, 12, 4), 0.05))
 """coarse to fine, similar to each other"""
-SAMPLING = (Mesh((8, 5, 2), 0.1), Mesh((10, 6, 2), 0.1), Mesh((10, 7, 3), 0.1))
+SAMPLING = (Mesh((8, 5, 2), 0.1), Mesh((12, 6, 2), 0.1), Mesh((12, 6, 3), 0.1))
 """cheaper ones"""
 
 

@@ -14,6 +14,7 @@ from fe.load_stepping import StepOptions
 from fe.materials.material import mooney_rivlin_of_ratios
 from fe.newton import NewtonOptions
 from fe.solid import Solid
+from fe.specimens.block_pin_mesh import Dense
 
 ROUND = BlockPin(pin="round")
 RATIOS = np.array([0.4, 0.1])

@@ -28,8 +28,9 @@ class Dense(NamedTuple):
     """fraction of the length that it is measured by"""
 
 
-BAR_EDGE = Dense(peak=3.0, spread=0.3)
-"""at 0.8 of the bar's half width, the unit: there the glue ends and material passes the fillet"""
+BAR_EDGE = Dense(peak=3.0, spread=0.4)
+"""at 0.675 of the bar's half width, the unit: glue ends a little further out; material that slides
+past the fillet comes from further in"""
 ROUND_EDGE = Dense(peak=2.0, spread=0.45)
 """at 0.7 of the pin's radius, the unit: weaker, for the edge passes in both directions"""
 SIDE = Dense(peak=0.7, spread=0.12)
@@ -79,7 +80,8 @@ def block_mesh(specimen: BlockPin, symmetry: Symmetry, cells: tuple[int, int, in
     little happens until near the front face, so the depth takes few elements.  One mesh line under
     a bar is the edge of its flat, for glue that ends inside an element ends somewhere else on every
     mesh.  Lines are values of one smooth map for all numbers of elements, so that meshes of
-    proportional `cells` are similar (exactly where two fifths of those along x are whole).
+    proportional `cells` are similar: exactly, where the nearest line to that edge is the same one,
+    as with a fillet of 0.3 mm and even numbers along x.
 
     `cells` are numbers of elements of a quarter; a half and a full model have as many on each side
     of the pin's axis.
@@ -111,7 +113,7 @@ def _from_bar(specimen: BlockPin, length: float, n: int) -> Array:
     """(n + 1,) lines at distances from the bar's axis, mm, one of them at the edge of its flat."""
     edge = specimen.pin_width / 2.0
     x = np.linspace(0.0, length, N_DENSITY)
-    density = 1.0 + _bump(x - 0.8 * edge, BAR_EDGE, edge) + _bump(length - x, SIDE, length)
+    density = 1.0 + _bump(x - 0.675 * edge, BAR_EDGE, edge) + _bump(length - x, SIDE, length)
     return _lines(x, density, n, through=edge - specimen.pin_fillet)
 
 
