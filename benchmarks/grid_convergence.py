@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from benchmarks.mesh_convergence import SIMILAR, TRAVEL, Mesh, field_difference, simulate
+from benchmarks.mesh_convergence import TRAVEL, Mesh, field_difference, similar, simulate
 from fe import Response
 from fe.specimens.block_pin import Interface
 
@@ -53,9 +53,8 @@ def grid_index(
     return SAFETY * abs(e21) / (r21**order - 1.0), order
 
 
-def figures(folder: Path, meshes: tuple[Mesh, ...] = SIMILAR) -> dict[str, Any]:
+def figures(folder: Path) -> dict[str, Any]:
     """Indices of force (%) and field (mm) of the finest mesh by contact and increment; orders."""
-    size = np.array([np.prod(mesh.cells, dtype=float) ** (-1.0 / 3.0) for mesh in meshes])[::-1]
     found: dict[str, Any] = {
         "force_gci_percent": {},
         "force_gci_order": {},
@@ -63,8 +62,11 @@ def figures(folder: Path, meshes: tuple[Mesh, ...] = SIMILAR) -> dict[str, Any]:
         "field_gci_order": {},
         "force_gci_monotone": {},
         "gci_seconds": {},
+        "gci_meshes": {},
     }
     for interface in INTERFACES:
+        meshes = similar(interface)[-3:]
+        size = np.array([1.0 / mesh.cells[0] for mesh in meshes])[::-1]
         runs = [_run(folder, interface, mesh) for mesh in meshes][::-1]
         name = interface if isinstance(interface, str) else f"friction {interface:g}"
         force = np.array([run.force for run in runs])
@@ -78,7 +80,8 @@ def figures(folder: Path, meshes: tuple[Mesh, ...] = SIMILAR) -> dict[str, Any]:
         found["field_gci_order"][name] = _by_travel([order for _, order in by_field])
         found["force_gci_monotone"][name] = _by_travel(monotone.tolist())
         found["gci_seconds"][name] = [run.seconds for run in runs[::-1]]
-    return found | {"gci_meshes": [[*mesh.cells] for mesh in meshes]}
+        found["gci_meshes"][name] = [[*mesh.cells] for mesh in meshes]
+    return found
 
 
 def _by_travel(values: list[Any]) -> dict[str, Any]:

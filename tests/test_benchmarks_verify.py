@@ -104,8 +104,9 @@ def test_indices_of_force_and_field_cover_errors_of_second_order(tmp_path, monke
 
     monkeypatch.setattr(grid_convergence, "simulate", simulate)
     found = grid_convergence.figures(tmp_path)
-    for contact in ("slide", "stick", "friction 0.3"):
+    for contact, h in (("slide", 24 / 18), ("stick", 1.0), ("friction 0.3", 24 / 18)):
         force, field = found["force_gci_percent"][contact], found["field_gci_mm"][contact]
-        np.testing.assert_allclose(list(force.values()), 125 * 0.002 / 1.002, rtol=1e-5)
-        np.testing.assert_allclose(list(field.values()), 1.25 * 0.001, rtol=1e-5)
+        error = 0.002 * h**2
+        np.testing.assert_allclose(list(force.values()), 125 * error / (1 + error), rtol=1e-5)
+        np.testing.assert_allclose(list(field.values()), 1.25 * 0.001 * h**2, rtol=1e-5)
         assert all(found["force_gci_monotone"][contact].values())
