@@ -43,7 +43,7 @@ class Mesh(NamedTuple):
 
 SIMILAR = tuple(Mesh((6 * n, 3 * n, n), 0.05) for n in (1, 2, 3, 4))
 """coarse to fine, similar to each other"""
-SAMPLING = (Mesh((8, 5, 2), 0.1), Mesh((12, 6, 2), 0.1), Mesh((12, 6, 3), 0.1))
+SAMPLING = (Mesh((8, 5, 2), 0.1), Mesh((12, 6, 2), 0.1))
 """cheaper ones"""
 
 
