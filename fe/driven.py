@@ -15,6 +15,7 @@ import scipy.sparse as sp
 
 from fe import plate as contact
 from fe.discretisation import Pattern, add_entries, entry_slots
+from fe.friction import Frame
 from fe.materials.material import Material
 from fe.plate import Plate, PlateMemory, Touch
 from fe.potential import Assembly
@@ -117,7 +118,7 @@ class DrivenPotential:
         return self.solid.zero_state()
 
     def energy(
-        self, u: Array, travel: float, memory: PlateMemory | None, frame: None = None
+        self, u: Array, travel: float, memory: PlateMemory | None, frame: Frame | None = None
     ) -> float:
         """Potential (N mm) at displacement u (n_node, 3) mm; inf where some det F <= 0."""
         inner = self.solid.energy(u)
@@ -180,6 +181,10 @@ class DrivenPotential:
         forces = self.solid.assemble(u, p)[2] + touch.forces
         ends: Array = forces[plate.ends, 1]
         return ends
+
+    def couple(self, free: Array) -> Array:
+        """Nothing: the tangent is symmetric."""
+        return np.zeros_like(free)
 
     def _touch(self, u: Array, travel: float, memory: PlateMemory | None) -> Touch | None:
         plate = self.problem.plate

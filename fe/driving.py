@@ -7,19 +7,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import cast
 
 import numpy as np
 import numpy.typing as npt
 
-from fe.contact_memory import ContactMemory
 from fe.driven import DrivenPotential, DrivenProblem
 from fe.linear_solver import SymmetricSolver
 from fe.load_stepping import March, StepOptions
 from fe.materials.material import Material
 from fe.newton import Equilibrium, NewtonOptions, descent_direction, equilibrate
 from fe.plate import PlateMemory, initial_memory, renewed_anchors, renewed_limits
-from fe.potential import Potential
 
 Array = npt.NDArray[np.float64]
 
@@ -119,7 +116,7 @@ def drive(
             travel = target if n == 1 else outcome.reached + remaining / n
             advance = travel - outcome.reached
             load = assembly.gradient + assembly.by_travel * advance
-            free = descent_direction(_as_potential(potential), solver, load, newton, negative)
+            free = descent_direction(potential, solver, load, newton, negative)
             du = potential.expand(free) + advance * potential.problem.motion
             start = u + du, p + potential.pressure_step(du)
             found, renewed = _equilibrate(potential, solver, start, travel, memory, newton)
@@ -165,9 +162,7 @@ def _equilibrate(
     modulus = potential.solid.material.shear_modulus
     iterations = 0
     for _ in range(FRICTION_PASSES):
-        found = equilibrate(
-            _as_potential(potential), solver, u, p, travel, cast(ContactMemory, memory), newton
-        )
+        found = equilibrate(potential, solver, u, p, travel, memory, newton)
         iterations += found.iterations
         if not found.converged or plate is None or memory is None or plate.friction == 0.0:
             return found, memory
@@ -211,8 +206,3 @@ def _state(
         energy=assembly.energy,
         negative_pivots=negative,
     )
-
-
-def _as_potential(potential: DrivenPotential) -> Potential:
-    """What fe.newton calls of a potential is what this one has too."""
-    return cast(Potential, potential)

@@ -9,17 +9,20 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass
+from typing import Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh, gmres
 
-from fe.contact_memory import ContactMemory
 from fe.friction import Frame
 from fe.linear_solver import SymmetricSolver
-from fe.potential import Assembly, Potential
+from fe.newton_problem import NewtonProblem
+from fe.potential import Assembly
 
 Array = npt.NDArray[np.float64]
+
+Memory = TypeVar("Memory")
 
 
 @dataclass(frozen=True)
@@ -61,7 +64,7 @@ class Equilibrium:
 
 
 def descent_direction(
-    potential: Potential,
+    potential: NewtonProblem[Any],
     solver: SymmetricSolver,
     gradient: Array,
     options: NewtonOptions,
@@ -83,7 +86,7 @@ def descent_direction(
 
 
 def solve_coupled(
-    potential: Potential, solver: SymmetricSolver, b: Array, tolerance: float
+    potential: NewtonProblem[Any], solver: SymmetricSolver, b: Array, tolerance: float
 ) -> Array:
     """Solve the whole tangent, friction's coupling included, for b (n_free,) or (n_free, k) N.
 
@@ -131,12 +134,12 @@ def _negative_modes(n: int, solver: SymmetricSolver, count: int) -> Array:
 
 
 def equilibrate(
-    potential: Potential,
+    potential: NewtonProblem[Memory],
     solver: SymmetricSolver,
     u: Array,
     p: Array,
     travel: float,
-    memory: ContactMemory,
+    memory: Memory,
     options: NewtonOptions,
 ) -> Equilibrium:
     """Find the equilibrium at `travel` (mm) from the start (u, p)."""
@@ -193,13 +196,13 @@ def equilibrate(
 
 
 def _nearer(
-    potential: Potential,
+    potential: NewtonProblem[Memory],
     solver: SymmetricSolver,
     u: Array,
     p: Array,
     assembly: Assembly,
     travel: float,
-    memory: ContactMemory,
+    memory: Memory,
     options: NewtonOptions,
 ) -> tuple[Array, Array, Assembly] | None:
     """Full Newton step with friction, if it reduces the residual: (u, p, assembly) there, or None.
@@ -221,11 +224,11 @@ def _nearer(
 
 
 def _line_search(
-    potential: Potential,
+    potential: NewtonProblem[Memory],
     u: Array,
     du: Array,
     travel: float,
-    memory: ContactMemory,
+    memory: Memory,
     frame: Frame | None,
     reference: float,
     slope: float,
