@@ -71,11 +71,13 @@ def tie_touching(
     *,
     to_pin: bool = True,
     to_floor: bool = True,
+    travel_gradient: Array | None = None,
 ) -> int:
     """Tie every free point that penetrates pin or floor to its nearest surface point; count them.
 
     u (n_node, 3) mm, u_gradient (n_node, 3, n_p) mm: the anchor's own sensitivity follows from the
-    derivative of the projection (stick is path dependent).
+    derivative of the projection (stick is path dependent).  `travel_gradient` (n_p,) mm is that of
+    a travel which depends on the parameters.
     """
     x = faces.points + np.einsum("cqa,cai->cqi", faces.shape, u[faces.nodes])
     dx = np.einsum("cqa,caij->cqij", faces.shape, u_gradient[faces.nodes])
@@ -89,6 +91,8 @@ def tie_touching(
         count += int(floor.sum())
     if not to_pin:
         return count
+    if travel_gradient is not None:  # seen from the pin, the points rise with the travel
+        dx = dx + np.array([0.0, 1.0, 0.0])[:, None] * travel_gradient
     for c, q in zip(*np.nonzero((memory.tied == FREE) & ~faces.base[:, None]), strict=True):
         s = pin_point(x[c, q], travel, pin)
         if s.gap >= 0.0:
@@ -111,10 +115,16 @@ def slide_anchors(
     travel: float,
     pin: RigidPin,
     law: FrictionLaw,
+    *,
+    travel_gradient: Array | None = None,
 ) -> float:
     """Move the slip anchors behind the points that slid; returns the work of friction, N mm.
 
     The work is that of the mean traction of the step's two ends along the anchors' way.
+    `travel_gradient` (n_p,) mm is that of a travel which depends on the parameters.
     """
-    work: float = advance_anchors(u, u_gradient, faces, memory.tied, memory.slip, travel, pin, law)
+    moved = np.zeros(u_gradient.shape[2]) if travel_gradient is None else travel_gradient
+    work: float = advance_anchors(
+        u, u_gradient, faces, memory.tied, memory.slip, travel, pin, law, moved
+    )
     return work

@@ -132,13 +132,14 @@ class DrivenPotential:
         data = np.zeros(problem.pattern.indices.size)
         add_entries(self.solid.tangent, problem.pattern.element_slots, data)
         by_motion = self.solid.tangent_times(problem.motion)
-        travel_force = 0.0
+        travel_force = force_slope = 0.0
         touch = self._touch(u, travel, memory)
         if touch is not None and problem.plate is not None:
             energy += touch.energy
             forces = forces + touch.forces
             by_motion = by_motion + contact.tangent_times(problem.plate, touch, problem.motion)
             travel_force = touch.travel_force
+            force_slope = contact.travel_slope(problem.plate, touch, problem.motion)
             add_entries(touch.face_tangent, problem.pattern.face_slots, data)
             self._add_diagonal(touch.nodal_stiffness, data)
         held = np.where(self._free, 0.0, forces.ravel())
@@ -151,6 +152,7 @@ class DrivenPotential:
             by_travel=by_travel,
             pin_force=float(np.sum(problem.motion * forces)) + travel_force,
             pin_force_by_u=by_travel,
+            pin_force_by_travel=float(np.sum(problem.motion * by_motion)) + force_slope,
             force_scale=float(np.linalg.norm(held)),
             frame=None,
         )

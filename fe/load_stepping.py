@@ -9,6 +9,17 @@ import numpy as np
 import numpy.typing as npt
 
 from fe.contact_memory import ContactMemory, slide_anchors, tie_touching
+from fe.force_control import (
+    Control,
+    Found,
+    Goal,
+    Sensitivity,
+    Start,
+    at_moving_travel,
+    step_to_force,
+    step_to_travel,
+    travel_slope,
+)
 from fe.linear_solver import SymmetricSolver
 from fe.material_parameters import MaterialParameters
 from fe.newton import (
@@ -18,7 +29,7 @@ from fe.newton import (
     equilibrate,
     solve_coupled,
 )
-from fe.potential import Assembly, Potential
+from fe.potential import Potential
 
 Array = npt.NDArray[np.float64]
 
@@ -51,7 +62,9 @@ class TravelState:
     """N"""
     force_gradient: Array
     """(n_p,) dF/d parameter of the material, N; with friction also in the coefficients of pin and
-    base"""
+    base; 0 where the force was asked"""
+    travel_gradient: Array
+    """(n_p,) dtravel/d parameter, mm; 0 where the travel was asked"""
     energy: float
     """stored energy with the contact's, N mm"""
     friction_work: float
@@ -67,6 +80,18 @@ class March:
     reason: str = ""
     n_steps: int = 0
     n_cuts: int = 0
+    largest_force: float = 0.0
+    """of the modelled part in accepted steps, N"""
+
+    def accept(self, found: Found) -> None:
+        """Count a step that ended there."""
+        self.reached = found.travel
+        self.n_steps += 1
+        self.largest_force = max(self.largest_force, found.equilibrium.assembly.pin_force)
+
+    def stop(self, found: Found) -> None:
+        """Say why no further step is made."""
+        self.reason = f"{found.equilibrium.reason} at a travel of {found.travel:.4f} mm"
 
 
 def march(
@@ -81,91 +106,105 @@ def march(
     stick_to_floor: bool,
     steps: StepOptions,
     newton: NewtonOptions,
+    control: Control = "travel",
 ) -> Iterator[TravelState]:
-    """Yield the solution at each target travel (mm, increasing) until one cannot be reached.
+    """Yield the solution at each target (increasing) until one cannot be reached.
 
+    Targets are travels, mm, or with `control` "force" forces of the modelled part, N.
     Sensitivities are in `parameters` and, with friction, its coefficients.  `stick_to_pin` and
     `stick_to_floor` tie points to what they touch at the end of each step.  What happened is left
     in `outcome`: the travel reached and, when the march stopped early, why.
     """
-    u, p = potential.zero_state()
+    here = Start(*potential.zero_state(), None, 0.0, 0)
     step = steps.first
-    assembly: Assembly | None = None
-    negative = 0
-    friction_work = 0.0
+    state: TravelState | None = None
+
+    def attempt(start: Start, travel: float) -> Equilibrium:
+        at = _predict(potential, solver, start, travel, memory, newton)
+        return equilibrate(potential, solver, *at, travel, memory, newton)
+
     for target in targets:
-        while outcome.reached < target:
-            travel = _next_travel(outcome.reached, step, target)
-            advance = travel - outcome.reached
-            start = _predict(
-                potential, solver, assembly, u, p, advance, travel, memory, newton, negative
-            )
-            found = equilibrate(potential, solver, *start, travel, memory, newton)
-            if not found.converged:
+        arrived = False
+        while not arrived:
+            if control == "force":
+                far = here.travel + step
+                goal = Goal(target, newton.tolerance)
+                found = step_to_force(potential, solver, attempt, here, far, goal)
+            else:
+                far = next_travel(here.travel, step, target)
+                found = step_to_travel(solver, attempt, here, far, target)
+            if not found.equilibrium.converged:
                 outcome.n_cuts += 1
-                step = advance / 2.0
-                if assembly is not None:  # the predictor needs the factor of the last good state
-                    assembly = potential.assemble(u, p, outcome.reached, memory)
+                step = (far - here.travel) / 2.0
+                if here.assembly is not None:  # the predictor needs its factor
+                    assembly = potential.assemble(here.u, here.p, here.travel, memory)
                     negative = solver.factorise(assembly.data)
+                    here = here._replace(assembly=assembly, negative=negative)
                 if step < steps.smallest:
-                    outcome.reason = f"{found.reason} at a travel of {travel:.4f} mm"
+                    outcome.stop(found)
                     return
                 continue
-            u, p, assembly = found.u, found.p, found.assembly
+            here, arrived = found.as_start(), found.arrived
             stick = (stick_to_pin, stick_to_floor)
-            state = _accept(
-                potential, solver, found, travel, memory, parameters, stick, friction_work
-            )
-            negative, friction_work = state.negative_pivots, state.friction_work
-            outcome.reached = travel
-            outcome.n_steps += 1
-            step = min(steps.largest, step * _growth(found.iterations))
+            state = _accept(potential, solver, found, memory, parameters, stick, state, control)
+            outcome.accept(found)
+            step = min(steps.largest, step * growth(found.equilibrium.iterations))
+        assert state is not None
         yield state
 
 
 def _accept(
     potential: Potential,
     solver: SymmetricSolver,
-    found: Equilibrium,
-    travel: float,
+    found: Found,
     memory: ContactMemory,
     parameters: MaterialParameters,
     stick: tuple[bool, bool],
-    friction_work: float,
+    before: TravelState | None,
+    control: Control,
 ) -> TravelState:
-    """State of the equilibrium `found`; leaves its factor in `solver` and updates `memory`.
+    """State of the equilibrium `found`, whose factor is in `solver`; updates `memory`.
 
-    `stick` says whether points that touch pin and floor are tied to them from now on.
+    `stick` says whether points that touch pin and floor are tied to them from now on; `before` is
+    the state of the step before.
     """
-    problem, u = potential.problem, found.u
-    negative = solver.factorise(found.assembly.data)
-    u_gradient, force_gradient = _sensitivity(potential, solver, found, travel, memory, parameters)
+    problem, u, travel = potential.problem, found.equilibrium.u, found.travel
+    gradient = _sensitivity(potential, solver, found.equilibrium, travel, memory, parameters)
+    if control == "force":
+        free, slope = travel_slope(potential, solver, found.equilibrium.assembly)
+        moved = gradient.travel if before is None else before.travel_gradient
+        gradient = at_moving_travel(
+            gradient, potential.expand(free), slope, moved, meets=found.arrived
+        )
     energy = potential.energy(u, travel, memory)
-    state = (memory, problem.faces, u, u_gradient, travel, problem.pin)
+    state = (memory, problem.faces, u, gradient.u, travel, problem.pin)
+    friction_work = 0.0 if before is None else before.friction_work
     if potential.has_friction:
-        friction_work += slide_anchors(*state, problem.friction)
+        friction_work += slide_anchors(*state, problem.friction, travel_gradient=gradient.travel)
     if any(stick):
-        tie_touching(*state, to_pin=stick[0], to_floor=stick[1])
+        tie_touching(*state, to_pin=stick[0], to_floor=stick[1], travel_gradient=gradient.travel)
     return TravelState(
         travel,
         u,
-        u_gradient,
-        found.assembly.pin_force,
-        force_gradient,
+        gradient.u,
+        found.equilibrium.assembly.pin_force,
+        gradient.force,
+        gradient.travel,
         energy,
         friction_work,
-        negative,
+        found.negative,
     )
 
 
-def _next_travel(reached: float, step: float, target: float) -> float:
+def next_travel(reached: float, step: float, target: float) -> float:
     """Equal steps to the target, so that no sliver of a step is left before it."""
     remaining = target - reached
     n = int(np.ceil(remaining / step - 1e-6))
     return target if n <= 1 else reached + remaining / n
 
 
-def _growth(iterations: int) -> float:
+def growth(iterations: int) -> float:
+    """Factor on the next step after one of so many iterations."""
     if iterations <= 6:
         return 1.5
     return 1.1 if iterations < 12 else 0.8
@@ -174,20 +213,17 @@ def _growth(iterations: int) -> float:
 def _predict(
     potential: Potential,
     solver: SymmetricSolver,
-    assembly: Assembly | None,
-    u: Array,
-    p: Array,
-    advance: float,
+    start: Start,
     travel: float,
     memory: ContactMemory,
     newton: NewtonOptions,
-    negative: int,
 ) -> tuple[Array, Array]:
     """Tangent predictor from the last equilibrium, shortened until no element turns inside out."""
+    u, p, assembly = start.u, start.p, start.assembly
     if assembly is None:
         return u, p
-    load = assembly.gradient + assembly.by_travel * advance
-    du = potential.expand(descent_direction(potential, solver, load, newton, negative))
+    load = assembly.gradient + assembly.by_travel * (travel - start.travel)
+    du = potential.expand(descent_direction(potential, solver, load, newton, start.negative))
     dp = potential.pressure_step(du)
     fraction = 1.0
     for _ in range(6):
@@ -204,8 +240,8 @@ def _sensitivity(
     travel: float,
     memory: ContactMemory,
     parameters: MaterialParameters,
-) -> tuple[Array, Array]:
-    """du/d parameter (n_node, 3, n_p) mm and dF/d parameter (n_p,) N of the modelled part.
+) -> Sensitivity:
+    """Derivatives at fixed travel, force of the modelled part.
 
     From the factor of the last assembled tangent.  Exact for the discrete, path-dependent scheme:
     slip and stick anchors carry their own derivatives from step to step.
@@ -217,7 +253,7 @@ def _sensitivity(
     free = solve_coupled(potential, solver, -rhs, SENSITIVITY_TOLERANCE)
     force = found.assembly.pin_force_by_u @ free + direct
     columns = [potential.expand(free[:, j]) for j in range(free.shape[1])]
-    return np.stack(columns, axis=2), force
+    return Sensitivity(np.stack(columns, axis=2), force, np.zeros(force.shape))
 
 
 def _material_gradient(potential: Potential, u: Array, parameters: MaterialParameters) -> Array:

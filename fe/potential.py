@@ -56,6 +56,8 @@ class Assembly:
     """vertical force of the modelled part, N, positive in compression"""
     pin_force_by_u: Array
     """(n_free,) derivative of `pin_force` in the displacement, N/mm"""
+    pin_force_by_travel: float
+    """derivative of `pin_force` in the travel at fixed displacement, N/mm"""
     force_scale: float
     """norm of the contact forces, N: what the residual is small against"""
     frame: Frame | None
@@ -123,6 +125,8 @@ class Potential:
             by_travel=self._sum_faces(self._contact_system.by_travel)[self._free],
             pin_force=pin_force,
             pin_force_by_u=self._sum_faces(self._contact_system.pin_force_by_u)[self._free],
+            # shape functions add up to 1: these are the forces of all points that move with the pin
+            pin_force_by_travel=float(self._contact_system.by_travel[..., 1].sum()),
             force_scale=float(np.linalg.norm(self._sum_faces(np.abs(forces)))),
             frame=frame,
         )

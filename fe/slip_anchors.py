@@ -111,10 +111,11 @@ def advance_anchors(
     travel: float,
     pin: RigidPin,
     law: FrictionLaw,
+    travel_gradient: Array,
 ) -> float:
     """Return mapping of all anchors at the end of a step; returns the work of friction, N mm.
 
-    u (n_node, 3) and u_gradient (n_node, 3, n_p) mm; `slip` is changed.
+    u (n_node, 3), u_gradient (n_node, 3, n_p) and travel_gradient (n_p,) mm; `slip` is changed.
     """
     n_p = u_gradient.shape[2]
     x = np.empty(3)
@@ -140,6 +141,9 @@ def advance_anchors(
                 for i in range(3):
                     there[0] += chart.slope[0, i] * dx[i]
                     there[1] += chart.slope[1, i] * dx[i]
+                if surface == PIN:  # the chart sees x_y + travel
+                    there[0] += chart.slope[0, 1] * travel_gradient
+                    there[1] += chart.slope[1, 1] * travel_gradient
                 limit = pressed if touched == surface else 0.0
                 work += faces.weights[c, q] * _return(
                     limit,
