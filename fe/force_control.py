@@ -26,6 +26,8 @@ Control = Literal["travel", "force"]
 SLOPE_TOLERANCE = 1e-8
 """relative residual of the linear systems that friction makes unsymmetric"""
 MAX_TRIALS = 30
+JUMP = 1e-9
+"""mm of travel between a force that is too small and one that is too large"""
 FALL = 0.99
 """force relative to that of the step before, below which the force is said to fall: points that
 are tied where they touch lose a little of their penalty, so it is not 1"""
@@ -63,17 +65,20 @@ class Found(NamedTuple):
         return Start(at.u, at.p, at.assembly, self.travel, self.negative)
 
 
-class Goal(NamedTuple):
-    """A wanted force."""
+class Way(NamedTuple):
+    """How steps are made and what they lead to."""
 
-    force: float
-    """N, of the modelled part"""
+    aim: Callable[[Start, float], tuple[Array, Array]]
+    """predicts (u, p) at a travel (mm) from a start whose tangent is factorised"""
+    attempt: Callable[[tuple[Array, Array], float], Equilibrium]
+    """finds the equilibrium at a travel (mm) from what was predicted"""
+    accept: Callable[[Found], Start]
+    """takes an equilibrium whose tangent is factorised for the next step's start"""
+    restore: Callable[[Start], Start]
+    """assembles and factorises a start again"""
+    control: Control
     tolerance: float
-    """relative"""
-
-
-Attempt = Callable[[Start, float], Equilibrium]
-"""equilibrium at a travel (mm), predicted from a start"""
+    """to which a wanted force is met, relative"""
 
 
 def check_targets(travel: tuple[float, ...], force: tuple[float, ...]) -> None:
@@ -89,10 +94,10 @@ def check_targets(travel: tuple[float, ...], force: tuple[float, ...]) -> None:
 
 
 def step_to_travel(
-    solver: SymmetricSolver, attempt: Attempt, here: Start, travel: float, target: float
+    solver: SymmetricSolver, way: Way, here: Start, travel: float, target: float
 ) -> Found:
     """The equilibrium at `travel` (mm) on the way to the travel `target`."""
-    found = attempt(here, travel)
+    found = way.attempt(way.aim(here, travel), travel)
     negative = solver.factorise(found.assembly.data) if found.converged else 0
     return Found(found, travel, negative, travel >= target)
 
@@ -100,38 +105,44 @@ def step_to_travel(
 def step_to_force(
     potential: NewtonProblem[Any],
     solver: SymmetricSolver,
-    attempt: Attempt,
+    way: Way,
     here: Start,
     far: float,
-    goal: Goal,
+    target: float,
 ) -> Found:
-    """The equilibrium with the wanted force, or at the travel `far` (mm) where that is smaller.
+    """The equilibrium with the force `target` (N of the modelled part), or that at the travel `far`
+    (mm) where the force there is smaller.
 
-    Where the force falls instead, the equilibrium is one that did not converge.
+    Every trial starts as a step to its travel would, and so finds the same: where something snaps,
+    equilibria are not unique.  Where the force falls, or jumps past the wanted one, the equilibrium
+    is one that did not converge.
     """
-    target = goal.force
     before = here.assembly.pin_force if here.assembly is not None else 0.0
-    low, high, at = here.travel, np.inf, here
-    travel = min(far, _newton(potential, solver, here, target))
+    low, high = here.travel, np.inf
+    u, p = way.aim(here, far)
+    travel = min(far, _newton(potential, solver, here, target)[0])
     for _ in range(MAX_TRIALS):
-        found = attempt(at, travel)
+        part = (travel - here.travel) / (far - here.travel)
+        start = here.u + part * (u - here.u), here.p + part * (p - here.p)
+        found = way.attempt(start, travel)
         if not found.converged:
             return Found(found, travel, 0, False)
-        negative = solver.factorise(found.assembly.data)
-        at = Start(found.u, found.p, found.assembly, travel, negative)
+        at = Start(found.u, found.p, found.assembly, travel, solver.factorise(found.assembly.data))
         force = found.assembly.pin_force
-        if abs(force - target) <= goal.tolerance * target:
-            return Found(found, travel, negative, True)
+        if abs(force - target) <= way.tolerance * target:
+            return Found(found, travel, at.negative, True)
+        better, slope = _newton(potential, solver, at, target)
         if force < target:
-            slope = travel_slope(potential, solver, found.assembly)[1]
             if not slope > 0.0 or force < FALL * before:
                 return _refused(found, travel, "the force falls")
             if travel >= far:
-                return Found(found, travel, negative, False)
+                return Found(found, travel, at.negative, False)
             low = travel
         else:
             high = travel
-        travel = min(far, _newton(potential, solver, at, target))
+        if high - low < JUMP:
+            return _refused(found, travel, "the force jumps past the wanted one")
+        travel = min(far, better)
         if not low < travel < high:
             travel = 0.5 * (low + high)
     return _refused(found, travel, "the force was not met")
@@ -143,12 +154,17 @@ def _refused(found: Equilibrium, travel: float, reason: str) -> Found:
 
 def _newton(
     potential: NewtonProblem[Any], solver: SymmetricSolver, at: Start, target: float
-) -> float:
-    """Travel (mm) where the tangent at `at` meets the force `target` (N); inf where none does."""
+) -> tuple[float, float]:
+    """Travel (mm) where the tangent at `at` meets the force `target` (N), and its slope (N/mm).
+
+    inf where it meets none.
+    """
     if at.assembly is None:
-        return np.inf
+        return np.inf, np.inf
     slope = travel_slope(potential, solver, at.assembly)[1]
-    return at.travel + (target - at.assembly.pin_force) / slope if slope > 0.0 else np.inf
+    if not slope > 0.0:
+        return np.inf, slope
+    return at.travel + (target - at.assembly.pin_force) / slope, slope
 
 
 def travel_slope(

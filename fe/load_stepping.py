@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -12,9 +13,9 @@ from fe.contact_memory import ContactMemory, slide_anchors, tie_touching
 from fe.force_control import (
     Control,
     Found,
-    Goal,
     Sensitivity,
     Start,
+    Way,
     at_moving_travel,
     step_to_force,
     step_to_travel,
@@ -29,7 +30,9 @@ from fe.newton import (
     equilibrate,
     solve_coupled,
 )
+from fe.newton_problem import NewtonProblem
 from fe.potential import Potential
+from fe.progress import Progress, StepReport
 
 Array = npt.NDArray[np.float64]
 
@@ -82,16 +85,35 @@ class March:
     n_cuts: int = 0
     largest_force: float = 0.0
     """of the modelled part in accepted steps, N"""
+    fell_after: float | None = None
+    """travel of the last step before the force fell, mm"""
+    warning: str = ""
+    """what may be wrong with what was reached"""
+    listen: Progress | None = None
+    """hears of each accepted step, forces those of the modelled part"""
 
     def accept(self, found: Found) -> None:
         """Count a step that ended there."""
+        at = found.equilibrium
         self.reached = found.travel
         self.n_steps += 1
-        self.largest_force = max(self.largest_force, found.equilibrium.assembly.pin_force)
+        self.largest_force = max(self.largest_force, at.assembly.pin_force)
+        if self.listen is not None:
+            report = StepReport(found.travel, at.assembly.pin_force, at.iterations, found.negative)
+            self.listen(report)
 
     def stop(self, found: Found) -> None:
         """Say why no further step is made."""
         self.reason = f"{found.equilibrium.reason} at a travel of {found.travel:.4f} mm"
+
+    def fall(self, found: Found) -> None:
+        """Note that the force fell in a step that is about to be accepted."""
+        if self.fell_after is None:
+            self.fell_after = self.reached
+            self.warning = (
+                f"the force falls at a travel of {found.travel:.4f} mm: another branch of "
+                "equilibria, real or of the mesh, or a material that softens"
+            )
 
 
 def march(
@@ -115,42 +137,68 @@ def march(
     `stick_to_floor` tie points to what they touch at the end of each step.  What happened is left
     in `outcome`: the travel reached and, when the march stopped early, why.
     """
-    here = Start(*potential.zero_state(), None, 0.0, 0)
-    step = steps.first
     state: TravelState | None = None
 
-    def attempt(start: Start, travel: float) -> Equilibrium:
-        at = _predict(potential, solver, start, travel, memory, newton)
-        return equilibrate(potential, solver, *at, travel, memory, newton)
+    def aim(start: Start, travel: float) -> tuple[Array, Array]:
+        return _predict(potential, solver, start, travel, memory, newton)
 
+    def attempt(start: tuple[Array, Array], travel: float) -> Equilibrium:
+        return equilibrate(potential, solver, *start, travel, memory, newton)
+
+    def accept(found: Found) -> Start:
+        nonlocal state
+        stick = (stick_to_pin, stick_to_floor)
+        state = _accept(potential, solver, found, memory, parameters, stick, state, control)
+        return found.as_start()
+
+    def restore(start: Start) -> Start:
+        if start.assembly is None:
+            return start
+        assembly = potential.assemble(start.u, start.p, start.travel, memory)
+        return start._replace(assembly=assembly, negative=solver.factorise(assembly.data))
+
+    here = Start(*potential.zero_state(), None, 0.0, 0)
+    way = Way(aim, attempt, accept, restore, control, newton.tolerance)
+    for _ in stride(potential, solver, way, here, targets, steps, outcome):
+        assert state is not None
+        yield state
+
+
+def stride(
+    potential: NewtonProblem[Any],
+    solver: SymmetricSolver,
+    way: Way,
+    here: Start,
+    targets: Sequence[float],
+    steps: StepOptions,
+    outcome: March,
+) -> Iterator[float]:
+    """Step from `here` to each target and yield it there, until one cannot be reached.
+
+    Steps that do not converge are halved.  What happened is left in `outcome`.
+    """
+    step = steps.first
     for target in targets:
         arrived = False
         while not arrived:
-            if control == "force":
+            if way.control == "force":
                 far = here.travel + step
-                goal = Goal(target, newton.tolerance)
-                found = step_to_force(potential, solver, attempt, here, far, goal)
+                found = step_to_force(potential, solver, way, here, far, target)
             else:
-                far = next_travel(here.travel, step, target)
-                found = step_to_travel(solver, attempt, here, far, target)
-            if not found.equilibrium.converged:
-                outcome.n_cuts += 1
-                step = (far - here.travel) / 2.0
-                if here.assembly is not None:  # the predictor needs its factor
-                    assembly = potential.assemble(here.u, here.p, here.travel, memory)
-                    negative = solver.factorise(assembly.data)
-                    here = here._replace(assembly=assembly, negative=negative)
-                if step < steps.smallest:
-                    outcome.stop(found)
-                    return
+                far = _next_travel(here.travel, step, target)
+                found = step_to_travel(solver, way, here, far, target)
+            if found.equilibrium.converged:
+                here, arrived = way.accept(found), found.arrived
+                outcome.accept(found)
+                step = min(steps.largest, step * _growth(found.equilibrium.iterations))
                 continue
-            here, arrived = found.as_start(), found.arrived
-            stick = (stick_to_pin, stick_to_floor)
-            state = _accept(potential, solver, found, memory, parameters, stick, state, control)
-            outcome.accept(found)
-            step = min(steps.largest, step * growth(found.equilibrium.iterations))
-        assert state is not None
-        yield state
+            outcome.n_cuts += 1
+            step = (far - here.travel) / 2.0
+            here = way.restore(here)  # the predictor needs its factor
+            if step < steps.smallest:
+                outcome.stop(found)
+                return
+        yield target
 
 
 def _accept(
@@ -196,15 +244,14 @@ def _accept(
     )
 
 
-def next_travel(reached: float, step: float, target: float) -> float:
+def _next_travel(reached: float, step: float, target: float) -> float:
     """Equal steps to the target, so that no sliver of a step is left before it."""
     remaining = target - reached
     n = int(np.ceil(remaining / step - 1e-6))
     return target if n <= 1 else reached + remaining / n
 
 
-def growth(iterations: int) -> float:
-    """Factor on the next step after one of so many iterations."""
+def _growth(iterations: int) -> float:
     if iterations <= 6:
         return 1.5
     return 1.1 if iterations < 12 else 0.8

@@ -19,13 +19,16 @@ from threadpoolctl import threadpool_limits
 
 from fe.contact import PenaltyLaw
 from fe.contact_memory import initial_memory
+from fe.ending import ending
+from fe.force_control import Control, check_targets
 from fe.linear_solver import SymmetricSolver
 from fe.load_stepping import March, StepOptions, TravelState, march
 from fe.material_parameters import MaterialParameters, all_parameters, ratio_parameters
 from fe.materials.material import Material, mooney_rivlin_of_ratios
 from fe.newton import NewtonOptions
 from fe.potential import Potential, Problem
-from fe.response import Response, Status
+from fe.progress import Progress, listener
+from fe.response import Response
 from fe.specimens.block_pin_geometry import BlockPin, Contact, Interface, Symmetry
 from fe.specimens.block_pin_mesh import Discretisation, block_mesh, discretise, front_points
 
@@ -42,7 +45,8 @@ class BlockPinModel:
     """Simulation of the specimen as a function of its material; picklable, one thread.
 
     `cells` are the numbers of Q2 elements along x, y, z of a quarter; `travel` the pin travels
-    (mm, increasing) at which the response is asked; `bulk_ratio` the bulk modulus over the shear
+    (mm, increasing) at which the response is asked, or `force` the forces of the whole sample (N,
+    increasing; at kappa = 1 MPa for ratios); `bulk_ratio` the bulk modulus over the shear
     modulus mu = 2 kappa where ratios (r, s) are asked; `field_grid` the numbers of field points
     along x and y of half the front face, at the centres of equal rectangles (thesis, section
     4.4.2: 35 x 24 = 840 points).  `symmetry` "auto" models the smallest part that stands for the
@@ -56,24 +60,23 @@ class BlockPinModel:
     specimen: BlockPin
     contact: Contact
     cells: tuple[int, int, int]
-    travel: tuple[float, ...]
+    travel: tuple[float, ...] = ()
     bulk_ratio: float = 200.0
     field_grid: tuple[int, int] = (35, 24)
     penalty: PenaltyLaw = field(default_factory=PenaltyLaw)
     steps: StepOptions = field(default_factory=StepOptions)
     newton: NewtonOptions = field(default_factory=NewtonOptions)
     symmetry: Literal["auto"] | Symmetry = "auto"
+    force: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
         if min(self.cells) < 1:
             raise ValueError(f"cells: expected at least one element a side, found {self.cells}")
-        travel = np.asarray(self.travel)
-        if travel.size == 0 or travel[0] <= 0.0 or (np.diff(travel) <= 0.0).any():
-            raise ValueError(f"travel: expected increasing travels above 0 mm, found {self.travel}")
-        if travel[-1] >= self.specimen.height:
+        check_targets(self.travel, self.force)
+        if max(self.travel, default=0.0) >= self.specimen.height:
             raise ValueError(
                 f"travel: expected less than the block's height {self.specimen.height} mm, "
-                f"found {travel[-1]}"
+                f"found {self.travel[-1]}"
             )
         if not self.bulk_ratio > 0.0:
             raise ValueError(f"bulk_ratio: expected a ratio above 0, found {self.bulk_ratio}")
@@ -106,6 +109,11 @@ class BlockPinModel:
         """What part of the block is modelled."""
         return self.specimen.symmetry if self.symmetry == "auto" else self.symmetry
 
+    @property
+    def control(self) -> Control:
+        """What is asked."""
+        return "force" if self.force else "travel"
+
     def points(self) -> Array:
         """(n_point, 2) reference x, y of the field points on the front face, mm."""
         return front_points(self.specimen, self.part, self.field_grid)
@@ -125,23 +133,26 @@ class BlockPinModel:
             states, outcome, n_factorisations, time.perf_counter() - started, ("r", "s")
         )
 
-    def respond(self, material: Material) -> Response:
+    def respond(self, material: Material, progress: Progress | None = None) -> Response:
         """Response of a material, with derivatives in every constant and, last, the bulk modulus.
 
-        `bulk_ratio` is not used.  The contact stiffness goes with the material's shear modulus,
-        and so it does in the derivatives.  A solver failure is a status, not a raise.
+        `progress` is called after each step of the solver. `bulk_ratio` is not used. The contact
+        stiffness goes with the material's shear modulus, and so it does in the derivatives. A
+        solver failure is a status, not a raise.
 
         Raises ValueError when the material is incompressible (infinite bulk modulus).
         """
         started = time.perf_counter()
         with threadpool_limits(limits=1):
-            solved = self.solve_for(material)
+            solved = self.solve_for(material, progress)
         names = (*material.law.constant_names, "bulk")
         return self._response(*solved, time.perf_counter() - started, names)
 
-    def solve_for(self, material: Material) -> tuple[list[TravelState], March, int]:
-        """States of the modelled part of a block of this material at the travels reached."""
-        return self._march(material, material.shear_modulus, all_parameters(material))
+    def solve_for(
+        self, material: Material, progress: Progress | None = None
+    ) -> tuple[list[TravelState], March, int]:
+        """States of the modelled part of a block of this material at the targets reached."""
+        return self._march(material, material.shear_modulus, all_parameters(material), progress)
 
     def solve(self, ratios: Array, kappa: float = 1.0) -> tuple[list[TravelState], March, int]:
         """States of the modelled part at the travels reached, at the given kappa (MPa)."""
@@ -149,9 +160,13 @@ class BlockPinModel:
         return self._march(material, 2.0 * kappa, ratio_parameters(material))
 
     def _march(
-        self, material: Material, shear: float, parameters: MaterialParameters
+        self,
+        material: Material,
+        shear: float,
+        parameters: MaterialParameters,
+        progress: Progress | None = None,
     ) -> tuple[list[TravelState], March, int]:
-        """States at the travels reached, outcome, number of factorisations."""
+        """States at the targets reached, outcome, number of factorisations."""
         discrete = self.discretise()
         problem = self._problem(discrete, material, shear)
         potential = Potential(problem)
@@ -163,20 +178,22 @@ class BlockPinModel:
             n_material=len(parameters.names),
         )
         solver = SymmetricSolver(discrete.pattern.indptr, discrete.pattern.indices)
-        outcome = March()
+        factor = SYMMETRY_FACTOR[self.part]
+        outcome = March(listen=listener(progress, factor))
         try:
             states = list(
                 march(
                     potential,
                     solver,
                     memory,
-                    self.travel,
+                    self.travel or tuple(f / factor for f in self.force),
                     outcome,
                     parameters=parameters,
                     stick_to_pin=self.contact.pin == "stick",
                     stick_to_floor=self.contact.base == "stick",
                     steps=self.steps,
                     newton=self.newton,
+                    control=self.control,
                 )
             )
         finally:
@@ -219,8 +236,15 @@ class BlockPinModel:
         seconds: float,
         parameters: tuple[str, ...],
     ) -> Response:
-        n_step, n_point, n_p = len(self.travel), len(self.points()), len(parameters)
+        n_step, n_point, n_p = (
+            len(self.travel or self.force),
+            len(self.points()),
+            len(parameters),
+        )
         factor = SYMMETRY_FACTOR[self.part]
+        by_force = self.control == "force"
+        travel = np.full(n_step, np.nan) if by_force else np.array(self.travel)
+        travel_gradient = np.full((n_step, n_p), np.nan) if by_force else np.zeros((0, 0))
         force = np.full(n_step, np.nan)
         displacement = np.full((n_step, n_point, 3), np.nan)
         force_gradient = np.full((n_step, n_p), np.nan)
@@ -228,25 +252,29 @@ class BlockPinModel:
         negative = np.full(n_step, -1, dtype=np.int64)
         probe = self.discretise().probe
         for i, state in enumerate(states):
+            travel[i] = state.travel
+            if by_force:
+                travel_gradient[i] = state.travel_gradient[:n_p]
             force[i] = factor * state.pin_force
             force_gradient[i] = factor * state.force_gradient[:n_p]
             displacement[i] = probe @ state.u
             for j in range(n_p):
                 displacement_gradient[i, :, :, j] = probe @ state.u_gradient[:, :, j]
             negative[i] = state.negative_pivots
-        complete = len(states) == n_step
+        end = ending(outcome, self.control, factor, complete=len(states) == n_step)
         return Response(
-            travel=np.asarray(self.travel),
+            travel=travel,
             force=force,
             displacement=displacement,
             force_gradient=force_gradient,
             displacement_gradient=displacement_gradient,
-            reached=outcome.reached,
-            status=Status.CONVERGED if complete else Status.STOPPED,
-            message="reached every asked travel" if complete else outcome.reason,
+            reached=end.reached,
+            status=end.status,
+            message=end.message,
             negative_pivots=negative,
             n_factorisations=n_factorisations,
             seconds=seconds,
             points=self.points(),
             parameters=parameters,
+            travel_gradient=travel_gradient,
         )
