@@ -11,10 +11,14 @@ from scipy.optimize import minimize_scalar
 
 import fe
 from fe.closed_forms import uniaxial
+from fe.contact import TIED_TO_PIN
+from fe.contact_memory import ContactMemory, initial_memory, slide_anchors, tie_touching
 from fe.load_stepping import StepOptions
 from fe.materials import material
 from fe.newton import NewtonOptions
+from fe.pin_surface import BAR, ROUND, RigidPin
 from fe.response import load_response, save_response
+from fe.touch import FrictionLaw
 
 RATIOS = np.array([0.4, 0.1])
 CONTACTS = pytest.mark.parametrize(
@@ -84,6 +88,36 @@ def test_the_travel_at_a_force_is_that_of_the_force_over_kappa_at_kappa_one():
     np.testing.assert_allclose(found.travel, model(RATIOS).travel, rtol=1e-8)
     # a stiffer material needs less travel
     assert (found.travel_gradient[:, :2] < 0.0).all()
+
+
+@pytest.mark.parametrize("shape", [BAR, ROUND], ids=["bar", "round"])
+def test_anchors_follow_a_travel_that_depends_on_parameters(shape):
+    """Those of stick and of friction; on the fillet the travel moves them sideways."""
+    faces = block(("stick", "stick"), cells=(4, 2, 4)).discretise().faces
+    pin = RigidPin(2.5, 2.0, 0.3, 500.0, 0.1, base_stiffness=2e4, shape=shape)
+    law, travel = FrictionLaw(0.3, 0.2), 0.4
+    rng = np.random.default_rng(0)
+    u = 0.1 * rng.standard_normal((faces.nodes.max() + 1, 3)) - [0.0, 0.15, 0.0]
+    du = rng.standard_normal((*u.shape, 3))
+    dtravel = np.array([1.0, -0.7, 0.0])
+
+    def after(step: float, j: int) -> ContactMemory:
+        memory = initial_memory(faces, np.zeros(faces.weights.shape, bool), pin, law, 1)
+        at = (u + step * du[..., j], du, travel + step * dtravel[j], pin)
+        slide_anchors(memory, faces, *at, law, travel_gradient=dtravel)
+        tie_touching(memory, faces, *at, to_floor=False, travel_gradient=dtravel)
+        return memory
+
+    found, h = after(0.0, 0), 1e-7
+    tied = found.tied == TIED_TO_PIN
+    on_fillet = np.abs(found.anchor[tied][:, 1] - 2.5) > 0.01
+    assert np.count_nonzero(on_fillet) > 10
+    for j in range(3):
+        plus, minus = after(h, j), after(-h, j)
+        anchor = (plus.anchor - minus.anchor)[tied] / (2 * h)
+        np.testing.assert_allclose(found.anchor_gradient[tied][..., j], anchor, atol=2e-5)
+        place = (plus.slip.place - minus.slip.place) / (2 * h)
+        np.testing.assert_allclose(found.slip.gradient[..., j], place, atol=2e-5)
 
 
 SPECIMENS = {
