@@ -16,6 +16,7 @@ import scipy.sparse as sp
 from fe import plate as contact
 from fe.discretisation import Pattern, add_entries, entry_slots
 from fe.friction import Frame
+from fe.linear_solver import GeneralMatrix
 from fe.materials.material import Material
 from fe.plate import Plate, PlateMemory, Touch
 from fe.potential import Assembly
@@ -184,9 +185,9 @@ class DrivenPotential:
         ends: Array = forces[plate.ends, 1]
         return ends
 
-    def couple(self, free: Array) -> Array:
-        """Nothing: the tangent is symmetric."""
-        return np.zeros_like(free)
+    def coupled_tangent(self) -> GeneralMatrix:
+        """Raises ValueError: the tangent is symmetric."""
+        raise ValueError("coupled_tangent: expected a potential with friction, found none")
 
     def _touch(self, u: Array, travel: float, memory: PlateMemory | None) -> Touch | None:
         plate = self.problem.plate

@@ -23,8 +23,6 @@ Array = npt.NDArray[np.float64]
 
 Control = Literal["travel", "force"]
 
-SLOPE_TOLERANCE = 1e-8
-"""relative residual of the linear systems that friction makes unsymmetric"""
 MAX_TRIALS = 30
 JUMP = 1e-9
 """mm of travel between a force that is too small and one that is too large"""
@@ -174,7 +172,7 @@ def travel_slope(
 
     `assembly` is the last one assembled, and its tangent is factorised.
     """
-    free = solve_coupled(potential, solver, -assembly.by_travel, SLOPE_TOLERANCE)
+    free = solve_coupled(potential, solver, -assembly.by_travel)
     return free, float(assembly.pin_force_by_travel + assembly.pin_force_by_u @ free)
 
 

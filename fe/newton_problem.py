@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from fe.discretisation import Pattern
 from fe.friction import Frame
+from fe.linear_solver import GeneralMatrix
 from fe.potential import Assembly
 
 Array = npt.NDArray[np.float64]
@@ -30,7 +31,7 @@ class NewtonProblem(Protocol[Memory_contra]):
     """A potential of a displacement (n_node, 3) mm and the travel, mm, with its derivatives."""
 
     has_friction: bool
-    """whether the tangent has a part that `couple` adds"""
+    """whether the tangent is not symmetric: then `coupled_tangent` gives it"""
     n_unknowns: int
 
     @property
@@ -60,6 +61,6 @@ class NewtonProblem(Protocol[Memory_contra]):
         """Pressure (n_elem, n_p) MPa with no residual in the volume equation at u."""
         ...
 
-    def couple(self, free: Array) -> Array:
-        """What the tangent has beyond the factorised one, times `free` (n_free[, k]) mm: N."""
+    def coupled_tangent(self) -> GeneralMatrix:
+        """The whole tangent of the last `assemble` where there is friction, N/mm."""
         ...

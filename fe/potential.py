@@ -10,8 +10,10 @@ import numpy.typing as npt
 from fe import contact, friction, slip_anchors, weak_form
 from fe.contact import TIED_TO_PIN, Faces
 from fe.contact_memory import ContactMemory
+from fe.coupled_tangent import CoupledTangent
 from fe.discretisation import Pattern, add_entries
 from fe.friction import Frame
+from fe.linear_solver import GeneralMatrix
 from fe.materials.material import KernelMaterial, Material
 from fe.materials.volumetric import deviation_slopes
 from fe.pin_surface import RigidPin
@@ -74,6 +76,11 @@ class Potential:
         self._contact_system = contact.empty_system(problem.faces)
         self.has_friction = problem.friction.pin > 0.0 or problem.friction.base > 0.0
         self._coupling = np.zeros_like(self._contact_system.tangent)
+        self._coupled: CoupledTangent | None = None
+        if self.has_friction:
+            self._coupled = CoupledTangent(problem.pattern, problem.faces.nodes)
+        self._upper = np.zeros(0)
+        self._whole: GeneralMatrix | None = None
         self._free = problem.pattern.number >= 0
         self.n_unknowns = int(self._free.sum())
 
@@ -117,6 +124,7 @@ class Potential:
         data = np.zeros(problem.pattern.indices.size)
         add_entries(self._system.tangent, problem.pattern.element_slots, data)
         add_entries(self._contact_system.tangent, problem.pattern.face_slots, data)
+        self._upper, self._whole = data, None
         return Assembly(
             energy=energy + contact_energy,
             smallest_J=smallest,
@@ -211,21 +219,13 @@ class Potential:
         columns = [self._sum_faces(nodal[..., j]) for j in range(pull.shape[3])]
         return np.stack(columns, axis=1)[self._free], on_pin
 
-    def couple(self, free: Array) -> Array:
-        """What the tangent of friction adds to the factorised one, times `free` mm: N.
-
-        (n_free,) or (n_free, k) like `free`; of the last `assemble`.
-        """
-        if free.ndim == 2:
-            return np.stack([self.couple(column) for column in free.T], axis=1)
-        nodal = self.expand(free)[self.problem.faces.nodes]
-        n_face, n_a = nodal.shape[:2]
-        # blocks [a, i, k, b] times nodal [b, k], as a batched product that BLAS does
-        change = np.matmul(
-            self._coupling.reshape(n_face, 3 * n_a, 3 * n_a),
-            nodal.transpose(0, 2, 1).reshape(n_face, 3 * n_a, 1),
-        )
-        return self._sum_faces(change.reshape(n_face, n_a, 3))[self._free]
+    def coupled_tangent(self) -> GeneralMatrix:
+        """The whole tangent of the last `assemble`, friction's unsymmetric part included, N/mm."""
+        if self._coupled is None:
+            raise ValueError("coupled_tangent: expected friction and a state that was assembled")
+        if self._whole is None:
+            self._whole = self._coupled.matrix(self._upper, self._coupling)
+        return self._whole
 
     def _add_friction(
         self, u: Array, travel: float, memory: ContactMemory
