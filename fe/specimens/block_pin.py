@@ -50,10 +50,13 @@ class BlockPinModel:
     modulus mu = 2 kappa where ratios (r, s) are asked; `field_grid` the numbers of field points
     along x and y of half the front face, at the centres of equal rectangles (thesis, section
     4.4.2: 35 x 24 = 840 points).  `symmetry` "auto" models the smallest part that stands for the
-    whole; a half has both sides of the plane x = 0, and its field too.
+    whole; a half has both sides of the plane x = 0, and its field too.  In `plane_strain` nothing
+    moves along z: one element along it does (cells (nx, ny, 1)), and forces are those of a block of
+    the depth whose ends are held; much faster, and good for what does not depend on the ends.
 
     Raises ValueError for impossible numbers, for a symmetry that the pin's place breaks, and where
-    nothing keeps a half or full block from sliding away.
+    nothing keeps a half or full block from sliding away; in plane strain also for more than one
+    element along z and for a pin that is no straight bar.
     """
 
     specimen: BlockPin
@@ -67,6 +70,7 @@ class BlockPinModel:
     newton: NewtonOptions = field(default_factory=NewtonOptions)
     symmetry: Literal["auto"] | Symmetry = "auto"
     force: tuple[float, ...] = ()
+    plane_strain: bool = False
 
     def __post_init__(self) -> None:
         if min(self.cells) < 1:
@@ -80,6 +84,13 @@ class BlockPinModel:
         if not self.bulk_ratio > 0.0:
             raise ValueError(f"bulk_ratio: expected a ratio above 0, found {self.bulk_ratio}")
         self._check_symmetry()
+        straight = self.specimen.pin == "bar" and not self.specimen.turned
+        if self.plane_strain and not (straight and self.cells[2] == 1 and self.part != "full"):
+            raise ValueError(
+                f"plane_strain: expected a bar along z, a quarter or half model and one element "
+                f"along z, found pin={self.specimen.pin!r} turned by "
+                f"{self.specimen.pin_rotation} degrees, a {self.part} model, cells={self.cells}"
+            )
 
     def _check_symmetry(self) -> None:
         if self.symmetry not in ("auto", *SYMMETRY_FACTOR):
@@ -223,7 +234,15 @@ class BlockPinModel:
     def discretise(self) -> Discretisation:
         """Tables of the mesh, contact faces, constraints and field points."""
         pin = self.specimen.rigid_pin(1.0, 1.0, 1.0)  # where it is, not how stiff
-        return discretise(self.specimen, self.contact, self.part, self.mesh(), pin, self.points())
+        return discretise(
+            self.specimen,
+            self.contact,
+            self.part,
+            self.mesh(),
+            pin,
+            self.points(),
+            plane_strain=self.plane_strain,
+        )
 
     def _response(
         self,
