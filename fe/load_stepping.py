@@ -8,22 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from fe.contact_memory import ContactMemory, slide_anchors, tie_touching
+from fe.contact_memory import ContactMemory, slide_anchors, tie_touching, touches
 from fe.linear_solver import SymmetricSolver
-from fe.material_parameters import MaterialParameters
-from fe.newton import (
-    Equilibrium,
-    NewtonOptions,
-    descent_direction,
-    equilibrate,
-    solve_coupled,
-)
+from fe.newton import Equilibrium, NewtonOptions, descent_direction, equilibrate
+from fe.parameters import Parameters
 from fe.potential import Assembly, Potential
+from fe.sensitivity import Gradient, Objective, Tangent, adjoint, direct, partials
 
 Array = npt.NDArray[np.float64]
-
-SENSITIVITY_TOLERANCE = 1e-8
-"""relative residual of the linear systems that friction makes unsymmetric"""
 
 
 @dataclass(frozen=True)
@@ -44,19 +36,18 @@ class TravelState:
     u: Array
     """(n_node, 3) mm"""
     u_gradient: Array
-    """(n_node, 3, n_p) du/d parameter of the material, mm; with friction also, last, in the
-    coefficients of pin and base (the column of one that is 0 is 0).  NaN if a linear system was not
-    solved to its tolerance"""
+    """(n_node, 3, n_p) du/d parameter, mm; (n_node, 3, 0) where an objective's gradient was asked"""
     pin_force: float
     """N"""
     force_gradient: Array
-    """(n_p,) dF/d parameter of the material, N; with friction also in the coefficients of pin and
-    base"""
+    """(n_p,) dF/d parameter, N; (0,) where an objective's gradient was asked"""
     energy: float
     """stored energy with the contact's, N mm"""
     friction_work: float
     """energy that friction has taken up to here, N mm"""
     negative_pivots: int
+    objective_gradient: Array
+    """(n_p,) of the objective, (0,) without one"""
 
 
 @dataclass
@@ -76,18 +67,50 @@ def march(
     targets: Sequence[float],
     outcome: March,
     *,
-    parameters: MaterialParameters,
+    parameters: Parameters,
     stick_to_pin: bool,
     stick_to_floor: bool,
     steps: StepOptions,
     newton: NewtonOptions,
+    objective: Objective | None = None,
 ) -> Iterator[TravelState]:
     """Yield the solution at each target travel (mm, increasing) until one cannot be reached.
 
-    Sensitivities are in `parameters` and, with friction, its coefficients.  `stick_to_pin` and
+    Sensitivities are in `parameters`, of all displacements or, by the adjoint, of an `objective`;
+    they are taken where the memory of contact or the caller needs them.  `stick_to_pin` and
     `stick_to_floor` tie points to what they touch at the end of each step.  What happened is left
     in `outcome`: the travel reached and, when the march stopped early, why.
     """
+    tangent = Tangent(potential, solver)
+    history = History(memory, parameters, (stick_to_pin, stick_to_floor), objective)
+    try:
+        yield from _march(potential, solver, tangent, history, targets, outcome, steps, newton)
+    finally:
+        tangent.close()
+
+
+@dataclass(frozen=True)
+class History:
+    """What steps remember and how that depends on the parameters."""
+
+    memory: ContactMemory
+    parameters: Parameters
+    stick: tuple[bool, bool]
+    """whether points that touch pin and floor are tied to them from then on"""
+    objective: Objective | None
+
+
+def _march(
+    potential: Potential,
+    solver: SymmetricSolver,
+    tangent: Tangent,
+    history: History,
+    targets: Sequence[float],
+    outcome: March,
+    steps: StepOptions,
+    newton: NewtonOptions,
+) -> Iterator[TravelState]:
+    memory = history.memory
     u, p = potential.zero_state()
     step = steps.first
     assembly: Assembly | None = None
@@ -112,11 +135,10 @@ def march(
                     return
                 continue
             u, p, assembly = found.u, found.p, found.assembly
-            stick = (stick_to_pin, stick_to_floor)
-            state = _accept(
-                potential, solver, found, travel, memory, parameters, stick, friction_work
-            )
-            negative, friction_work = state.negative_pivots, state.friction_work
+            negative = solver.factorise(found.assembly.data)
+            wanted = travel == target
+            state = _accept(potential, tangent, found, travel, history, negative, friction_work, wanted)
+            friction_work = state.friction_work
             outcome.reached = travel
             outcome.n_steps += 1
             step = min(steps.largest, step * _growth(found.iterations))
@@ -125,36 +147,48 @@ def march(
 
 def _accept(
     potential: Potential,
-    solver: SymmetricSolver,
+    tangent: Tangent,
     found: Equilibrium,
     travel: float,
-    memory: ContactMemory,
-    parameters: MaterialParameters,
-    stick: tuple[bool, bool],
+    history: History,
+    negative: int,
     friction_work: float,
+    wanted: bool,
 ) -> TravelState:
-    """State of the equilibrium `found`; leaves its factor in `solver` and updates `memory`.
+    """State of the equilibrium `found`, whose tangent is factorised; updates the memory.
 
-    `stick` says whether points that touch pin and floor are tied to them from now on.
+    Its gradients are empty where neither the caller (`wanted`) nor the memory need them.
     """
-    problem, u = potential.problem, found.u
-    negative = solver.factorise(found.assembly.data)
-    u_gradient, force_gradient = _sensitivity(potential, solver, found, travel, memory, parameters)
+    problem, u, memory = potential.problem, found.u, history.memory
+    slopes = history.parameters.surface
+    touching = touches(u, problem.faces, memory.tied, travel, problem.pin, *history.stick)
+    remembers = potential.has_friction or touching.any()
+    gradient = Gradient(np.zeros((*u.shape, 0)), np.zeros(0))
+    by_objective = np.zeros(0)
+    if remembers or wanted:
+        at = partials(potential, u, travel, memory, history.parameters)
+        tangent.take(found.assembly)
+        if remembers or history.objective is None:
+            gradient = direct(potential, tangent, found.assembly, at)
+        if wanted and history.objective is not None:
+            by = history.objective(travel, u, found.assembly.pin_force)
+            by_objective = adjoint(potential, tangent, found.assembly, at, *by)
     energy = potential.energy(u, travel, memory)
-    state = (memory, problem.faces, u, u_gradient, travel, problem.pin)
+    state = (memory, problem.faces, u, gradient.u, travel, problem.pin)
     if potential.has_friction:
-        friction_work += slide_anchors(*state, problem.friction)
-    if any(stick):
-        tie_touching(*state, to_pin=stick[0], to_floor=stick[1])
+        friction_work += slide_anchors(*state, problem.friction, slopes)
+    if touching.any():
+        tie_touching(*state, touching, slopes)
     return TravelState(
         travel,
         u,
-        u_gradient,
+        gradient.u,
         found.assembly.pin_force,
-        force_gradient,
+        gradient.force,
         energy,
         friction_work,
         negative,
+        by_objective,
     )
 
 
@@ -195,41 +229,3 @@ def _predict(
             return u + fraction * du, p + fraction * dp
         fraction *= 0.5
     return u, p
-
-
-def _sensitivity(
-    potential: Potential,
-    solver: SymmetricSolver,
-    found: Equilibrium,
-    travel: float,
-    memory: ContactMemory,
-    parameters: MaterialParameters,
-) -> tuple[Array, Array]:
-    """du/d parameter (n_node, 3, n_p) mm and dF/d parameter (n_p,) N of the modelled part.
-
-    From the factor of the last assembled tangent.  Exact for the discrete, path-dependent scheme:
-    slip and stick anchors carry their own derivatives from step to step.
-    """
-    rhs, direct = potential.memory_gradient(found.u, travel, memory)
-    n_material = len(parameters.names)
-    rhs[:, :n_material] += _material_gradient(potential, found.u, parameters)
-    direct[:n_material] += found.assembly.pin_force * parameters.stiffness
-    free = solve_coupled(potential, solver, -rhs, SENSITIVITY_TOLERANCE)
-    force = found.assembly.pin_force_by_u @ free + direct
-    columns = [potential.expand(free[:, j]) for j in range(free.shape[1])]
-    return np.stack(columns, axis=2), force
-
-
-def _material_gradient(potential: Potential, u: Array, parameters: MaterialParameters) -> Array:
-    """(n_free, n_p) derivative of the gradient in the material's parameters at fixed u, N.
-
-    Of the last `assemble`; forces of contact are linear in its stiffness.
-    """
-    moving = parameters.constants.any(axis=1)
-    columns = np.zeros((potential.n_unknowns, len(parameters.names)))
-    columns[:, moving] = potential.constants_gradient(u, parameters.constants[moving])
-    if parameters.bulk.any():
-        columns += np.outer(potential.bulk_gradient(u), parameters.bulk)
-    if parameters.stiffness.any():
-        columns += np.outer(potential.penalty_gradient(), parameters.stiffness)
-    return columns
