@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from fe.contact_memory import ContactMemory, slide_anchors, tie_touching
+from fe.contact import TIED_TO_PIN
+from fe.contact_memory import ContactMemory, slide_anchors, tie_touching, touches
 from fe.force_control import (
     Control,
     Found,
@@ -22,17 +23,12 @@ from fe.force_control import (
     travel_slope,
 )
 from fe.linear_solver import SymmetricSolver
-from fe.material_parameters import MaterialParameters
-from fe.newton import (
-    Equilibrium,
-    NewtonOptions,
-    descent_direction,
-    equilibrate,
-    solve_coupled,
-)
+from fe.newton import Equilibrium, NewtonOptions, descent_direction, equilibrate
 from fe.newton_problem import NewtonProblem
+from fe.parameters import Parameters
 from fe.potential import Potential
 from fe.progress import Progress, StepReport
+from fe.sensitivity import Gradient, Objective, Tangent, adjoint, direct, partials
 
 Array = npt.NDArray[np.float64]
 
@@ -55,13 +51,13 @@ class TravelState:
     u: Array
     """(n_node, 3) mm"""
     u_gradient: Array
-    """(n_node, 3, n_p) du/d parameter of the material, mm; with friction also, last, in the
-    coefficients of pin and base (the column of one that is 0 is 0)"""
+    """(n_node, 3, n_p) du/d parameter, mm, at the asked travel or the asked force;
+    (n_node, 3, 0) where an objective's gradient was asked"""
     pin_force: float
     """N"""
     force_gradient: Array
-    """(n_p,) dF/d parameter of the material, N; with friction also in the coefficients of pin and
-    base; 0 where the force was asked"""
+    """(n_p,) dF/d parameter, N, 0 where the force was asked; (0,) where an objective's gradient
+    was asked"""
     travel_gradient: Array
     """(n_p,) dtravel/d parameter, mm; 0 where the travel was asked"""
     energy: float
@@ -69,6 +65,8 @@ class TravelState:
     friction_work: float
     """energy that friction has taken up to here, N mm"""
     negative_pivots: int
+    objective_gradient: Array
+    """(n_p,) of the objective, (0,) without one"""
 
 
 @dataclass
@@ -119,20 +117,53 @@ def march(
     targets: Sequence[float],
     outcome: March,
     *,
-    parameters: MaterialParameters,
+    parameters: Parameters,
     stick_to_pin: bool,
     stick_to_floor: bool,
     steps: StepOptions,
     newton: NewtonOptions,
     control: Control = "travel",
+    objective: Objective | None = None,
 ) -> Iterator[TravelState]:
     """Yield the solution at each target (increasing) until one cannot be reached.
 
     Targets are travels, mm, or with `control` "force" forces of the modelled part, N.
-    Sensitivities are in `parameters` and, with friction, its coefficients.  `stick_to_pin` and
-    `stick_to_floor` tie points to what they touch at the end of each step.  What happened is left
-    in `outcome`: the travel reached and, when the march stopped early, why.
+    Sensitivities are in `parameters`, of all displacements or, by the adjoint, of an `objective`
+    at asked travels; they are taken where the memory of contact or the caller needs them.
+    `stick_to_pin` and `stick_to_floor` tie points to what they touch at the end of each step.  What
+    happened is left in `outcome`: the travel reached and, when the march stopped early, why.
     """
+    tangent = Tangent(potential, solver)
+    history = History(memory, parameters, (stick_to_pin, stick_to_floor), control, objective)
+    try:
+        yield from _march(potential, solver, tangent, history, targets, outcome, steps, newton)
+    finally:
+        tangent.close()
+
+
+@dataclass(frozen=True)
+class History:
+    """What steps remember and how that depends on the parameters."""
+
+    memory: ContactMemory
+    parameters: Parameters
+    stick: tuple[bool, bool]
+    """whether points that touch pin and floor are tied to them from then on"""
+    control: Control
+    objective: Objective | None
+
+
+def _march(
+    potential: Potential,
+    solver: SymmetricSolver,
+    tangent: Tangent,
+    history: History,
+    targets: Sequence[float],
+    outcome: March,
+    steps: StepOptions,
+    newton: NewtonOptions,
+) -> Iterator[TravelState]:
+    memory = history.memory
     state: TravelState | None = None
 
     def aim(start: Start, travel: float) -> tuple[Array, Array]:
@@ -143,8 +174,7 @@ def march(
 
     def accept(found: Found) -> Start:
         nonlocal state
-        stick = (stick_to_pin, stick_to_floor)
-        state = _accept(potential, solver, found, memory, parameters, stick, state, control)
+        state = _accept(potential, solver, tangent, found, history, state)
         return found.as_start()
 
     def restore(start: Start) -> Start:
@@ -154,7 +184,7 @@ def march(
         return start._replace(assembly=assembly, negative=solver.factorise(assembly.data))
 
     here = Start(*potential.zero_state(), None, 0.0, 0)
-    way = Way(aim, attempt, accept, restore, control, newton.tolerance)
+    way = Way(aim, attempt, accept, restore, history.control, newton.tolerance)
     for _ in stride(potential, solver, way, here, targets, steps, outcome):
         assert state is not None
         yield state
@@ -200,44 +230,67 @@ def stride(
 def _accept(
     potential: Potential,
     solver: SymmetricSolver,
+    tangent: Tangent,
     found: Found,
-    memory: ContactMemory,
-    parameters: MaterialParameters,
-    stick: tuple[bool, bool],
+    history: History,
     before: TravelState | None,
-    control: Control,
 ) -> TravelState:
-    """State of the equilibrium `found`, whose factor is in `solver`; updates `memory`.
+    """State of the equilibrium `found`, whose tangent is factorised; updates the memory.
 
-    `stick` says whether points that touch pin and floor are tied to them from now on; `before` is
-    the state of the step before.
+    Its gradients are empty where neither the caller nor the memory need them.  `before` is the
+    state of the step before.
     """
-    problem, u, travel = potential.problem, found.equilibrium.u, found.travel
-    gradient = _sensitivity(potential, solver, found.equilibrium, travel, memory, parameters)
-    if control == "force":
-        free, slope = travel_slope(potential, solver, found.equilibrium.assembly)
-        moved = gradient.travel if before is None else before.travel_gradient
-        gradient = at_moving_travel(
-            gradient, potential.expand(free), slope, moved, meets=found.arrived
-        )
+    problem, memory = potential.problem, history.memory
+    u, travel, assembly = found.equilibrium.u, found.travel, found.equilibrium.assembly
+    slopes = history.parameters.surface
+    touching = touches(u, problem.faces, memory.tied, travel, problem.pin, *history.stick)
+    remembers = potential.has_friction or touching.any()
+    moved = np.zeros(slopes.height.size) if before is None else before.travel_gradient
+    gradient = Gradient(np.zeros((*u.shape, 0)), np.zeros(0))
+    by_objective = np.zeros(0)
+    if remembers or found.arrived:
+        at = partials(potential, u, travel, memory, history.parameters)
+        tangent.take(assembly)
+        if remembers or history.objective is None:
+            gradient = direct(potential, tangent, assembly, at)
+            if history.control == "force":
+                gradient, moved = _at_moving_travel(potential, solver, found, gradient, moved)
+        if found.arrived and history.objective is not None:
+            by = history.objective(travel, u, assembly.pin_force)
+            by_objective = adjoint(potential, tangent, assembly, at, *by)
     energy = potential.energy(u, travel, memory)
     state = (memory, problem.faces, u, gradient.u, travel, problem.pin)
+    # a pin that goes down further by a parameter is one that starts lower
+    seen = slopes._replace(height=slopes.height - moved)
     friction_work = 0.0 if before is None else before.friction_work
     if potential.has_friction:
-        friction_work += slide_anchors(*state, problem.friction, travel_gradient=gradient.travel)
-    if any(stick):
-        tie_touching(*state, to_pin=stick[0], to_floor=stick[1], travel_gradient=gradient.travel)
+        friction_work += slide_anchors(*state, problem.friction, seen)
+    if touching.any():
+        tie_touching(*state, touching, seen)
+        memory.anchor_gradient[touching == TIED_TO_PIN, 1] += moved  # from the pin at travel 0
     return TravelState(
         travel,
         u,
         gradient.u,
-        found.equilibrium.assembly.pin_force,
+        assembly.pin_force,
         gradient.force,
-        gradient.travel,
+        moved,
         energy,
         friction_work,
         found.negative,
+        by_objective,
     )
+
+
+def _at_moving_travel(
+    potential: Potential, solver: SymmetricSolver, found: Found, fixed: Gradient, before: Array
+) -> tuple[Gradient, Array]:
+    """Derivatives of a step to a force, and those of its travel, from those at fixed travel."""
+    free, slope = travel_slope(potential, solver, found.equilibrium.assembly)
+    at_travel = Sensitivity(fixed.u, fixed.force, before)
+    u_slope = potential.expand(free)
+    moved = at_moving_travel(at_travel, u_slope, slope, before, meets=found.arrived)
+    return Gradient(moved.u, moved.force), moved.travel
 
 
 def _next_travel(reached: float, step: float, target: float) -> float:
@@ -274,41 +327,3 @@ def _predict(
             return u + fraction * du, p + fraction * dp
         fraction *= 0.5
     return u, p
-
-
-def _sensitivity(
-    potential: Potential,
-    solver: SymmetricSolver,
-    found: Equilibrium,
-    travel: float,
-    memory: ContactMemory,
-    parameters: MaterialParameters,
-) -> Sensitivity:
-    """Derivatives at fixed travel, force of the modelled part.
-
-    From the factor of the last assembled tangent.  Exact for the discrete, path-dependent scheme:
-    slip and stick anchors carry their own derivatives from step to step.
-    """
-    rhs, direct = potential.memory_gradient(found.u, travel, memory)
-    n_material = len(parameters.names)
-    rhs[:, :n_material] += _material_gradient(potential, found.u, parameters)
-    direct[:n_material] += found.assembly.pin_force * parameters.stiffness
-    free = solve_coupled(potential, solver, -rhs)
-    force = found.assembly.pin_force_by_u @ free + direct
-    columns = [potential.expand(free[:, j]) for j in range(free.shape[1])]
-    return Sensitivity(np.stack(columns, axis=2), force, np.zeros(force.shape))
-
-
-def _material_gradient(potential: Potential, u: Array, parameters: MaterialParameters) -> Array:
-    """(n_free, n_p) derivative of the gradient in the material's parameters at fixed u, N.
-
-    Of the last `assemble`; forces of contact are linear in its stiffness.
-    """
-    moving = parameters.constants.any(axis=1)
-    columns = np.zeros((potential.n_unknowns, len(parameters.names)))
-    columns[:, moving] = potential.constants_gradient(u, parameters.constants[moving])
-    if parameters.bulk.any():
-        columns += np.outer(potential.bulk_gradient(u), parameters.bulk)
-    if parameters.stiffness.any():
-        columns += np.outer(potential.penalty_gradient(), parameters.stiffness)
-    return columns

@@ -9,8 +9,9 @@ symmetry, a half or the whole is.
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -26,15 +27,33 @@ from fe.load_stepping import March, StepOptions, TravelState, march
 from fe.material_parameters import MaterialParameters, all_parameters, ratio_parameters
 from fe.materials.material import Material, mooney_rivlin_of_ratios
 from fe.newton import NewtonOptions
+from fe.parameters import Parameters
 from fe.potential import Potential, Problem
 from fe.progress import Progress, listener
 from fe.response import Response
+from fe.sensitivity import Objective
+from fe.specimens.block_pin_field import seen_motion
 from fe.specimens.block_pin_geometry import BlockPin, Contact, Interface, Symmetry
 from fe.specimens.block_pin_mesh import Discretisation, block_mesh, discretise, front_points
+from fe.specimens.block_pin_parameters import check_names, known_names, parameters
 
 __all__ = ["BlockPin", "BlockPinModel", "Contact", "Discretisation", "Interface"]
 
 Array = npt.NDArray[np.float64]
+
+FieldObjective = Callable[[int, Array, float], tuple[Array, float]]
+"""(step, displacement (n_point, 3) mm, force N) -> derivatives of a scalar in these two"""
+
+
+class _Run(NamedTuple):
+    """A material and the parameters asked for."""
+
+    material: Material
+    shear: float
+    """modulus that the contact stiffness goes with, MPa"""
+    known: MaterialParameters
+    names: tuple[str, ...]
+
 
 SYMMETRY_FACTOR: dict[Symmetry, float] = {"quarter": 4.0, "half": 2.0, "full": 1.0}
 """how many of the modelled parts the whole sample has"""
@@ -53,6 +72,10 @@ class BlockPinModel:
     whole; a half has both sides of the plane x = 0, and its field too.  In `plane_strain` nothing
     moves along z: one element along it does (cells (nx, ny, 1)), and forces are those of a block of
     the depth whose ends are held; much faster, and good for what does not depend on the ends.
+    `sensitivities` names the
+    parameters of the response's gradients (`parameter_names` lists all there are), by default
+    those that it is a function of.  Field points keep their places as fractions of width and
+    height, so they move with these; gradients are those of what is seen there.
 
     Raises ValueError for impossible numbers, for a symmetry that the pin's place breaks, and where
     nothing keeps a half or full block from sliding away; in plane strain also for more than one
@@ -69,6 +92,7 @@ class BlockPinModel:
     steps: StepOptions = field(default_factory=StepOptions)
     newton: NewtonOptions = field(default_factory=NewtonOptions)
     symmetry: Literal["auto"] | Symmetry = "auto"
+    sensitivities: tuple[str, ...] | None = None
     force: tuple[float, ...] = ()
     plane_strain: bool = False
 
@@ -126,20 +150,21 @@ class BlockPinModel:
         """(n_point, 2) reference x, y of the field points on the front face, mm."""
         return front_points(self.specimen, self.part, self.field_grid)
 
+    def parameter_names(self, material: Material | None = None) -> tuple[str, ...]:
+        """Names that `sensitivities` may have: of ratios, or of a material if one is given."""
+        own = ("r", "s", "bulk_ratio") if material is None else all_parameters(material).names
+        return (*own, *known_names(self.specimen, self.contact, self.part))
+
     def __call__(self, ratios: Array) -> Response:
         """Response at kappa = 1 MPa for ratios (r, s); a solver failure is a status, not a raise.
 
-        Raises ValueError when the ratios do not give a material (two finite numbers).
+        Raises ValueError when the ratios do not give a material (two finite numbers), and for
+        sensitivities that there are not.
         """
         ratios = np.asarray(ratios, dtype=np.float64)
         if ratios.shape != (2,) or not np.isfinite(ratios).all():
             raise ValueError(f"ratios: expected two finite numbers (r, s), found {ratios}")
-        started = time.perf_counter()
-        with threadpool_limits(limits=1):
-            states, outcome, n_factorisations = self.solve(ratios)
-        return self._response(
-            states, outcome, n_factorisations, time.perf_counter() - started, ("r", "s")
-        )
+        return self._respond(self._at(ratios))
 
     def respond(self, material: Material, progress: Progress | None = None) -> Response:
         """Response of a material, with derivatives in every constant and, last, the bulk modulus.
@@ -148,65 +173,120 @@ class BlockPinModel:
         stiffness goes with the material's shear modulus, and so it does in the derivatives. A
         solver failure is a status, not a raise.
 
-        Raises ValueError when the material is incompressible (infinite bulk modulus).
+        Raises ValueError when the material is incompressible (infinite bulk modulus), and for
+        sensitivities that there are not.
         """
-        started = time.perf_counter()
+        return self._respond(self._of(material), progress)
+
+    def objective_gradients(self, material: Material, objective: FieldObjective) -> Array:
+        """(n_step, n_p) derivatives of a scalar of each travel's response, by the adjoint.
+
+        `objective` takes the step's number, the displacement (n_point, 3) mm and the force N of
+        the whole sample, and gives the scalar's derivatives in these two.  One transposed solve
+        for each travel takes the place of one for each parameter; where contact has a memory
+        (stick, friction), the direct derivatives are still carried forward for its sake.  NaN
+        beyond the travel that was reached.
+
+        Raises ValueError as `respond` does, and where forces are asked instead of travels.
+        """
+        if self.force:
+            raise ValueError(f"force: expected asked travels for the adjoint, found {self.force}")
+        run = self._of(material)
+        discrete = self.discretise()
+        found = np.full((len(self.travel), len(run.names)), np.nan)
+        factor, steps = SYMMETRY_FACTOR[self.part], iter(range(len(self.travel)))
+        explicit = []
+
+        def of_state(travel: float, u: Array, force: float) -> tuple[Array, float]:
+            by_field, by_force = objective(next(steps), discrete.probe @ u, factor * force)
+            seen = self._seen_motion(run.names, discrete, u)
+            explicit.append(np.einsum("pi,pij->j", by_field, seen))
+            return discrete.probe.T @ by_field, factor * by_force
+
         with threadpool_limits(limits=1):
-            solved = self.solve_for(material, progress)
-        names = (*material.law.constant_names, "bulk")
-        return self._response(*solved, time.perf_counter() - started, names)
+            states, _, _ = self._march(run, of_state)
+        for i, state in enumerate(states):
+            found[i] = state.objective_gradient + explicit[i]
+        return found
 
     def solve_for(
         self, material: Material, progress: Progress | None = None
     ) -> tuple[list[TravelState], March, int]:
         """States of the modelled part of a block of this material at the targets reached."""
-        return self._march(material, material.shear_modulus, all_parameters(material), progress)
+        return self._march(self._of(material), progress=progress)
 
     def solve(self, ratios: Array, kappa: float = 1.0) -> tuple[list[TravelState], March, int]:
         """States of the modelled part at the travels reached, at the given kappa (MPa)."""
+        return self._march(self._at(ratios, kappa))
+
+    def _at(self, ratios: Array, kappa: float = 1.0) -> _Run:
         material = mooney_rivlin_of_ratios(ratios, kappa, self.bulk_ratio * 2.0 * kappa)
-        return self._march(material, 2.0 * kappa, ratio_parameters(material))
+        known = ratio_parameters(material)
+        names = ("r", "s") if self.sensitivities is None else self.sensitivities
+        return self._run(material, 2.0 * kappa, known, names)
+
+    def _of(self, material: Material) -> _Run:
+        known = all_parameters(material)
+        names = known.names if self.sensitivities is None else self.sensitivities
+        return self._run(material, material.shear_modulus, known, names)
+
+    def _run(
+        self, material: Material, shear: float, known: MaterialParameters, names: tuple[str, ...]
+    ) -> _Run:
+        others = known_names(self.specimen, self.contact, self.part)
+        check_names(names, (*known.names, *others))
+        return _Run(material, shear, known, names)
+
+    def _respond(self, run: _Run, progress: Progress | None = None) -> Response:
+        started = time.perf_counter()
+        with threadpool_limits(limits=1):
+            solved = self._march(run, progress=progress)
+        return self._response(*solved, time.perf_counter() - started, run.names)
 
     def _march(
-        self,
-        material: Material,
-        shear: float,
-        parameters: MaterialParameters,
-        progress: Progress | None = None,
+        self, run: _Run, objective: Objective | None = None, progress: Progress | None = None
     ) -> tuple[list[TravelState], March, int]:
         """States at the targets reached, outcome, number of factorisations."""
         discrete = self.discretise()
-        problem = self._problem(discrete, material, shear)
-        potential = Potential(problem)
-        memory = initial_memory(
-            discrete.faces,
-            discrete.glued,
-            problem.pin,
-            problem.friction,
-            n_material=len(parameters.names),
-        )
+        problem = self._problem(discrete, run.material, run.shear)
+        along = self.parameters(run.names, run.known, problem, run.shear)
+        memory = initial_memory(discrete.faces, discrete.glued, problem.pin, along.surface)
         solver = SymmetricSolver(discrete.pattern.indptr, discrete.pattern.indices)
         factor = SYMMETRY_FACTOR[self.part]
         outcome = March(listen=listener(progress, factor))
         try:
             states = list(
                 march(
-                    potential,
+                    Potential(problem),
                     solver,
                     memory,
                     self.travel or tuple(f / factor for f in self.force),
                     outcome,
-                    parameters=parameters,
+                    parameters=along,
                     stick_to_pin=self.contact.pin == "stick",
                     stick_to_floor=self.contact.base == "stick",
                     steps=self.steps,
                     newton=self.newton,
                     control=self.control,
+                    objective=objective,
                 )
             )
         finally:
             solver.close()
         return states, outcome, solver.n_factorisations
+
+    def parameters(
+        self, names: tuple[str, ...], known: MaterialParameters, problem: Problem, shear: float
+    ) -> Parameters:
+        """How the discrete problem depends on the named parameters; `shear` as in the contact."""
+        return parameters(
+            names,
+            known,
+            problem,
+            self.specimen,
+            shear,
+            lambda specimen: block_mesh(specimen, self.part, self.cells),
+        )
 
     def problem(self, discrete: Discretisation, ratios: Array, kappa: float = 1.0) -> Problem:
         """The discrete problem at ratios (r, s) and kappa (MPa)."""
@@ -244,6 +324,16 @@ class BlockPinModel:
             plane_strain=self.plane_strain,
         )
 
+    def _seen_motion(self, names: tuple[str, ...], discrete: Discretisation, u: Array) -> Array:
+        """(n_point, 3, n_p) derivative of u at the field points as they pass the material, mm."""
+        return seen_motion(
+            names,
+            self.specimen,
+            lambda specimen: block_mesh(specimen, self.part, self.cells),
+            lambda specimen: front_points(specimen, self.part, self.field_grid),
+            u,
+        )
+
     def _response(
         self,
         states: list[TravelState],
@@ -266,16 +356,18 @@ class BlockPinModel:
         force_gradient = np.full((n_step, n_p), np.nan)
         displacement_gradient = np.full((n_step, n_point, 3, n_p), np.nan)
         negative = np.full(n_step, -1, dtype=np.int64)
-        probe = self.discretise().probe
+        discrete = self.discretise()
+        probe = discrete.probe
         for i, state in enumerate(states):
             travel[i] = state.travel
             if by_force:
-                travel_gradient[i] = state.travel_gradient[:n_p]
+                travel_gradient[i] = state.travel_gradient
             force[i] = factor * state.pin_force
-            force_gradient[i] = factor * state.force_gradient[:n_p]
+            force_gradient[i] = factor * state.force_gradient
             displacement[i] = probe @ state.u
             for j in range(n_p):
                 displacement_gradient[i, :, :, j] = probe @ state.u_gradient[:, :, j]
+            displacement_gradient[i] += self._seen_motion(parameters, discrete, state.u)
             negative[i] = state.negative_pivots
         end = ending(outcome, self.control, factor, complete=len(states) == n_step)
         return Response(
