@@ -3,6 +3,7 @@
 from fe.campaign import Campaign, CampaignFailed, run_campaign
 from fe.dask_executor import dask_map
 from fe.executors import process_map, serial_map
+from fe.progress import StepReport
 from fe.response import Response, Status, load_response, save_response
 from fe.simulate import Specimen, simulate
 from fe.specimens.block_pin import BlockPin, BlockPinModel, Contact
@@ -24,6 +25,7 @@ __all__ = [
     "Response",
     "Specimen",
     "Status",
+    "StepReport",
     "TensileModel",
     "UniaxialModel",
     "dask_map",

@@ -9,17 +9,20 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass
+from typing import Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
-from fe.contact_memory import ContactMemory
 from fe.friction import Frame
 from fe.linear_solver import SymmetricSolver
 from fe.negative_curvature import flip_negative
-from fe.potential import Assembly, Potential
+from fe.newton_problem import NewtonProblem
+from fe.potential import Assembly
 
 Array = npt.NDArray[np.float64]
+
+Memory = TypeVar("Memory")
 
 
 @dataclass(frozen=True)
@@ -58,7 +61,7 @@ class Equilibrium:
 
 
 def descent_direction(
-    potential: Potential,
+    potential: NewtonProblem[Any],
     solver: SymmetricSolver,
     gradient: Array,
     options: NewtonOptions,
@@ -78,7 +81,7 @@ def descent_direction(
     return -x if gradient @ x > 0.0 else x
 
 
-def solve_coupled(potential: Potential, solver: SymmetricSolver, b: Array) -> Array:
+def solve_coupled(potential: NewtonProblem[Any], solver: SymmetricSolver, b: Array) -> Array:
     """Solve the whole tangent, friction's coupling included, for b (n_free,) or (n_free, k) N.
 
     Of the last `assemble`, which must be what is factorised in `solver` where nothing rubs.
@@ -89,12 +92,12 @@ def solve_coupled(potential: Potential, solver: SymmetricSolver, b: Array) -> Ar
 
 
 def equilibrate(
-    potential: Potential,
+    potential: NewtonProblem[Memory],
     solver: SymmetricSolver,
     u: Array,
     p: Array,
     travel: float,
-    memory: ContactMemory,
+    memory: Memory,
     options: NewtonOptions,
 ) -> Equilibrium:
     """Find the equilibrium at `travel` (mm) from the start (u, p)."""
@@ -154,13 +157,13 @@ def equilibrate(
 
 
 def _nearer(
-    potential: Potential,
+    potential: NewtonProblem[Memory],
     solver: SymmetricSolver,
     u: Array,
     p: Array,
     assembly: Assembly,
     travel: float,
-    memory: ContactMemory,
+    memory: Memory,
     options: NewtonOptions,
 ) -> tuple[Array, Array, Assembly] | None:
     """Full Newton step with friction, if it reduces the residual: (u, p, assembly) there, or None.
@@ -181,11 +184,11 @@ def _nearer(
 
 
 def _line_search(
-    potential: Potential,
+    potential: NewtonProblem[Memory],
     u: Array,
     du: Array,
     travel: float,
-    memory: ContactMemory,
+    memory: Memory,
     frame: Frame | None,
     reference: float,
     slope: float,

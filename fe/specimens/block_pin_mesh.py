@@ -137,18 +137,25 @@ def discretise(
     mesh: MeshHex,
     pin: RigidPin,
     points: Array,
+    *,
+    plane_strain: bool = False,
 ) -> Discretisation:
-    """Tables of the mesh, contact faces, constraints and field points (n_point, 2) mm."""
+    """Tables of the mesh, contact faces, constraints and field points (n_point, 2) mm.
+
+    In `plane_strain` nothing moves along z, and the faces at its ends meet nothing.
+    """
     table, basis = elements(mesh)
     tolerance = 1e-9 * specimen.height
     rubs = contact.friction(1.0).base > 0.0
-    contact_faces, on_top = _contact_faces(mesh, specimen, rubs)
+    contact_faces, on_top = _contact_faces(mesh, specimen, rubs, ends=not plane_strain)
     position = table.positions
     fixed = np.zeros(position.shape, dtype=bool)
     if symmetry == "quarter":
         fixed[position[:, 0] < tolerance, 0] = True
     if symmetry != "full":
         fixed[position[:, 2] < tolerance, 2] = True
+    if plane_strain:
+        fixed[:, 2] = True
     base = position[:, 1] < tolerance
     fixed[base, 1] = not rubs
     if contact.base == "stick":
@@ -164,14 +171,20 @@ def discretise(
     )
 
 
-def _contact_faces(mesh: MeshHex, specimen: BlockPin, rubs: bool) -> tuple[Faces, BoolArray]:
-    """Faces that may touch, and which of them (n_face,) are on top; the bottom's if it rubs."""
+def _contact_faces(
+    mesh: MeshHex, specimen: BlockPin, rubs: bool, *, ends: bool
+) -> tuple[Faces, BoolArray]:
+    """Faces that may touch, and which of them (n_face,) are on top; the bottom's if it rubs.
+
+    `ends` are the faces across z.
+    """
     half_width, height, half_depth = specimen.width / 2.0, specimen.height, specimen.depth / 2.0
     tolerance = 1e-9 * height
     top = mesh.facets_satisfying(lambda x: abs(x[1] - height) < tolerance)
     side = mesh.facets_satisfying(
         lambda x: (
-            (abs(abs(x[0]) - half_width) < tolerance) | (abs(abs(x[2]) - half_depth) < tolerance)
+            (abs(abs(x[0]) - half_width) < tolerance)
+            | (ends & (abs(abs(x[2]) - half_depth) < tolerance))
         )
     )
     bottom = mesh.facets_satisfying(lambda x: abs(x[1]) < tolerance) if rubs else top[:0]
