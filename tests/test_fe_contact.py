@@ -13,7 +13,7 @@ from fe.contact import (
     empty_system,
     penalty,
 )
-from fe.contact_memory import initial_memory, tie_touching
+from fe.contact_memory import initial_memory, tie_touching, touches
 from fe.pin_surface import RigidPin, bar_distance
 from fe.specimens.block_pin import BlockPin, BlockPinModel, Contact
 
@@ -136,8 +136,10 @@ def test_points_that_touch_are_tied_to_the_nearest_surface_point():
 def test_only_a_surface_that_sticks_ties_points(side, kind):
     discrete, u = patch()
     memory = initial_memory(discrete.faces, np.zeros(discrete.faces.weights.shape, bool), PIN)
-    only = {"to_pin": False, "to_floor": False, side: True}
-    count = tie_touching(memory, discrete.faces, u, np.zeros((*u.shape, 2)), 0.4, PIN, **only)
+    touching = touches(
+        u, discrete.faces, memory.tied, 0.4, PIN, side == "to_pin", side == "to_floor"
+    )
+    count = tie_touching(memory, discrete.faces, u, np.zeros((*u.shape, 2)), 0.4, PIN, touching)
     assert count == np.count_nonzero(memory.tied) > 0
     assert set(np.unique(memory.tied)) == {FREE, kind}
 

@@ -29,7 +29,7 @@ from fe.parameters import Parameters
 from fe.potential import Potential, Problem
 from fe.response import Response, Status
 from fe.sensitivity import Objective
-from fe.specimens.block_pin_field import seen_motion
+from fe.specimens.block_pin_field import FieldMotion, field_motion
 from fe.specimens.block_pin_geometry import BlockPin, Contact, Interface, Symmetry
 from fe.specimens.block_pin_mesh import Discretisation, block_mesh, discretise, front_points
 from fe.specimens.block_pin_parameters import check_names, known_names, parameters
@@ -175,12 +175,11 @@ class BlockPinModel:
         discrete = self.discretise()
         found = np.full((len(self.travel), len(run.names)), np.nan)
         factor, steps = SYMMETRY_FACTOR[self.part], iter(range(len(self.travel)))
-        explicit = []
+        explicit, motion = [], self._field_motion(run.names)
 
         def of_state(travel: float, u: Array, force: float) -> tuple[Array, float]:
             by_field, by_force = objective(next(steps), discrete.probe @ u, factor * force)
-            seen = self._seen_motion(run.names, discrete, u)
-            explicit.append(np.einsum("pi,pij->j", by_field, seen))
+            explicit.append(np.einsum("pi,pij->j", by_field, motion.seen(u)))
             return discrete.probe.T @ by_field, factor * by_force
 
         with threadpool_limits(limits=1):
@@ -292,14 +291,12 @@ class BlockPinModel:
         pin = self.specimen.rigid_pin(1.0, 1.0, 1.0)  # where it is, not how stiff
         return discretise(self.specimen, self.contact, self.part, self.mesh(), pin, self.points())
 
-    def _seen_motion(self, names: tuple[str, ...], discrete: Discretisation, u: Array) -> Array:
-        """(n_point, 3, n_p) derivative of u at the field points as they pass the material, mm."""
-        return seen_motion(
+    def _field_motion(self, names: tuple[str, ...]) -> FieldMotion:
+        return field_motion(
             names,
             self.specimen,
             lambda specimen: block_mesh(specimen, self.part, self.cells),
             lambda specimen: front_points(specimen, self.part, self.field_grid),
-            u,
         )
 
     def _response(
@@ -317,15 +314,13 @@ class BlockPinModel:
         force_gradient = np.full((n_step, n_p), np.nan)
         displacement_gradient = np.full((n_step, n_point, 3, n_p), np.nan)
         negative = np.full(n_step, -1, dtype=np.int64)
-        discrete = self.discretise()
-        probe = discrete.probe
+        probe, motion = self.discretise().probe, self._field_motion(parameters)
         for i, state in enumerate(states):
             force[i] = factor * state.pin_force
             force_gradient[i] = factor * state.force_gradient
             displacement[i] = probe @ state.u
-            for j in range(n_p):
-                displacement_gradient[i, :, :, j] = probe @ state.u_gradient[:, :, j]
-            displacement_gradient[i] += self._seen_motion(parameters, discrete, state.u)
+            seen = probe @ state.u_gradient.reshape(len(state.u), 3 * n_p)
+            displacement_gradient[i] = seen.reshape(n_point, 3, n_p) + motion.seen(state.u)
             negative[i] = state.negative_pivots
         complete = len(states) == n_step
         return Response(
