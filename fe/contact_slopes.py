@@ -74,9 +74,7 @@ def contact_pull(
                     _floor_pull(x, motion, w, dw, pin, slopes, at)
             if law.pin <= 0.0 and law.base <= 0.0:
                 continue
-            surface, limit, steep = touch(
-                x, faces.base[c], faces.floor[c], travel, pin, law, chart
-            )
+            surface, limit, steep = touch(x, faces.base[c], faces.floor[c], travel, pin, law, chart)
             if limit <= 0.0:
                 continue
             if surface == PIN:
@@ -207,7 +205,9 @@ def _friction_pull(
     gap = pin_point(x, travel, pin).gap if surface == PIN else x[1]
     for j in range(dw.size):
         d0, d1 = slides[0, j], slides[1, j]
-        d_limit = _limit_slope(seen, on_base, surface, limit, steep, gap, chart, pin, law, slopes, j)
+        d_limit = _limit_slope(
+            seen, on_base, surface, limit, steep, gap, chart, pin, law, slopes, j
+        )
         d_secant = by_slip * slopes.slip[j] - fall * (s0 * d0 + s1 * d1)
         g = w * (limit * d_secant + d_limit * secant) + dw[j] * limit * secant
         g0 = g * s0 + w * limit * secant * d0

@@ -36,7 +36,7 @@ class TravelState:
     u: Array
     """(n_node, 3) mm"""
     u_gradient: Array
-    """(n_node, 3, n_p) du/d parameter, mm; (n_node, 3, 0) where an objective's gradient was asked"""
+    """(n_node, 3, n_p) du/d parameter, mm; n_p = 0 where an objective's gradient was asked"""
     pin_force: float
     """N"""
     force_gradient: Array
@@ -137,7 +137,9 @@ def _march(
             u, p, assembly = found.u, found.p, found.assembly
             negative = solver.factorise(found.assembly.data)
             wanted = travel == target
-            state = _accept(potential, tangent, found, travel, history, negative, friction_work, wanted)
+            state = _accept(
+                potential, tangent, found, travel, history, negative, friction_work, wanted
+            )
             friction_work = state.friction_work
             outcome.reached = travel
             outcome.n_steps += 1
