@@ -57,7 +57,7 @@ def contact_pull(
             at, motion, w = pull[c, q], slopes.points[c, q], faces.weights[c, q]
             dw = slopes.weights[c, q]
             at[:, :] = 0.0
-            if tied[c, q] != FREE:
+            if tied[c, q] != FREE and not faces.base[c]:
                 moves = 1.0 if tied[c, q] == TIED_TO_PIN else 0.0
                 x[1] += moves * travel
                 _tied_pull(x, anchor[c, q], anchor_gradient[c, q], motion, w, dw, pin, slopes, at)

@@ -103,7 +103,8 @@ def relative_motion(
 def gap_slope(s: PinPoint, moved: Array, slopes: SurfaceSlopes, j: int) -> float:
     """Derivative of the signed distance along the relative motion (3, n_p) mm."""
     along: float = s.nx * moved[0, j] + s.ny * moved[1, j] + s.nz * moved[2, j]
-    return along - slopes.fillet[j]
+    along -= slopes.fillet[j]
+    return along
 
 
 @njit(cache=True)

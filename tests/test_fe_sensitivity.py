@@ -10,7 +10,7 @@ import pytest
 from benchmarks.taylor import model as small
 from benchmarks.taylor import moved, names, rubber
 from fe import BlockPin, BlockPinModel, Contact
-from fe.contact import TIED_TO_FLOOR, TIED_TO_PIN, contact_system, empty_system
+from fe.contact import FREE, TIED_TO_FLOOR, TIED_TO_PIN, contact_system, empty_system
 from fe.contact_memory import initial_memory
 from fe.contact_slopes import contact_pull
 from fe.discretisation import elements
@@ -29,7 +29,7 @@ CONTACTS = pytest.mark.parametrize(
 )
 TRAVEL = 0.4
 PIN = {"height": 2.5, "half_width": 2.0, "fillet": 0.3, "stiffness": 500.0, "ramp": 0.1}
-PIN |= {"base_stiffness": 2e4, "x": 0.2, "z": -0.3}
+PIN |= {"base_stiffness": 200.0, "x": 0.2, "z": -0.3}
 
 
 def quotient(of, h):
@@ -85,6 +85,7 @@ def pressed(shape, rubs):
     if not rubs:
         memory.tied[::3, ::2] = TIED_TO_PIN
         memory.tied[1::3, ::3] = TIED_TO_FLOOR
+        memory.tied[faces.base] = FREE
     memory.anchor[...] += 0.05 * rng.standard_normal(memory.anchor.shape)
     return faces, u, pin, memory
 
@@ -157,7 +158,7 @@ def test_contact_forces_follow_pin_law_and_points(shape, rubs):
         expected = quotient(forces, 1e-7)
         found = np.append(nodal[:, j], on_pin[j])
         largest = np.abs(expected[:-1]).max()
-        assert largest > 0.0
+        assert largest > 0.0 or (shape == BAR and OF_PIN[j] == "z")  # along the bar
         np.testing.assert_allclose(found[:-1], expected[:-1], atol=2e-5 * largest)
         np.testing.assert_allclose(found[-1], expected[-1], atol=1e-4 * largest)
 

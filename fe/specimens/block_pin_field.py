@@ -30,7 +30,8 @@ class FieldMotion(NamedTuple):
         if not self.slopes:
             return np.zeros((n_point, 3, n_p))
         gradient = np.stack([slope @ u for slope in self.slopes], axis=2)
-        return np.matmul(gradient, self.passed)
+        seen: Array = np.matmul(gradient, self.passed)
+        return seen
 
 
 def field_motion(
