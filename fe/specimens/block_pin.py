@@ -27,12 +27,13 @@ from fe.materials.material import Material, mooney_rivlin_of_ratios
 from fe.newton import NewtonOptions
 from fe.parameters import Parameters
 from fe.potential import Potential, Problem
-from fe.response import Response, Status
+from fe.response import Response
 from fe.sensitivity import Objective
 from fe.specimens.block_pin_field import FieldMotion, field_motion
 from fe.specimens.block_pin_geometry import BlockPin, Contact, Interface, Symmetry
 from fe.specimens.block_pin_mesh import Discretisation, block_mesh, discretise, front_points
 from fe.specimens.block_pin_parameters import check_names, known_names, parameters
+from fe.specimens.block_pin_response import Seen, response
 
 __all__ = ["BlockPin", "BlockPinModel", "Contact", "Discretisation", "Interface"]
 
@@ -305,36 +306,19 @@ class BlockPinModel:
         outcome: March,
         n_factorisations: int,
         seconds: float,
-        parameters: tuple[str, ...],
+        names: tuple[str, ...],
     ) -> Response:
-        n_step, n_point, n_p = len(self.travel), len(self.points()), len(parameters)
-        factor = SYMMETRY_FACTOR[self.part]
-        force = np.full(n_step, np.nan)
-        displacement = np.full((n_step, n_point, 3), np.nan)
-        force_gradient = np.full((n_step, n_p), np.nan)
-        displacement_gradient = np.full((n_step, n_point, 3, n_p), np.nan)
-        negative = np.full(n_step, -1, dtype=np.int64)
-        probe, motion = self.discretise().probe, self._field_motion(parameters)
-        for i, state in enumerate(states):
-            force[i] = factor * state.pin_force
-            force_gradient[i] = factor * state.force_gradient
-            displacement[i] = probe @ state.u
-            seen = probe @ state.u_gradient.reshape(len(state.u), 3 * n_p)
-            displacement_gradient[i] = seen.reshape(n_point, 3, n_p) + motion.seen(state.u)
-            negative[i] = state.negative_pivots
-        complete = len(states) == n_step
-        return Response(
-            travel=np.asarray(self.travel),
-            force=force,
-            displacement=displacement,
-            force_gradient=force_gradient,
-            displacement_gradient=displacement_gradient,
-            reached=outcome.reached,
-            status=Status.CONVERGED if complete else Status.STOPPED,
-            message="reached every asked travel" if complete else outcome.reason,
-            negative_pivots=negative,
-            n_factorisations=n_factorisations,
-            seconds=seconds,
-            points=self.points(),
-            parameters=parameters,
+        return response(
+            states,
+            outcome,
+            Seen(
+                np.asarray(self.travel),
+                self.points(),
+                self.discretise().probe,
+                self._field_motion(names),
+                SYMMETRY_FACTOR[self.part],
+            ),
+            names,
+            n_factorisations,
+            seconds,
         )
