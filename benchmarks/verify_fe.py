@@ -89,7 +89,7 @@ def calculix(settings: Settings) -> dict[str, Any]:
 
 
 def taylor_orders(settings: Settings) -> dict[str, Any]:
-    """Order of |F(theta + h) - F - h dF| by contact."""
+    """Sensitivities: order of the Taylor remainder, direct against adjoint, cost; by contact."""
     return taylor.figures()
 
 

@@ -116,6 +116,7 @@ def tie(
     derivative of the projection (stick is path dependent).  The first three are the memory's.
     """
     x = np.empty(3)
+    seen = np.empty(slopes.points.shape[2:])
     for c in range(touching.shape[0]):
         for q in range(touching.shape[1]):
             if touching[c, q] == FREE:
@@ -136,7 +137,7 @@ def tie(
             at[0] -= s.gap * s.nx
             at[1] += travel - s.gap * s.ny
             at[2] -= s.gap * s.nz
-            seen = relative_motion(x, dx, pin, slopes)
+            relative_motion(x, dx, pin, slopes, seen)
             for j in range(dx.shape[1]):
                 d0, d1, d2 = normal_slope(s, seen, pin, slopes, j)
                 d_gap = gap_slope(s, seen, slopes, j)
@@ -184,7 +185,9 @@ def slide_anchors(
     The work is that of the mean traction of the step's two ends along the anchors' way.
     """
     slopes = no_slopes(faces, u_gradient.shape[2]) if slopes is None else slopes
+    nodal = u_gradient[faces.nodes].reshape(*faces.nodes.shape, slopes.points[0, 0].size)
+    motion = slopes.points + np.matmul(faces.shape, nodal).reshape(slopes.points.shape)
     work: float = advance_anchors(
-        u, u_gradient, faces, memory.tied, memory.slip, travel, pin, law, slopes
+        u, motion, faces, memory.tied, memory.slip, travel, pin, law, slopes
     )
     return work

@@ -13,7 +13,7 @@ from numba import njit
 from fe.contact import FREE, TIED_TO_PIN, Faces, penalty, position
 from fe.friction import slip_potential
 from fe.pin_surface import RigidPin, pin_point
-from fe.slip_anchors import SlipAnchors, place_slope
+from fe.slip_anchors import SlipAnchors, place_slopes
 from fe.surface_slopes import (
     SurfaceSlopes,
     gap_slope,
@@ -49,6 +49,7 @@ def contact_pull(
     n_p = pull.shape[3]
     on_pin = np.zeros(n_p)
     x = np.empty(3)
+    seen, there = np.empty((3, n_p)), np.empty((2, n_p))
     chart = empty_chart()
     for c in range(faces.weights.shape[0]):
         for q in range(faces.weights.shape[1]):
@@ -56,7 +57,7 @@ def contact_pull(
             at, motion, w = pull[c, q], slopes.points[c, q], faces.weights[c, q]
             dw = slopes.weights[c, q]
             at[:, :] = 0.0
-            if tied[c, q] != FREE:
+            if tied[c, q] != FREE and not faces.base[c]:
                 moves = 1.0 if tied[c, q] == TIED_TO_PIN else 0.0
                 x[1] += moves * travel
                 _tied_pull(x, anchor[c, q], anchor_gradient[c, q], motion, w, dw, pin, slopes, at)
@@ -67,7 +68,7 @@ def contact_pull(
                     k, dk = pin.base_stiffness, slopes.base_stiffness[j]
                     at[1, j] += w * (k * motion[1, j] + dk * x[1]) + dw[j] * k * x[1]
             else:
-                _pin_pull(x, motion, travel, w, dw, pin, slopes, at)
+                _pin_pull(x, motion, travel, w, dw, pin, slopes, seen, at)
                 on_pin += at[1]
                 if faces.floor[c] and x[1] < 0.0:
                     _floor_pull(x, motion, w, dw, pin, slopes, at)
@@ -76,7 +77,12 @@ def contact_pull(
             surface, limit, steep = touch(x, faces.base[c], faces.floor[c], travel, pin, law, chart)
             if limit <= 0.0:
                 continue
-            seen = relative_motion(x, motion, pin, slopes) if surface == PIN else motion
+            if surface == PIN:
+                relative_motion(x, motion, pin, slopes, seen)
+            else:
+                seen[:, :] = motion
+            place_slopes(x, seen, chart, surface, pin, slopes, there)
+            there -= slip.gradient[c, q, surface]
             before = at[1].copy()
             _friction_pull(
                 x,
@@ -87,7 +93,7 @@ def contact_pull(
                 steep,
                 chart,
                 slip.place[c, q, surface],
-                slip.gradient[c, q, surface],
+                there,
                 travel,
                 w,
                 dw,
@@ -131,14 +137,15 @@ def _pin_pull(
     dw: Array,
     pin: RigidPin,
     slopes: SurfaceSlopes,
+    seen: Array,
     pull: Array,
 ) -> None:
-    """Frictionless penalty of the pin."""
+    """Frictionless penalty of the pin; `seen` (3, n_p) is work space."""
     s = pin_point(x, travel, pin)
     if s.gap >= 0.0:
         return
     _, slope, curvature = penalty(s.gap, pin.stiffness, pin.ramp)
-    seen = relative_motion(x, motion, pin, slopes)
+    relative_motion(x, motion, pin, slopes, seen)
     for j in range(dw.size):
         d0, d1, d2 = normal_slope(s, seen, pin, slopes, j)
         change = curvature * gap_slope(s, seen, slopes, j)
@@ -177,7 +184,7 @@ def _friction_pull(
     steep: float,
     chart: Chart,
     place: Array,
-    gradient: Array,
+    slides: Array,
     travel: float,
     w: float,
     dw: Array,
@@ -186,7 +193,10 @@ def _friction_pull(
     slopes: SurfaceSlopes,
     pull: Array,
 ) -> None:
-    """Friction where the limit (MPa, `steep` its slope in the distance) is above 0."""
+    """Friction where the limit (MPa, `steep` its slope in the distance) is above 0.
+
+    `seen` (3, n_p) is the point's motion, `slides` (2, n_p) that of its slip, mm.
+    """
     s0, s1 = chart.place[0] - place[0], chart.place[1] - place[1]
     size2 = s0 * s0 + s1 * s1
     _, secant, fall = slip_potential(s0, s1, law.slip)
@@ -194,8 +204,7 @@ def _friction_pull(
     by_slip = 1.5 * (size2 / a**4 - 1.0 / a**2) if size2 < a * a else 0.0
     gap = pin_point(x, travel, pin).gap if surface == PIN else x[1]
     for j in range(dw.size):
-        e0, e1 = place_slope(x, seen, chart, surface, pin, slopes, j)
-        d0, d1 = e0 - gradient[0, j], e1 - gradient[1, j]
+        d0, d1 = slides[0, j], slides[1, j]
         d_limit = _limit_slope(
             seen, on_base, surface, limit, steep, gap, chart, pin, law, slopes, j
         )

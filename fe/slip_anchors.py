@@ -16,7 +16,7 @@ from numba import njit
 from fe.contact import FREE, Faces, position
 from fe.friction import slip_potential
 from fe.pin_surface import ROUND, RigidPin
-from fe.surface_slopes import SurfaceSlopes, arc_slope, relative_motion, seen_from
+from fe.surface_slopes import SurfaceSlopes, relative_motion, seen_from
 from fe.touch import FLOOR, PIN, Chart, FrictionLaw, chart_floor, chart_pin, empty_chart, touch
 
 Array = npt.NDArray[np.float64]
@@ -45,57 +45,59 @@ def rest(faces: Faces, pin: RigidPin, slopes: SurfaceSlopes) -> SlipAnchors:
 @njit(cache=True)
 def _places(faces: Faces, pin: RigidPin, slopes: SurfaceSlopes, slip: SlipAnchors) -> None:
     chart = empty_chart()
+    seen, there = np.empty(slopes.points.shape[2:]), np.empty((2, slopes.points.shape[3]))
     for c in range(faces.weights.shape[0]):
         for q in range(faces.weights.shape[1]):
             x, motion = faces.points[c, q], slopes.points[c, q]
             for surface in (PIN, FLOOR):
-                seen = motion
                 if surface == PIN:
                     chart_pin(x, 0.0, pin, chart)
-                    seen = relative_motion(x, motion, pin, slopes)
+                    relative_motion(x, motion, pin, slopes, seen)
                 else:
                     chart_floor(x, chart)
+                    seen[:, :] = motion
                 slip.place[c, q, surface] = chart.place
-                for j in range(motion.shape[1]):
-                    d = place_slope(x, seen, chart, surface, pin, slopes, j)
-                    slip.gradient[c, q, surface, 0, j] = d[0]
-                    slip.gradient[c, q, surface, 1, j] = d[1]
+                place_slopes(x, seen, chart, surface, pin, slopes, there)
+                slip.gradient[c, q, surface] = there
 
 
 @njit(cache=True)
-def place_slope(
+def place_slopes(
     x: Array,
     seen: Array,
     chart: Chart,
     surface: int,
     pin: RigidPin,
     slopes: SurfaceSlopes,
-    j: int,
-) -> tuple[float, float]:
-    """Derivative of the place (mm) of the point x (3,) mm in parameter j.
+    there: Array,
+) -> None:
+    """Fill `there` (2, n_p) with the derivative of the place of the point x (3,) mm, mm.
 
-    `seen` (3, n_p) mm is the motion of the point as the surface sees it.
+    `seen` (3, n_p) mm is the motion of the point as the surface sees it.  What is left is that
+    the arc length starts further out on a wider flat, and grows with the radius of the fillet.
     """
-    d0 = d1 = 0.0
-    for i in range(3):
-        d0 += chart.slope[0, i] * seen[i, j]
-        d1 += chart.slope[1, i] * seen[i, j]
-    if surface == PIN:
-        n, ny = chart.normal[0], chart.normal[1]
-        if pin.shape == ROUND:
-            ex, ez, _ = seen_from(x, pin)
-            longer = arc_slope(x, np.sqrt(n * n + chart.normal[2] ** 2), ny, pin, slopes, j)
-            d0 += longer * ex
-            d1 += longer * ez
-        else:
-            d0 += arc_slope(x, n, ny, pin, slopes, j)
-    return d0, d1
+    n_p = seen.shape[1]
+    s0, s1 = chart.slope[0], chart.slope[1]
+    for j in range(n_p):
+        there[0, j] = s0[0] * seen[0, j] + s0[1] * seen[1, j] + s0[2] * seen[2, j]
+        there[1, j] = s1[0] * seen[0, j] + s1[1] * seen[1, j] + s1[2] * seen[2, j]
+    if surface != PIN:
+        return
+    n = np.sqrt(chart.normal[0] ** 2 + chart.normal[2] ** 2)
+    turned = np.arctan2(n, -chart.normal[1]) - 1.0
+    ex, ez, side = seen_from(x, pin)
+    if pin.shape != ROUND:
+        ex, ez = side, 0.0
+    for j in range(n_p):
+        longer = slopes.half_width[j] + turned * slopes.fillet[j]
+        there[0, j] += longer * ex
+        there[1, j] += longer * ez
 
 
 @njit(cache=True)
 def advance_anchors(
     u: Array,
-    u_gradient: Array,
+    motion: Array,
     faces: Faces,
     tied: IntArray,
     slip: SlipAnchors,
@@ -106,11 +108,12 @@ def advance_anchors(
 ) -> float:
     """Return mapping of all anchors at the end of a step; returns the work of friction, N mm.
 
-    u (n_node, 3) and u_gradient (n_node, 3, n_p) mm; `slip` is changed.
+    u (n_node, 3) mm; motion (n_face, n_q, 3, n_p) mm is the derivative of the points' places;
+    `slip` is changed.
     """
-    n_p = u_gradient.shape[2]
+    n_p = motion.shape[3]
     x = np.empty(3)
-    dx = np.empty((3, n_p))
+    seen = np.empty((3, n_p))
     there = np.empty((2, n_p))
     chart = empty_chart()
     work = 0.0
@@ -119,20 +122,18 @@ def advance_anchors(
             if tied[c, q] != FREE:
                 continue
             position(u, faces, c, q, x)
-            _position_gradient(u_gradient, faces, c, q, dx)
-            dx += slopes.points[c, q]
+            dx = motion[c, q]
             touched, pressed, _ = touch(x, faces.base[c], faces.floor[c], travel, pin, law, chart)
             for surface in (PIN, FLOOR):
                 if surface == PIN:
                     if faces.base[c]:
                         continue
                     chart_pin(x, travel, pin, chart)
-                    seen = relative_motion(x, dx, pin, slopes)
+                    relative_motion(x, dx, pin, slopes, seen)
                 else:
                     chart_floor(x, chart)
-                    seen = dx
-                for j in range(n_p):
-                    there[0, j], there[1, j] = place_slope(x, seen, chart, surface, pin, slopes, j)
+                    seen[:, :] = dx
+                place_slopes(x, seen, chart, surface, pin, slopes, there)
                 limit = pressed if touched == surface else 0.0
                 work += faces.weights[c, q] * _return(
                     limit,
@@ -145,13 +146,6 @@ def advance_anchors(
                     slip.traction[c, q, surface],
                 )
     return work
-
-
-@njit(cache=True)
-def _position_gradient(u_gradient: Array, faces: Faces, c: int, q: int, dx: Array) -> None:
-    dx[:, :] = 0.0
-    for a in range(faces.nodes.shape[1]):
-        dx += faces.shape[c, q, a] * u_gradient[faces.nodes[c, a]]
 
 
 @njit(cache=True)

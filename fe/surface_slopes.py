@@ -75,34 +75,36 @@ def seen_from(x: Array, pin: RigidPin) -> tuple[float, float, float]:
 
 
 @njit(cache=True)
-def relative_motion(x: Array, motion: Array, pin: RigidPin, slopes: SurfaceSlopes) -> Array:
-    """(3, n_p) derivative of the point's place x (3,) mm as the pin sees it, mm.
+def relative_motion(
+    x: Array, motion: Array, pin: RigidPin, slopes: SurfaceSlopes, seen: Array
+) -> None:
+    """Fill `seen` (3, n_p) with the derivative of the place of x (3,) mm as the pin sees it, mm.
 
     `motion` (3, n_p) is the point's own.  Along a straight bar nothing is to be seen: there it is
     the point's own.
     """
     ex, ez, side = seen_from(x, pin)
-    moved = motion.copy()
     dx, dz = x[0] - pin.x, x[2] - pin.z
+    is_round = pin.shape == ROUND
     for j in range(motion.shape[1]):
         outwards = side * (slopes.fillet[j] - slopes.half_width[j])
-        if pin.shape == ROUND:
-            moved[0, j] -= slopes.x[j]
-            moved[2, j] -= slopes.z[j]
+        along_x = along_z = 0.0
+        if is_round:
+            along_x, along_z = slopes.x[j], slopes.z[j]
         else:
             outwards -= ex * slopes.x[j] + ez * slopes.z[j]
             outwards += slopes.angle[j] * (ez * dx - ex * dz)
-        moved[0, j] += outwards * ex
-        moved[1, j] -= slopes.height[j] + slopes.fillet[j]
-        moved[2, j] += outwards * ez
-    return moved
+        seen[0, j] = motion[0, j] - along_x + outwards * ex
+        seen[1, j] = motion[1, j] - slopes.height[j] - slopes.fillet[j]
+        seen[2, j] = motion[2, j] - along_z + outwards * ez
 
 
 @njit(cache=True)
 def gap_slope(s: PinPoint, moved: Array, slopes: SurfaceSlopes, j: int) -> float:
     """Derivative of the signed distance along the relative motion (3, n_p) mm."""
     along: float = s.nx * moved[0, j] + s.ny * moved[1, j] + s.nz * moved[2, j]
-    return along - slopes.fillet[j]
+    along -= slopes.fillet[j]
+    return along
 
 
 @njit(cache=True)
@@ -118,18 +120,6 @@ def normal_slope(
         d0 += slopes.angle[j] * s.nz
         d2 -= slopes.angle[j] * s.nx
     return d0, d1, d2
-
-
-@njit(cache=True)
-def arc_slope(x: Array, n: float, ny: float, pin: RigidPin, slopes: SurfaceSlopes, j: int) -> float:
-    """Derivative of the arc length on the profile that is not relative motion, mm.
-
-    `n` and `ny` are the horizontal and vertical parts of the unit normal at x (3,) mm.
-    """
-    side = seen_from(x, pin)[2]
-    angle = np.arctan2(abs(n), -ny)
-    change: float = side * (slopes.half_width[j] + (angle - 1.0) * slopes.fillet[j])
-    return change
 
 
 @njit(cache=True)

@@ -18,10 +18,8 @@ import numpy.typing as npt
 from skfem import MeshHex
 from threadpoolctl import threadpool_limits
 
-from fe import linear_solver
 from fe.contact import PenaltyLaw
 from fe.contact_memory import initial_memory
-from fe.ending import ending
 from fe.force_control import Control, check_targets
 from fe.linear_solver import SymmetricSolver
 from fe.load_stepping import March, StepOptions, TravelState, march
@@ -33,10 +31,11 @@ from fe.potential import Potential, Problem
 from fe.progress import Progress, listener
 from fe.response import Response
 from fe.sensitivity import Objective
-from fe.specimens.block_pin_field import seen_motion
+from fe.specimens.block_pin_field import FieldMotion, field_motion
 from fe.specimens.block_pin_geometry import BlockPin, Contact, Interface, Symmetry
 from fe.specimens.block_pin_mesh import Discretisation, block_mesh, discretise, front_points
 from fe.specimens.block_pin_parameters import check_names, known_names, parameters
+from fe.specimens.block_pin_response import Seen, response
 
 __all__ = ["BlockPin", "BlockPinModel", "Contact", "Discretisation", "Interface"]
 
@@ -196,12 +195,11 @@ class BlockPinModel:
         discrete = self.discretise()
         found = np.full((len(self.travel), len(run.names)), np.nan)
         factor, steps = SYMMETRY_FACTOR[self.part], iter(range(len(self.travel)))
-        explicit = []
+        explicit, motion = [], self._field_motion(run.names)
 
         def of_state(travel: float, u: Array, force: float) -> tuple[Array, float]:
             by_field, by_force = objective(next(steps), discrete.probe @ u, factor * force)
-            seen = self._seen_motion(run.names, discrete, u)
-            explicit.append(np.einsum("pi,pij->j", by_field, seen))
+            explicit.append(np.einsum("pi,pij->j", by_field, motion.seen(u)))
             return discrete.probe.T @ by_field, factor * by_force
 
         with threadpool_limits(limits=1):
@@ -325,14 +323,12 @@ class BlockPinModel:
             plane_strain=self.plane_strain,
         )
 
-    def _seen_motion(self, names: tuple[str, ...], discrete: Discretisation, u: Array) -> Array:
-        """(n_point, 3, n_p) derivative of u at the field points as they pass the material, mm."""
-        return seen_motion(
+    def _field_motion(self, names: tuple[str, ...]) -> FieldMotion:
+        return field_motion(
             names,
             self.specimen,
             lambda specimen: block_mesh(specimen, self.part, self.cells),
             lambda specimen: front_points(specimen, self.part, self.field_grid),
-            u,
         )
 
     def _response(
@@ -341,50 +337,20 @@ class BlockPinModel:
         outcome: March,
         n_factorisations: int,
         seconds: float,
-        parameters: tuple[str, ...],
+        names: tuple[str, ...],
     ) -> Response:
-        n_step, n_point, n_p = (
-            len(self.travel or self.force),
-            len(self.points()),
-            len(parameters),
-        )
-        factor = SYMMETRY_FACTOR[self.part]
-        by_force = self.control == "force"
-        travel = np.full(n_step, np.nan) if by_force else np.array(self.travel)
-        travel_gradient = np.full((n_step, n_p), np.nan) if by_force else np.zeros((0, 0))
-        force = np.full(n_step, np.nan)
-        displacement = np.full((n_step, n_point, 3), np.nan)
-        force_gradient = np.full((n_step, n_p), np.nan)
-        displacement_gradient = np.full((n_step, n_point, 3, n_p), np.nan)
-        negative = np.full(n_step, -1, dtype=np.int64)
-        discrete = self.discretise()
-        probe = discrete.probe
-        for i, state in enumerate(states):
-            travel[i] = state.travel
-            if by_force:
-                travel_gradient[i] = state.travel_gradient
-            force[i] = factor * state.pin_force
-            force_gradient[i] = factor * state.force_gradient
-            displacement[i] = probe @ state.u
-            for j in range(n_p):
-                displacement_gradient[i, :, :, j] = probe @ state.u_gradient[:, :, j]
-            displacement_gradient[i] += self._seen_motion(parameters, discrete, state.u)
-            negative[i] = state.negative_pivots
-        end = ending(outcome, self.control, factor, complete=len(states) == n_step)
-        return Response(
-            travel=travel,
-            force=force,
-            displacement=displacement,
-            force_gradient=force_gradient,
-            displacement_gradient=displacement_gradient,
-            reached=end.reached,
-            status=end.status,
-            message=end.message,
-            negative_pivots=negative,
-            n_factorisations=n_factorisations,
-            seconds=seconds,
-            points=self.points(),
-            parameters=parameters,
-            solver=linear_solver.installed_library().name,
-            travel_gradient=travel_gradient,
+        return response(
+            states,
+            outcome,
+            Seen(
+                np.asarray(self.travel or self.force),
+                self.control,
+                self.points(),
+                self.discretise().probe,
+                self._field_motion(names),
+                SYMMETRY_FACTOR[self.part],
+            ),
+            names,
+            n_factorisations,
+            seconds,
         )

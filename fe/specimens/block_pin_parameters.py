@@ -106,8 +106,8 @@ _DIRECT = {
 """what of the surfaces changes by how much per unit"""
 
 
-def by_geometry(name: str, specimen: BlockPin, of: Geometry) -> Array:
-    """Central difference of an array in one dimension of the specimen, per mm; 0 in others."""
+def by_geometry(name: str, specimen: BlockPin, of: Geometry) -> Array | None:
+    """Central difference of an array in one dimension of the specimen, per mm; None in others."""
     if name in SPECIMEN:
         value = getattr(specimen, name)
         ends = [replace(specimen, **{name: value + h}) for h in (DIFFERENCE, -DIFFERENCE)]
@@ -118,7 +118,7 @@ def by_geometry(name: str, specimen: BlockPin, of: Geometry) -> Array:
             for h in (DIFFERENCE, -DIFFERENCE)
         ]
     else:
-        return np.zeros_like(of(specimen))
+        return None
     slope: Array = (of(ends[0]) - of(ends[1])) / (2.0 * DIFFERENCE)
     return slope
 
@@ -127,9 +127,11 @@ def mesh_motion(
     name: str, specimen: BlockPin, nodes: Array, lines: Callable[[BlockPin], MeshHex]
 ) -> Array:
     """(n, 3) motion of the material at `nodes` (n, 3) mm with the mesh's planes, per unit."""
-    vertices = lines(specimen).p
     moved = by_geometry(name, specimen, lambda changed: np.asarray(lines(changed).p))
     motion = np.zeros(nodes.shape)
+    if moved is None:
+        return motion
+    vertices = lines(specimen).p
     for i in range(3):
         if moved[i].any():
             planes, first = np.unique(vertices[i], return_index=True)
