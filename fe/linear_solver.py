@@ -40,8 +40,8 @@ class DirectMatrix(Protocol):
         """Factorise the matrix with these entries; returns negative pivots of a symmetric one."""
         ...
 
-    def solve(self, b: Array) -> Array:
-        """Solution for b (n,) or (n, k)."""
+    def solve(self, b: Array, *, transposed: bool = False) -> Array:
+        """Solution for b (n,) or (n, k), with the transpose if asked."""
         ...
 
     def close(self) -> None:
@@ -114,8 +114,8 @@ class SymmetricSolver:
         """Solution of the last factorised symmetric system for b (n,) or (n, k)."""
         return self._upper.solve(b)
 
-    def solve_general(self, matrix: GeneralMatrix, b: Array) -> Array:
-        """Solution with an unsymmetric matrix for b (n,) or (n, k).
+    def solve_general(self, matrix: GeneralMatrix, b: Array, *, transposed: bool = False) -> Array:
+        """Solution with an unsymmetric matrix, or its transpose, for b (n,) or (n, k).
 
         All of one solver have the same pattern; an array of entries is factorised when it is new.
         """
@@ -125,7 +125,7 @@ class SymmetricSolver:
             self._general.factorise(matrix.data)
             self._general_data = matrix.data
             self.n_factorisations += 1
-        return self._general.solve(b)
+        return self._general.solve(b, transposed=transposed)
 
     def close(self) -> None:
         """Release the memory of all factors."""

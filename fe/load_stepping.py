@@ -135,10 +135,7 @@ def march(
     """
     tangent = Tangent(potential, solver)
     history = History(memory, parameters, (stick_to_pin, stick_to_floor), control, objective)
-    try:
-        yield from _march(potential, solver, tangent, history, targets, outcome, steps, newton)
-    finally:
-        tangent.close()
+    yield from _march(potential, solver, tangent, history, targets, outcome, steps, newton)
 
 
 @dataclass(frozen=True)
@@ -250,7 +247,6 @@ def _accept(
     by_objective = np.zeros(0)
     if remembers or found.arrived:
         at = partials(potential, u, travel, memory, history.parameters)
-        tangent.take(assembly)
         if remembers or history.objective is None:
             gradient = direct(potential, tangent, assembly, at)
             if history.control == "force":

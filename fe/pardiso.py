@@ -29,7 +29,7 @@ _OPTIONS = {1: 1, 2: 3, 8: 0, 10: 8, 11: 0, 13: 0, 21: 1, 35: 1}
 """MKL iparm (1-based): own values; nested dissection; no iterative refinement, which triples the
 cost of a solve and gains no digit here (residual 6e-14 without); pivot perturbation 1e-8; no
 scaling or matching; analysed for Bunch-Kaufman pivots (see `factorise`); indices from 0"""
-_PIVOTING, _PERTURBED, _NEGATIVE = 20, 13, 22  # places in iparm, counted from 0
+_TRANSPOSED, _PIVOTING, _PERTURBED, _NEGATIVE = 11, 20, 13, 22  # places in iparm, counted from 0
 _ANALYSE, _FACTORISE, _SOLVE, _RELEASE = 11, 22, 33, -1
 
 
@@ -83,8 +83,9 @@ class PardisoMatrix:
         self._was_indefinite = negative > 0
         return negative
 
-    def solve(self, b: Array) -> Array:
-        """Solution for b (n,) or (n, k)."""
+    def solve(self, b: Array, *, transposed: bool = False) -> Array:
+        """Solution for b (n,) or (n, k), with the transpose if asked."""
+        self._options[_TRANSPOSED] = 2 if transposed else 0
         right = np.asfortranarray(b, dtype=np.float64)
         x = np.empty_like(right)
         self._call(_SOLVE, right, x)

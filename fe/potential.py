@@ -210,11 +210,6 @@ class Potential:
         np.add.at(total, faces.nodes, nodal)
         return total.reshape(self._free.size, -1)[self._free], on_pin
 
-    @property
-    def coupling(self) -> Array:
-        """(n_face, n_a, 3, 3, n_a) what the tangent of friction adds, of the last `assemble`."""
-        return self._coupling
-
     def restrict(self, full: Array) -> Array:
         """(n_free,) free values of (n_node, 3), the transpose of `expand`."""
         return full.reshape(-1)[self._free]

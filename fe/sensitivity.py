@@ -13,14 +13,17 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+import scipy.sparse as sp
 
 from fe.contact_memory import ContactMemory
 from fe.linear_solver import SymmetricSolver
 from fe.parameters import Parameters
 from fe.potential import Assembly, Potential
-from fe.whole_tangent import WholeTangent
 
 Array = npt.NDArray[np.float64]
+
+ACCURACY = 1e-9
+"""of a solution with friction, its residual relative to the load"""
 
 Objective = Callable[[float, Array, float], tuple[Array, float]]
 """(travel mm, u (n_node, 3) mm, pin force N) -> derivatives of a scalar: (in u (n_node, 3), in the
@@ -46,31 +49,29 @@ class Gradient(NamedTuple):
 
 
 class Tangent:
-    """Solves with the converged tangent: the symmetric factor, or with friction its own."""
+    """Solves with the tangent of the potential's last `assemble`, friction's coupling included."""
 
     def __init__(self, potential: Potential, solver: SymmetricSolver) -> None:
-        problem = potential.problem
         self._potential = potential
         self._solver = solver
-        self._whole: WholeTangent | None = None
-        if potential.has_friction:
-            self._whole = WholeTangent(problem.pattern, problem.faces.nodes)
-
-    def take(self, assembly: Assembly) -> None:
-        """Make the last `assemble` of the potential, factorised by the solver, the tangent."""
-        if self._whole is not None:
-            self._whole.factorise(assembly.data, self._potential.coupling)
 
     def solve(self, b: Array, *, transposed: bool = False) -> Array:
-        """Solution for b (n_free,) or (n_free, k) N, mm."""
-        if self._whole is not None:
-            return self._whole.solve(b, transposed=transposed)
-        return self._solver.solve(b)
+        """Solution for b (n_free,) or (n_free, k) N, mm.
 
-    def close(self) -> None:
-        """Release MKL's memory."""
-        if self._whole is not None:
-            self._whole.close()
+        Without friction the solver must hold the tangent's factor.  With it NaN where the residual
+        of one mix of the columns is above `ACCURACY`, relative.
+        """
+        if not self._potential.has_friction:
+            return self._solver.solve(b)
+        matrix = self._potential.coupled_tangent()
+        x = self._solver.solve_general(matrix, b, transposed=transposed)
+        n = len(b)
+        whole = sp.csr_matrix((matrix.data, matrix.indices, matrix.indptr), (n, n))
+        mix = np.cos(np.arange(b.reshape(n, -1).shape[1]))
+        one, load = (part.reshape(n, -1) @ mix for part in (x, b))
+        missed = (whole.T if transposed else whole) @ one - load
+        good = np.linalg.norm(missed) <= ACCURACY * np.linalg.norm(load)
+        return x if good else np.full(x.shape, np.nan)
 
 
 def partials(

@@ -7,6 +7,8 @@ by Sylvester's law the signs of U's diagonal are those of the matrix's eigenvalu
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import numpy.typing as npt
 import scipy.sparse as sp
@@ -65,17 +67,23 @@ class SuperLUMatrix:
                 return int(np.sum(self._lu.U.diagonal() < 0.0))
         raise ArithmeticError("SuperLU: the matrix is singular")
 
-    def solve(self, b: Array) -> Array:
-        """Solution for b (n,) or (n, k), refined: factors without pivoting may be inaccurate."""
+    def solve(self, b: Array, *, transposed: bool = False) -> Array:
+        """Solution for b (n,) or (n, k), with the transpose if asked.
+
+        Refined: factors without pivoting may be inaccurate.
+        """
         if self._lu is None or self._matrix is None:
             raise RuntimeError("factorise a matrix first")
         right = np.asarray(b, dtype=np.float64)
-        x = self._lu.solve(right)
+        matrix = self._matrix.T if transposed else self._matrix
+        trans = "T" if transposed else "N"
+        lu: Any = self._lu  # its stub does not know of the transpose
+        x = lu.solve(right, trans)
         for _ in range(_REFINEMENTS):
-            missing = right - self._matrix @ x
+            missing = right - matrix @ x
             if not np.linalg.norm(missing) > _RESIDUAL * np.linalg.norm(right):
                 break
-            x = x + self._lu.solve(missing)
+            x = x + lu.solve(missing, trans)
         return np.ascontiguousarray(x)
 
     def close(self) -> None:

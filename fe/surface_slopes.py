@@ -80,23 +80,20 @@ def relative_motion(
 ) -> None:
     """Fill `seen` (3, n_p) with the derivative of the place of x (3,) mm as the pin sees it, mm.
 
-    `motion` (3, n_p) is the point's own.  Along a straight bar nothing is to be seen: there it is
-    the point's own.
+    `motion` (3, n_p) is the point's own.
     """
     ex, ez, side = seen_from(x, pin)
     dx, dz = x[0] - pin.x, x[2] - pin.z
     is_round = pin.shape == ROUND
     for j in range(motion.shape[1]):
         outwards = side * (slopes.fillet[j] - slopes.half_width[j])
-        along_x = along_z = 0.0
-        if is_round:
-            along_x, along_z = slopes.x[j], slopes.z[j]
-        else:
-            outwards -= ex * slopes.x[j] + ez * slopes.z[j]
-            outwards += slopes.angle[j] * (ez * dx - ex * dz)
-        seen[0, j] = motion[0, j] - along_x + outwards * ex
+        axis_x, axis_z = slopes.x[j], slopes.z[j]
+        if not is_round:  # a turning bar is a point that turns the other way
+            axis_x += slopes.angle[j] * dz
+            axis_z -= slopes.angle[j] * dx
+        seen[0, j] = motion[0, j] - axis_x + outwards * ex
         seen[1, j] = motion[1, j] - slopes.height[j] - slopes.fillet[j]
-        seen[2, j] = motion[2, j] - along_z + outwards * ez
+        seen[2, j] = motion[2, j] - axis_z + outwards * ez
 
 
 @njit(cache=True)

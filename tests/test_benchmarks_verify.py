@@ -99,14 +99,6 @@ def test_a_part_replaces_its_figures_and_leaves_the_others(tmp_path, monkeypatch
     assert json.loads(out.read_text()) == {"taylor_order": 2.0, "draws": 7}
 
 
-def test_cases_run_one_at_a_time_stand_together(tmp_path):
-    out = tmp_path / "fe.json"
-    verify_fe.merge(out, {"converged_fraction": {"bar, stick": 1.0, "bar, frictionless": 0.5}})
-    verify_fe.merge(out, {"converged_fraction": {"bar, frictionless": 0.9}})
-    found = json.loads(out.read_text())["converged_fraction"]
-    assert found == {"bar, stick": 1.0, "bar, frictionless": 0.9}
-
-
 def test_meshes_of_the_index_are_refined_alike_in_all_directions():
     from benchmarks.mesh_convergence import SIMILAR
 

@@ -11,6 +11,7 @@ import scipy.sparse as sp
 from fe import BlockPin, BlockPinModel, Contact, linear_solver
 from fe.linear_solver import SUPERLU, GeneralMatrix, Library, SymmetricSolver, installed_library
 from fe.negative_curvature import flip_negative, negative_directions
+from fe.specimens import block_pin_response
 
 
 def upper(matrix: np.ndarray) -> sp.csr_matrix:
@@ -118,7 +119,8 @@ def test_a_block_comes_out_the_same_with_and_without_mkl(monkeypatch, contact):
         pytest.skip("MKL is not installed")
     model = BlockPinModel(BlockPin(), contact, (4, 2, 1), (0.1, 0.3))
     by_mkl = model([0.5, 0.05])
-    monkeypatch.setattr(linear_solver, "installed_library", lambda: SUPERLU)
+    for module in (linear_solver, block_pin_response):
+        monkeypatch.setattr(module, "installed_library", lambda: SUPERLU)
     by_scipy = model([0.5, 0.05])
     assert (by_mkl.solver, by_scipy.solver) == ("MKL Pardiso", "SciPy SuperLU")
     np.testing.assert_allclose(by_scipy.force, by_mkl.force, rtol=1e-9)

@@ -66,7 +66,7 @@ def between_walls(m: BlockPinModel, nz: int) -> list[TravelState]:
         glued=discrete.glued[inside],
     )
     problem = solid.problem(discrete, RATIOS)
-    memory = initial_memory(faces, discrete.glued, problem.pin, problem.friction)
+    memory = initial_memory(faces, discrete.glued, problem.pin)
     solver = SymmetricSolver(discrete.pattern.indptr, discrete.pattern.indices)
     try:
         return list(
