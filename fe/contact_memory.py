@@ -53,10 +53,12 @@ def initial_memory(
     glued: npt.NDArray[np.bool_],
     pin: RigidPin,
     slopes: SurfaceSlopes | None = None,
+    at_rest: SurfaceSlopes | None = None,
 ) -> ContactMemory:
     """Memory at travel 0: points where `glued` (n_face, n_q) are tied to the pin in place.
 
-    `slopes` are those of the parameters that sensitivities are taken in, none when not given.
+    `slopes` are those of the parameters that sensitivities are taken in, none when not given;
+    `at_rest` those of the places from which slip is counted, if they differ.
     """
     slopes = no_slopes(faces, 0) if slopes is None else slopes
     anchor_gradient = slopes.points.copy()
@@ -65,7 +67,7 @@ def initial_memory(
         tied=np.where(glued, TIED_TO_PIN, FREE).astype(np.int64),
         anchor=faces.points.copy(),
         anchor_gradient=anchor_gradient,
-        slip=rest(faces, pin, slopes),
+        slip=rest(faces, pin, slopes if at_rest is None else at_rest),
     )
 
 

@@ -8,14 +8,15 @@ import numpy as np
 import numpy.typing as npt
 
 from fe.contact import Faces
-from fe.material_parameters import MaterialParameters
 from fe.materials.material import Material
-from fe.pin_surface import RigidPin
 from fe.shape_slopes import Directions, directions
-from fe.surface_slopes import SurfaceSlopes, no_slopes
+from fe.surface_slopes import SurfaceSlopes
 
 Array = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
+
+TRAVEL_ZERO = "travel_zero"
+"""name of the travel, mm, by which the pin starts above the block"""
 
 
 @dataclass(frozen=True)
@@ -32,6 +33,15 @@ class Parameters:
     surface: SurfaceSlopes
 
     @property
+    def at_rest(self) -> SurfaceSlopes:
+        """The surfaces at travel 0, where the pin stands on the block wherever its travel begins.
+
+        So a zero of the travel that is off shifts all travels, and nothing else.
+        """
+        off = np.array([name == TRAVEL_ZERO for name in self.names], dtype=bool)
+        return self.surface._replace(height=np.where(off, 0.0, self.surface.height))
+
+    @property
     def changing(self) -> IntArray:
         """Those (n_c,) that change the constants."""
         return np.flatnonzero(self.constants.any(axis=1))
@@ -44,24 +54,6 @@ class Parameters:
     def directions(self, material: Material) -> Directions:
         """What the element residual is differentiated along, `changing` and `moving` in order."""
         return directions(material, self.constants[self.changing], self.motion[self.moving])
-
-
-def of_material(
-    parameters: MaterialParameters, faces: Faces, pin: RigidPin, n_node: int
-) -> Parameters:
-    """Parameters of a material alone, with the contact stiffness that goes with it."""
-    n_p = len(parameters.names)
-    surface = no_slopes(faces, n_p)
-    return Parameters(
-        names=parameters.names,
-        constants=parameters.constants,
-        bulk=parameters.bulk,
-        motion=np.zeros((n_p, n_node, 3)),
-        surface=surface._replace(
-            stiffness=pin.stiffness * parameters.stiffness,
-            base_stiffness=pin.base_stiffness * parameters.stiffness,
-        ),
-    )
 
 
 def carry_faces(surface: SurfaceSlopes, faces: Faces, nodes: Array, motion: Array) -> SurfaceSlopes:

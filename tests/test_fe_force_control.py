@@ -12,12 +12,19 @@ from scipy.optimize import minimize_scalar
 import fe
 from fe.closed_forms import uniaxial
 from fe.contact import TIED_TO_PIN
-from fe.contact_memory import ContactMemory, initial_memory, slide_anchors, tie_touching
+from fe.contact_memory import (
+    ContactMemory,
+    initial_memory,
+    slide_anchors,
+    tie_touching,
+    touches,
+)
 from fe.load_stepping import StepOptions
 from fe.materials import material
 from fe.newton import NewtonOptions
 from fe.pin_surface import BAR, ROUND, RigidPin
 from fe.response import load_response, save_response
+from fe.surface_slopes import no_slopes
 from fe.touch import FrictionLaw
 
 RATIOS = np.array([0.4, 0.1])
@@ -102,10 +109,14 @@ def test_anchors_follow_a_travel_that_depends_on_parameters(shape):
     dtravel = np.array([1.0, -0.7, 0.0])
 
     def after(step: float, j: int) -> ContactMemory:
-        memory = initial_memory(faces, np.zeros(faces.weights.shape, bool), pin, law, 1)
+        still = no_slopes(faces, 3)
+        memory = initial_memory(faces, np.zeros(faces.weights.shape, bool), pin, still)
         at = (u + step * du[..., j], du, travel + step * dtravel[j], pin)
-        slide_anchors(memory, faces, *at, law, travel_gradient=dtravel)
-        tie_touching(memory, faces, *at, to_floor=False, travel_gradient=dtravel)
+        seen = still._replace(height=still.height - dtravel)
+        slide_anchors(memory, faces, *at, law, seen)
+        touching = touches(at[0], faces, memory.tied, at[2], pin, True, False)
+        tie_touching(memory, faces, *at, touching, seen)
+        memory.anchor_gradient[touching == TIED_TO_PIN, 1] += dtravel
         return memory
 
     found, h = after(0.0, 0), 1e-7

@@ -10,11 +10,12 @@ import pytest
 from fe import BlockPin, BlockPinModel, Contact, Status
 from fe.contact import empty_system
 from fe.contact_memory import initial_memory, slide_anchors
+from fe.contact_slopes import contact_pull
 from fe.friction import freeze, friction_system
 from fe.load_stepping import StepOptions
 from fe.newton import NewtonOptions
 from fe.pin_surface import RigidPin, pin_point
-from fe.slip_anchors import parameter_pull
+from fe.surface_slopes import no_slopes
 from fe.touch import FLOOR, PIN, FrictionLaw, chart_pin, empty_chart
 
 ANGLE = np.radians(25.0)
@@ -35,8 +36,9 @@ def patch(slipped: float, pin: RigidPin = TURNED):
     rng = np.random.default_rng(0)
     u = 0.1 * rng.standard_normal((faces.nodes.max() + 1, 3))
     u[:, 1] -= 0.15
-    memory = initial_memory(faces, np.zeros(faces.weights.shape, bool), pin, LAW)
-    slide_anchors(memory, faces, u, np.zeros((*u.shape, 4)), TRAVEL, pin, LAW)
+    still = no_slopes(faces, 4)
+    memory = initial_memory(faces, np.zeros(faces.weights.shape, bool), pin, still)
+    slide_anchors(memory, faces, u, np.zeros((*u.shape, 4)), TRAVEL, pin, LAW, still)
     memory.slip.place[...] += slipped * rng.standard_normal(memory.slip.place.shape)
     memory.slip.gradient[...] = rng.standard_normal(memory.slip.gradient.shape)
     return faces, u, memory
@@ -104,7 +106,11 @@ def test_tangent_with_coupling_is_the_derivative_of_the_forces(slipped):
 def test_pull_of_anchors_and_coefficients_is_the_derivative_of_the_forces(slipped):
     faces, u, memory = patch(slipped)
     pull = np.zeros((*faces.points.shape, 4))
-    on_pin = parameter_pull(u, faces, memory.tied, memory.slip, TRAVEL, TURNED, LAW, pull)
+    memory.anchor_gradient[...] = 0.0
+    remembered = (memory.tied, memory.anchor, memory.anchor_gradient, memory.slip)
+    law = np.eye(4)[[2, 3]]
+    slopes = no_slopes(faces, 4)._replace(friction_pin=law[PIN], friction_base=law[FLOOR])
+    on_pin = contact_pull(u, faces, *remembered, TRAVEL, TURNED, LAW, slopes, pull)
     nodal = np.einsum("cqa,cqij->caij", faces.shape, pull)
     h = 1e-7
     for j in range(4):

@@ -14,10 +14,11 @@ from fe.contact_memory import initial_memory
 from fe.discretisation import pattern
 from fe.linear_solver import SymmetricSolver
 from fe.load_stepping import March, StepOptions, TravelState, march
-from fe.material_parameters import ratio_parameters
 from fe.materials.material import mooney_rivlin_of_ratios
 from fe.newton import NewtonOptions
+from fe.parameters import Parameters
 from fe.potential import Potential
+from fe.surface_slopes import no_slopes
 
 RATIOS = np.array([0.4, 0.1])
 CONTACTS = pytest.mark.parametrize(
@@ -76,7 +77,9 @@ def between_walls(m: BlockPinModel, nz: int) -> list[TravelState]:
                 memory,
                 m.travel,
                 March(),
-                parameters=ratio_parameters(problem.material),
+                parameters=Parameters(
+                    (), np.zeros((0, 3)), np.zeros(0), np.zeros((0, 1, 3)), no_slopes(faces, 0)
+                ),
                 stick_to_pin=m.contact.pin == "stick",
                 stick_to_floor=m.contact.base == "stick",
                 steps=m.steps,

@@ -249,7 +249,9 @@ class BlockPinModel:
         discrete = self.discretise()
         problem = self._problem(discrete, run.material, run.shear)
         along = self.parameters(run.names, run.known, problem, run.shear)
-        memory = initial_memory(discrete.faces, discrete.glued, problem.pin, along.surface)
+        memory = initial_memory(
+            discrete.faces, discrete.glued, problem.pin, along.surface, along.at_rest
+        )
         solver = SymmetricSolver(discrete.pattern.indptr, discrete.pattern.indices)
         factor = SYMMETRY_FACTOR[self.part]
         outcome = March(listen=listener(progress, factor))

@@ -17,7 +17,7 @@ import numpy.typing as npt
 from skfem import MeshHex
 
 from fe.material_parameters import MaterialParameters
-from fe.parameters import Parameters, carry_faces
+from fe.parameters import TRAVEL_ZERO, Parameters, carry_faces
 from fe.potential import Problem
 from fe.specimens.block_pin_geometry import BlockPin, Contact, Symmetry
 from fe.surface_slopes import no_slopes
@@ -37,7 +37,7 @@ def known_names(specimen: BlockPin, contact: Contact, part: Symmetry) -> tuple[s
     law = contact.friction(1.0)
     rubs = (("friction_pin", law.pin), ("friction_base", law.base))
     names = [name for name, coefficient in rubs if coefficient > 0.0]
-    names += [*PENALTY, *SPECIMEN, "travel_zero"]
+    names += [*PENALTY, *SPECIMEN, TRAVEL_ZERO]
     names += ["pin_shift_x"] if part != "quarter" else []
     names += ["pin_shift_z"] if part == "full" else []
     turns = part == "full" and specimen.pin == "bar" and law.pin == 0.0
@@ -96,7 +96,7 @@ _DIRECT = {
     "contact_ramp": ("ramp", 1.0),
     "contact_slip": ("slip", 1.0),
     "height": ("height", 1.0),
-    "travel_zero": ("height", 1.0),
+    TRAVEL_ZERO: ("height", 1.0),
     "pin_width": ("half_width", 0.5),
     "pin_fillet": ("fillet", 1.0),
     "pin_shift_x": ("x", 1.0),
