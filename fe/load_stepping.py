@@ -38,7 +38,8 @@ class StepOptions:
     """Sizes of the load steps, mm of pin travel."""
 
     first: float = 0.01
-    largest: float = 0.1
+    largest: float = 0.05
+    """longer ones end on another path with friction, tie what sticks late, and snap more often"""
     smallest: float = 1e-3
 
 

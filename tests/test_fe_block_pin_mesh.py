@@ -5,20 +5,29 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fe import BlockPin
+from fe import BlockPin, Contact
 from fe.specimens.block_pin_mesh import block_mesh
 
 BAR, ROUND = BlockPin(), BlockPin(pin="round")
 
 
-def lines(specimen: BlockPin, cells: tuple[int, int, int], symmetry="quarter") -> list[np.ndarray]:
+STUCK, SLIDING = Contact("stick", "stick"), Contact("slide", "slide")
+CONTACTS = pytest.mark.parametrize(
+    "contact", [STUCK, SLIDING, Contact(0.3, "stick"), Contact("stick", 0.3)], ids=str
+)
+
+
+def lines(
+    specimen: BlockPin, cells: tuple[int, int, int], symmetry="quarter", contact=STUCK
+) -> list[np.ndarray]:
     """The mesh lines along x, y, z of a tensor-product mesh, mm."""
-    return [np.unique(x) for x in block_mesh(specimen, symmetry, cells).p]
+    return [np.unique(x) for x in block_mesh(specimen, symmetry, cells, contact).p]
 
 
+@CONTACTS
 @pytest.mark.parametrize("specimen", [BAR, BlockPin(height=2.7, width=10.2), ROUND])
-def test_meshes_of_proportional_cells_are_similar(specimen):
-    coarse, middle, fine = (lines(specimen, (6 * n, 3 * n, n)) for n in (2, 3, 4))
+def test_meshes_of_proportional_cells_are_similar(specimen, contact):
+    coarse, middle, fine = (lines(specimen, (6 * n, 3 * n, n), contact=contact) for n in (2, 3, 4))
     for a, b, c, common in zip(coarse, middle, fine, (6, 3, 1), strict=True):
         np.testing.assert_allclose(c[::2], a, rtol=0, atol=1e-12)
         np.testing.assert_allclose(b[::3], a[::2], rtol=0, atol=1e-12)
@@ -38,11 +47,12 @@ def test_a_mesh_line_is_the_edge_of_the_flat_of_a_bar(fillet, nx):
     [BAR, ROUND, BlockPin(pin_width=40.0), BlockPin(pin_width=9.9), BlockPin(pin_shift=(4.0, 0.0))],
     ids=["bar", "round", "platen", "wide", "shifted"],
 )
+@CONTACTS
 @pytest.mark.parametrize("cells", [(1, 1, 1), (3, 2, 2), (12, 6, 2)])
-def test_lines_are_distinct_and_end_at_the_faces(specimen, cells):
+def test_lines_are_distinct_and_end_at_the_faces(specimen, cells, contact):
     for symmetry in ("half", "full") if specimen.pin_shift[0] else ("quarter", "half", "full"):
         sides = {"quarter": (1, 1), "half": (2, 1), "full": (2, 2)}[symmetry]
-        x, y, z = lines(specimen, cells, symmetry)
+        x, y, z = lines(specimen, cells, symmetry, contact)
         found = [len(line) - 1 for line in (x, y, z)]
         assert found == [cells[0] * sides[0], cells[1], cells[2] * sides[1]]
         assert (x[-1], y[0], y[-1], z[-1]) == (5.0, 0.0, 2.5, 5.0)
@@ -58,3 +68,13 @@ def test_a_half_and_a_full_mesh_have_the_lines_of_the_quarter_on_both_sides(spec
     np.testing.assert_allclose(half[0], mirrored[0], rtol=0, atol=1e-12)
     np.testing.assert_allclose(full[0], mirrored[0], rtol=0, atol=1e-12)
     np.testing.assert_allclose(full[2], mirrored[1], rtol=0, atol=1e-12)
+
+
+def test_elements_are_thinner_where_glue_ends_and_nowhere_else():
+    stuck, sliding = lines(BAR, (12, 6, 3)), lines(BAR, (12, 6, 3), contact=SLIDING)
+    base = lines(BAR, (12, 6, 3), contact=Contact(0.3, "stick"))
+    assert np.ptp(np.diff(sliding[1])) < 1e-12
+    height = [np.diff(found[1]) for found in (stuck, base)]
+    assert height[0][0] < height[0][2] > height[0][-1]
+    assert height[1][0] < height[1][2] < height[1][-1] + 1e-9
+    assert np.diff(stuck[2])[-1] < np.diff(sliding[2])[-1]

@@ -286,7 +286,7 @@ class BlockPinModel:
             problem,
             self.specimen,
             shear,
-            lambda specimen: block_mesh(specimen, self.part, self.cells),
+            lambda specimen: block_mesh(specimen, self.part, self.cells, self.contact),
         )
 
     def problem(self, discrete: Discretisation, ratios: Array, kappa: float = 1.0) -> Problem:
@@ -310,7 +310,7 @@ class BlockPinModel:
 
     def mesh(self) -> MeshHex:
         """Hexahedra of the modelled part of the block."""
-        return block_mesh(self.specimen, self.part, self.cells)
+        return block_mesh(self.specimen, self.part, self.cells, self.contact)
 
     def discretise(self) -> Discretisation:
         """Tables of the mesh, contact faces, constraints and field points."""
@@ -329,7 +329,7 @@ class BlockPinModel:
         return field_motion(
             names,
             self.specimen,
-            lambda specimen: block_mesh(specimen, self.part, self.cells),
+            lambda specimen: block_mesh(specimen, self.part, self.cells, self.contact),
             lambda specimen: front_points(specimen, self.part, self.field_grid),
         )
 

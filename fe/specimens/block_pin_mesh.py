@@ -28,21 +28,22 @@ class Dense(NamedTuple):
     """fraction of the length that it is measured by"""
 
 
-BAR_EDGE = Dense(peak=3.0, spread=0.4)
-"""at 0.675 of the bar's half width, the unit: glue ends a little further out; material that slides
-past the fillet comes from further in"""
-ROUND_EDGE = Dense(peak=2.0, spread=0.45)
-"""at 0.7 of the pin's radius, the unit: weaker, for the edge passes in both directions"""
+GLUED_EDGE = Dense(peak=3.0, spread=0.4)
+"""of a bar that sticks, at 0.675 of its half width, the unit: glue ends a little further out"""
+SLIDING_EDGE = Dense(peak=2.0, spread=0.45)
+"""of a bar that slides, and of a round pin, at 0.7 of the half width, the unit: material that
+slides past the fillet comes from further in"""
 SIDE = Dense(peak=0.7, spread=0.12)
-"""at the free side beside a bar, by the length to it: the edge of a glued base is singular"""
+"""at the free side of a glued base, by the length to it: its edge is singular"""
 BASE = Dense(peak=5.0, spread=0.1)
-"""under a bar, by the height: close to a glued base the free faces bend sharply"""
+"""above a glued base, by the height: close to it the free faces bend sharply"""
 TOP = Dense(peak=4.0, spread=0.12)
-"""under a bar, by the height"""
+"""below a glued top, by the height"""
 N_DENSITY = 4001
 """places at which densities of mesh lines are tabulated"""
-DEPTH_POWER = 2.25
-"""1 is uniform along a bar; the front face's elements get thinner as it grows"""
+GLUED_DEPTH, SLIDING_DEPTH = 2.25, 0.6
+"""along a bar elements get thinner towards the front face: 1 - (1 - t)^GLUED_DEPTH, and
+t (1 + SLIDING_DEPTH (1 - t)) where nothing is glued"""
 
 
 @dataclass(frozen=True)
@@ -72,16 +73,19 @@ def front_points(specimen: BlockPin, symmetry: Symmetry, grid: tuple[int, int]) 
     return np.stack([c.ravel() for c in np.meshgrid(x, y, indexing="ij")], axis=1)
 
 
-def block_mesh(specimen: BlockPin, symmetry: Symmetry, cells: tuple[int, int, int]) -> MeshHex:
+def block_mesh(
+    specimen: BlockPin, symmetry: Symmetry, cells: tuple[int, int, int], contact: Contact
+) -> MeshHex:
     """Hexahedra of the modelled part, finer where the solution is not smooth.
 
-    That is where glued faces end: at the flat of the pin, where also whole rows of nodes snap past
-    the fillet when the block slides, and where base and top meet the free faces.  Along a bar
-    little happens until near the front face, so the depth takes few elements.  One mesh line under
-    a bar is the edge of its flat, for glue that ends inside an element ends somewhere else on every
-    mesh.  Lines are values of one smooth map for all numbers of elements, so that meshes of
-    proportional `cells` are similar: exactly, where the nearest line to that edge is the same one,
-    as with a fillet of 0.3 mm and even numbers along x.
+    Where material passes the pin's edge whole rows of nodes snap past its fillet.  Glued faces are
+    singular where they end: at the flat of the pin, and where base and top meet the free faces.
+    Elements thin enough for those would make a block that slides chatter, so the lines follow
+    what is glued.  Along a bar little happens until near the front face, so the depth takes few
+    elements.  One mesh line under a bar that sticks is the edge of its flat, for glue that ends
+    inside an element ends somewhere else on every mesh.  Lines are values of one smooth map for all
+    numbers of elements, so that meshes of proportional `cells` are similar: exactly, where the
+    nearest line to that edge is the same one, as with a fillet of 0.3 mm and even numbers along x.
 
     `cells` are numbers of elements of a quarter; a half and a full model have as many on each side
     of the pin's axis.
@@ -89,45 +93,60 @@ def block_mesh(specimen: BlockPin, symmetry: Symmetry, cells: tuple[int, int, in
     half_width, half_depth = specimen.width / 2.0, specimen.depth / 2.0
     nx, ny, nz = cells
     x0, z0 = specimen.pin_shift
-    if specimen.pin == "round":
-        y = np.linspace(0.0, specimen.height, ny + 1)
-        z = _from_round_pin(specimen, half_depth, nz)
-        behind = _from_round_pin(specimen, half_depth + z0, nz)
-        before = _from_round_pin(specimen, half_depth - z0, nz)
-        from_axis = _from_round_pin
-    else:
-        y = _height_lines(specimen.height, ny)
-        z = half_depth * (1.0 - (1.0 - np.linspace(0.0, 1.0, nz + 1)) ** DEPTH_POWER)
-        behind = before = z
-        from_axis = _from_bar
-    x = from_axis(specimen, half_width, nx)
+    is_round = specimen.pin == "round"
+    glued = Glued(not is_round and contact.pin == "stick", not is_round and contact.base == "stick")
+
+    def across(length: float, n: int) -> Array:
+        return _from_axis(specimen, glued, length, n)
+
+    def along(length: float, n: int) -> Array:
+        return across(length, n) if is_round else _along_bar(glued, length, n)
+
+    x = across(half_width, nx)
     if symmetry != "quarter":
-        left, right = (from_axis(specimen, half_width + s, nx) for s in (x0, -x0))
-        x = _both_sides(left, right)
+        x = _both_sides(across(half_width + x0, nx), across(half_width - x0, nx))
+    z = along(half_depth, nz)
     if symmetry == "full":
-        z = _both_sides(behind, before)
-    return MeshHex.init_tensor(x, y, z)
+        z1 = z0 if is_round else 0.0
+        z = _both_sides(along(half_depth + z1, nz), along(half_depth - z1, nz))
+    return MeshHex.init_tensor(x, _height_lines(glued, specimen.height, ny), z)
 
 
-def _from_bar(specimen: BlockPin, length: float, n: int) -> Array:
-    """(n + 1,) lines at distances from the bar's axis, mm, one of them at the edge of its flat."""
+class Glued(NamedTuple):
+    """What of a block under a bar is glued."""
+
+    top: bool
+    base: bool
+
+
+def _from_axis(specimen: BlockPin, glued: Glued, length: float, n: int) -> Array:
+    """(n + 1,) lines at distances from the pin's axis, mm."""
     edge = specimen.pin_width / 2.0
     x = np.linspace(0.0, length, N_DENSITY)
-    density = 1.0 + _bump(x - 0.675 * edge, BAR_EDGE, edge) + _bump(length - x, SIDE, length)
+    density = 1.0 + (_bump(length - x, SIDE, length) if glued.base else 0.0)
+    if not glued.top:
+        return _lines(x, density + _bump(x - 0.7 * edge, SLIDING_EDGE, edge), n)
+    density = density + _bump(x - 0.675 * edge, GLUED_EDGE, edge)
     return _lines(x, density, n, through=edge - specimen.pin_fillet)
 
 
-def _from_round_pin(specimen: BlockPin, length: float, n: int) -> Array:
-    """(n + 1,) lines at distances along x or z from the axis of a round pin, mm."""
-    edge = specimen.pin_width / 2.0
-    x = np.linspace(0.0, length, N_DENSITY)
-    return _lines(x, 1.0 + _bump(x - 0.7 * edge, ROUND_EDGE, edge), n)
+def _along_bar(glued: Glued, length: float, n: int) -> Array:
+    """(n + 1,) lines at distances along a bar from the plane of symmetry, mm."""
+    t = np.linspace(0.0, 1.0, n + 1)
+    if any(glued):
+        return length * (1.0 - (1.0 - t) ** GLUED_DEPTH)
+    return length * t * (1.0 + SLIDING_DEPTH * (1.0 - t))
 
 
-def _height_lines(height: float, n: int) -> Array:
-    """(n + 1,) lines above the base of a block under a bar, mm."""
+def _height_lines(glued: Glued, height: float, n: int) -> Array:
+    """(n + 1,) lines above the base, mm."""
+    if not any(glued):
+        return np.linspace(0.0, height, n + 1)
     y = np.linspace(0.0, height, N_DENSITY)
-    return _lines(y, 1.0 + _bump(y, BASE, height) + _bump(height - y, TOP, height), n)
+    density = np.ones(N_DENSITY)
+    density += _bump(y, BASE, height) if glued.base else 0.0
+    density += _bump(height - y, TOP, height) if glued.top else 0.0
+    return _lines(y, density, n)
 
 
 def discretise(
