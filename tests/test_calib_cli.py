@@ -26,9 +26,11 @@ class Recorder:
     def __init__(self, error: BaseException | None = None, failures: tuple[str, ...] = ()) -> None:
         self.summaries = (SimpleNamespace(hypothesis="stuck", failures=failures),)
         self.error = error
-        self.calls: list[tuple[Study, Path, int]] = []
+        self.calls: list[tuple[Study, Path, int | None]] = []
+        self.executors: list[tuple[str, str | None]] = []
 
-    def __call__(self, study, out, *, workers, echo):
+    def __call__(self, study, out, *, workers, executor, scheduler, echo):
+        self.executors.append((executor, scheduler))
         self.calls.append((study, out, workers))
         if self.error is not None:
             raise self.error
@@ -64,12 +66,13 @@ def test_without_a_verb_the_usage_is_shown(capsys):
     assert "usage: calib" in capsys.readouterr().err
 
 
-def test_run_takes_folder_and_workers_from_the_study(run_study, capsys):
+def test_run_leaves_folder_and_workers_to_the_study(run_study, capsys):
     recorder = run_study()
     assert cli.main(["run", "thesis-forces"]) == 0
     study, out, workers = recorder.calls[0]
     assert study == load_study("thesis-forces")
-    assert (out, workers) == (Path("runs/thesis-forces"), study.compute.workers)
+    assert (out, workers) == (Path("runs/thesis-forces"), None)
+    assert recorder.executors == [("processes", None)]
     assert capsys.readouterr().out == "done\n"
 
 

@@ -11,13 +11,12 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-import numpy as np
 import pytest
 from toy_simulation import FINGERPRINT, RATIOS, Toy, assert_same, files, run
 
-from fe.campaign import run_key
+from fe.campaign_parameters import RATIOS as R_AND_S
 from fe.executors import process_map
-from fe.response import save_response
+from fe.run_files import keep_run
 
 
 def test_one_and_two_worker_processes_give_the_same_bits(tmp_path: Path) -> None:
@@ -37,6 +36,7 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 sys.path.insert(0, {tests!r})
 import toy_simulation as t
 from fe.campaign import run_campaign
+from fe.campaign_parameters import RATIOS as R_AND_S
 from fe.executors import process_map
 if __name__ == "__main__":
     simulate = t.Toy(seconds={seconds}, log={log!r})
@@ -114,13 +114,7 @@ def test_ctrl_c_ends_the_workers_at_once_and_keeps_the_finished_runs(tmp_path: P
     process = _start_campaign(tmp_path, n_workers=2, seconds=600.0)
     store = tmp_path / "store"
     store.mkdir()
-    response = Toy()(RATIOS[0])
-    save_response(
-        store / f"run_0000_{run_key(RATIOS[0], FINGERPRINT)}.npz",
-        response,
-        ratios=RATIOS[0],
-        fingerprint=np.asarray(json.dumps(FINGERPRINT, sort_keys=True)),
-    )
+    keep_run(store, 0, RATIOS[0], R_AND_S, FINGERPRINT, Toy()(RATIOS[0]))
     _wait_until(lambda: _n_started(tmp_path) >= 2, "two runs under way")
     os.killpg(process.pid, signal.SIGINT)  # what a terminal does: parent and workers get it
     # On a busy machine this may take a while, but never as long as a run.
