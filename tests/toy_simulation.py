@@ -16,6 +16,7 @@ from fe.response import Response, Status
 TRAVEL = np.array([0.6, 1.0, 1.4])
 FINGERPRINT: dict[str, object] = {"mesh": [4, 2, 4], "bulk_ratio": 200.0}
 RATIOS = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 0.5], [1.0, 0.5], [0.3, 0.2], [0.7, 0.1]])
+MANY = np.random.default_rng(5).random((80, 2))
 
 
 @dataclass(frozen=True)
