@@ -9,7 +9,7 @@ from fe.campaign import (
 )
 from fe.campaign_parameters import RATIOS, Parameter
 from fe.campaign_result import Campaign
-from fe.dask_executor import dask_executor, dask_map
+from fe.dask_executor import dask_map, dask_workers
 from fe.executors import process_map, serial_map
 from fe.response import Response, Status, load_response, save_response
 from fe.simulate import Specimen, simulate
@@ -40,8 +40,8 @@ __all__ = [
     "Status",
     "TensileModel",
     "UniaxialModel",
-    "dask_executor",
     "dask_map",
+    "dask_workers",
     "export_vtk",
     "load_campaign",
     "load_response",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Callable, Generator, Iterator, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from fe.executors import SINGLE_THREAD, MapFn, WorkerDied, usable_cores
@@ -58,7 +59,7 @@ def dask_map(client: Client) -> MapFn:
 
 
 @contextlib.contextmanager
-def dask_executor(scheduler: str | None = None, n_workers: int = 0) -> Iterator[MapFn]:
+def dask_workers(scheduler: str | None = None, n_workers: int = 0) -> Iterator[MapFn]:
     """The map of a running cluster, or of one started here that ends with the context.
 
     `scheduler` is an address such as "tcp://node7:8786" or the file that the scheduler wrote;
@@ -88,17 +89,20 @@ def _local_cluster(n_workers: int) -> Any:
     environment = "distributed.nanny.pre-spawn-environ"
     with dask.config.set({f"{environment}.{k}": v for k, v in SINGLE_THREAD.items()}):
         return LocalCluster(
-            n_workers=n_workers, threads_per_worker=1, processes=True, dashboard_address=None
+            n_workers=n_workers,
+            threads_per_worker=1,
+            processes=True,
+            dashboard_address="127.0.0.1:0",
         )
 
 
 def _connected(connect: Callable[..., Client], scheduler: str) -> Client:
-    is_file = scheduler.endswith(".json")
+    is_file = Path(scheduler).is_file()  # Dask would wait for one that is not there
     place = {"scheduler_file": scheduler} if is_file else {"address": scheduler}
     try:
         return connect(**place, timeout=CONNECT_SECONDS)
     except (OSError, ValueError) as error:  # TimeoutError is an OSError
         raise ValueError(
             f"scheduler: found none that answers at {scheduler!r}, expected its address "
-            f"(tcp://HOST:PORT) or scheduler file ({error})"
+            "(tcp://HOST:PORT) or scheduler file"
         ) from error
