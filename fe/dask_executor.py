@@ -42,17 +42,21 @@ def dask_map(client: Client) -> MapFn:
         index = {future.key: i for i, future in enumerate(futures)}
         try:
             for future in as_completed(futures):
-                yield index[future.key], future.result()
+                result = future.result()
+                yield index.pop(future.key), result
+                # Dask would repeat a run that it keeps when the worker that has the result ends.
+                future.release()
+            if index:
+                raise WorkerDied(f"the Dask cluster ended with {len(index)} items to go")
         except KilledWorker as error:
             raise WorkerDied(
                 f"workers of the Dask cluster ended in the same item, one after another ({error}); "
                 "it may need more memory than they have"
             ) from error
         except CancelledError as error:
-            raise WorkerDied(f"the Dask cluster was closed ({error})") from error
+            raise WorkerDied(f"the Dask cluster ended with {len(index)} items to go") from error
         finally:
-            # After the cluster is gone there is nothing to cancel.
-            with contextlib.suppress(OSError, RuntimeError):
+            if client.status == "running":
                 client.cancel(futures)
 
     return mapped
