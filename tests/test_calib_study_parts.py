@@ -140,11 +140,14 @@ def test_executors_that_there_are_not_are_refused(
         part(tmp_path, "simulate", map_fn=None, **how)
 
 
-def test_the_serial_executor_gives_what_processes_give(tmp_path: Path) -> None:
-    for name in ("serial", "processes"):
+@pytest.mark.parametrize("executor", ["processes", "dask"])
+def test_every_executor_gives_the_same_files(tmp_path: Path, executor: str) -> None:
+    if executor == "dask":
+        pytest.importorskip("distributed")
+    for name in ("serial", executor):
         part(tmp_path / name, "simulate", map_fn=None, executor=name, workers=1)
     runs = [
         {path.name: path.read_bytes() for path in (tmp_path / name).rglob("run_*.npz")}
-        for name in ("serial", "processes")
+        for name in ("serial", executor)
     ]
     assert runs[0] == runs[1] and len(runs[0]) == 32

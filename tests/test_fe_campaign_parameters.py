@@ -100,6 +100,58 @@ def test_runs_of_another_model_or_format_are_named_and_left(tmp_path: Path) -> N
         load_run(old)
 
 
+class Trap:
+    """Something whose pickle, when loaded, makes the file named in it."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return Path.touch, (self.path,)
+
+
+@pytest.mark.parametrize("entry", ["theta", "columns", "fingerprint", "software", "force"])
+def test_a_pickle_inside_a_run_file_is_refused_by_name_and_never_loaded(
+    tmp_path: Path, entry: str
+) -> None:
+    store, sprung = tmp_path / "store", tmp_path / "sprung"
+    run(store, theta=RATIOS[:1])
+    [path] = store.glob("run_*.npz")
+    with np.load(path) as stored:
+        content = {name: stored[name] for name in stored.files}
+    np.savez(path, **content | {entry: np.array([Trap(sprung)], dtype=object)})
+    with pytest.raises(ValueError, match=f"{path.name}: damaged run"):
+        run(store, theta=RATIOS[:1])
+    assert not sprung.exists()
+    np.load(path, allow_pickle=True)[entry]
+    assert sprung.exists(), "the trap works where pickles are loaded"
+
+
+@pytest.mark.parametrize(
+    ("entry", "value"),
+    [
+        ("format", np.asarray(1)),
+        ("format", np.asarray("two")),
+        ("theta", np.zeros(3)),
+        ("theta", np.zeros(2, dtype=np.int64)),
+        ("columns", np.asarray("[1, 2]")),
+        ("columns", np.asarray("{")),
+        ("software", np.asarray("[]")),
+        ("status", np.asarray("fine")),
+    ],
+)
+def test_a_run_file_that_is_not_whole_is_refused_by_name(
+    tmp_path: Path, entry: str, value: np.ndarray
+) -> None:
+    run(tmp_path, theta=RATIOS[:1])
+    [path] = tmp_path.glob("run_*.npz")
+    with np.load(path) as stored:
+        content = {name: stored[name] for name in stored.files}
+    np.savez(path, **content | {entry: value})
+    with pytest.raises(ValueError, match=f"{path.name}: damaged run .* delete it to run it again"):
+        run(tmp_path, theta=RATIOS[:1])
+
+
 def test_results_are_good_up_to_the_travel_reached_and_nan_beyond(tmp_path: Path) -> None:
     campaign = run(tmp_path, Toy(fails_above=0.9), RATIOS[:5], max_failure_rate=0.5)
     good = campaign.good

@@ -15,7 +15,7 @@ from calib.study.figure_style import save_png
 from calib.study.progress import progress_bar
 from calib.study.sections import Hypothesis
 from calib.study.tables import Table
-from fe.campaign import CampaignPlan, load_campaign, run_campaigns
+from fe.campaign import CampaignFailed, CampaignPlan, load_campaign, run_campaigns
 from fe.campaign_result import Campaign
 from fe.manifest import MANIFEST
 from fe.response import Array
@@ -46,10 +46,16 @@ def run_design(context: Context) -> list[Path]:
     try:
         with progress_bar("simulate", "run", shown=context.show_progress) as progress:
             run_campaigns(plans, context.map_fn, progress)
-    finally:
-        for table in failure_tables(context.out, context.study):
-            context.echo(table.text())
+    except CampaignFailed:
+        _tell_failures(context)
+        raise
+    _tell_failures(context)
     return [path for plan in plans for path in manifest_files(plan.store)]
+
+
+def _tell_failures(context: Context) -> None:
+    for table in failure_tables(context.out, context.study):
+        context.echo(table.text())
 
 
 def load_design(context: Context, hypothesis: Hypothesis) -> Campaign:
