@@ -81,7 +81,15 @@ def design_figure(manifests: Mapping[str, Any]) -> Figure:
         _draw_design(axis, manifest)
         axis.set_title(name, fontsize=10)
         tidy(axis)
+    # Below the axes: the corners of a design are runs too. All axes together have every label once.
+    marks = {label: mark for axis in axes for mark, label in zip(*_legend(axis), strict=True)}
+    figure.legend(marks.values(), marks.keys(), loc="outside lower center", ncols=3, fontsize=8)
     return figure
+
+
+def _legend(axis: Axes) -> tuple[list[Any], list[str]]:
+    marks, labels = axis.get_legend_handles_labels()
+    return list(marks), [str(label) for label in labels]
 
 
 def _draw_design(axis: Axes, manifest: Mapping[str, Any]) -> None:
@@ -106,10 +114,19 @@ def _draw_design(axis: Axes, manifest: Mapping[str, Any]) -> None:
     for run in manifest["runs"]:
         if _failed(run):
             x, y = theta[run["index"], :2].tolist()
-            axis.annotate(f" {run['reached_mm']:.3g} mm", (x, y), fontsize=7)
+            reached = f"{run['reached_mm']:.3g} mm"
+            axis.annotate(
+                reached,
+                (x, y),
+                xytext=(0, -6),
+                textcoords="offset points",
+                ha="center",
+                va="top",
+                fontsize=7,
+                color=COLOURS[1],
+            )
     axis.set_xlabel(_label(parameters[0]))
     axis.set_ylabel(_label(parameters[1]) if len(parameters) > 1 else "")
-    axis.legend(fontsize=7, loc="upper right")
 
 
 def _label(parameter: Parameter) -> str:
