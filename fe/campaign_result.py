@@ -33,7 +33,7 @@ class Campaign:
     parameters: tuple[Parameter, ...] = RATIOS
     """the d columns of theta"""
     unused: tuple[Path, ...] = ()
-    """run files in the store that are of another design, model or format; left as they are"""
+    """run files in the store of another design, model, version or format; left as they are"""
 
     def __post_init__(self) -> None:
         if self.theta.ndim != 2 or len(self.theta) != len(self.responses):

@@ -44,7 +44,7 @@ class KeptRun:
     @property
     def key(self) -> str:
         """The name that content like this has."""
-        return _key(self.theta, self.parameters, self.fingerprint)
+        return _key(self.theta, self.parameters, self.fingerprint, self.software["softcal"])
 
 
 def run_key(
@@ -52,19 +52,21 @@ def run_key(
 ) -> str:
     """Name of one run: 16 hex digits of the SHA-256 of parameters, all bits of theta, fingerprint.
 
-    A factor counts by the name of its level, so that a level more changes no key. Raises ValueError
-    when the fingerprint does not consist of JSON values.
+    A factor counts by the name of its level, so that a level more changes no key. The version of
+    softcal counts too: another may solve the same model differently. Raises ValueError when the
+    fingerprint does not consist of JSON values.
     """
-    return _key(np.asarray(theta, dtype=np.float64), parameters, canonical_json(fingerprint))
+    theta = np.asarray(theta, dtype=np.float64)
+    return _key(theta, parameters, canonical_json(fingerprint), software_versions()["softcal"])
 
 
-def _key(theta: Array, parameters: Sequence[Parameter], canonical: str) -> str:
+def _key(theta: Array, parameters: Sequence[Parameter], canonical: str, softcal: str) -> str:
     # + 0.0: -0.0 and 0.0 are one point
     exact = [
         [p.name, p.unit, p.level(value) if p.levels else float(value + 0.0).hex()]
         for p, value in zip(parameters, theta, strict=True)
     ]
-    text = json.dumps([RUN_FORMAT, exact, canonical])
+    text = json.dumps([RUN_FORMAT, softcal, exact, canonical])
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 

@@ -14,7 +14,7 @@ from fe.campaign import CampaignFailed, CampaignPlan, run_campaign, run_campaign
 from fe.campaign_parameters import Parameter, checked_theta
 from fe.campaign_result import Campaign
 from fe.response import Response, Status
-from fe.run_files import load_run, run_key
+from fe.run_files import load_run, run_key, software_versions
 
 PIN = Parameter("pin", "1", "factor", ("bar", "round"))
 HEIGHT = Parameter("height", "mm", "geometry")
@@ -86,6 +86,19 @@ def test_without_a_fingerprint_the_fields_of_the_model_are_one(tmp_path: Path) -
     assert run_campaign(Toy(), RATIOS, tmp_path).n_reused == len(RATIOS)
     with pytest.raises(TypeError, match="simulate: expected a dataclass"):
         run_campaign(lambda theta: Toy()(theta), RATIOS, tmp_path)
+
+
+def test_another_version_of_the_code_runs_everything_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run(tmp_path)
+    now = software_versions()
+    monkeypatch.setattr("fe.run_files.software_versions", lambda: {**now, "softcal": "99.0"})
+    campaign = run(tmp_path)
+    assert campaign.n_reused == 0 and len(campaign.unused) == len(RATIOS)
+    assert load_run(campaign.unused[0]).software == now, "a run of another version is still a run"
+    monkeypatch.setattr("fe.run_files.software_versions", lambda: {**now, "numpy": "99.0"})
+    assert run(tmp_path).n_reused == len(RATIOS)
 
 
 def test_runs_of_another_model_or_format_are_named_and_left(tmp_path: Path) -> None:

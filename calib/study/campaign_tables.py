@@ -47,7 +47,7 @@ def campaign_table(manifests: Mapping[str, Any]) -> Table:
         ),
         tuple(rows),
         "Failed: ended before the last increment; good up to the travel reached. Other files: runs "
-        "of another design, model or format in the folder, named in its manifest and not used.",
+        "of another design, model or version in the folder, named in its manifest and not used.",
     )
 
 
