@@ -109,3 +109,26 @@ def test_friction_of_a_block_that_sticks_everywhere_is_refused() -> None:
 def test_a_row_that_is_no_block_is_refused() -> None:
     with pytest.raises(ValueError, match="height: expected a length above 0 mm, found -1"):
         _of("height")(np.array([-1.0]))
+
+
+needs_sensitivities = pytest.mark.skipif(
+    not hasattr(BlockPinModel, "parameter_names"), reason="the model has gradients in (r, s) only"
+)
+
+
+@needs_sensitivities
+@pytest.mark.parametrize("contact", ["slide", "stick"])
+def test_gradients_are_the_slopes_along_every_continuous_parameter(contact: str) -> None:
+    level = float(FAMILY["contact"].levels.index(contact))
+    family = BlockPinFamily(replace(TEMPLATE, travel=(0.2,)), ALL)
+    row = np.array([0.4, 0.1, 50.0, 0.3, 2.7, 0.4, 0.0, level])
+    response = family(row)
+    rubs = ("friction",) if contact == "slide" else ()
+    assert response.parameters == ("r", "s", "bulk", *rubs, "height", "fillet")
+    for j, name in enumerate(response.parameters):
+        column = [p.name for p in ALL].index(name)
+        step = np.zeros(len(ALL))
+        step[column] = 1e-5 * max(row[column], 1.0)
+        ends = [family(row + sign * step).force for sign in (1.0, -1.0)]
+        slope = (ends[0] - ends[1]) / (2.0 * step[column])
+        np.testing.assert_allclose(response.force_gradient[:, j], slope, rtol=2e-4, atol=1e-5)

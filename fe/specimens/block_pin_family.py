@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Any, Literal, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -35,6 +35,15 @@ coefficient on pin and base, where they do not stick. contact: whether both stic
 with `friction` where it is a parameter too and without friction else.
 """
 
+_SOURCES = {
+    "r": ("r",),
+    "s": ("s",),
+    "bulk": ("bulk_ratio",),
+    "friction": ("friction_pin", "friction_base"),
+    "height": ("height",),
+    "fillet": ("pin_fillet",),
+}
+"""what of the model goes with a continuous parameter, one to one"""
 _PINS: dict[str, Literal["bar", "round"]] = {"bar": "bar", "round": "round"}
 
 
@@ -85,19 +94,21 @@ class BlockPinFamily:
     def __call__(self, theta: Array) -> Response:
         """Response at kappa = 1 MPa for a row (d,) of a design, as of `BlockPinModel`.
 
-        Gradients are in what the template has gradients in. A solver failure is a status, not a
+        Gradients are in the continuous parameters, those of them that the model of the row has
+        sensitivities in, or else in what the template asks for. A solver failure is a status, not a
         raise. Raises ValueError for a row that is no block, pin or material.
         """
         values = self._values(theta)
         ratios = np.array([values.get("r", 0.0), values.get("s", 0.0)])
-        return self.model(theta)(ratios)
+        model = self.model(theta)
+        return self._named(model, model(ratios))
 
     def model(self, theta: Array) -> BlockPinModel:
         """The simulation of one row (d,) of a design; raises as `__call__` does."""
         values = self._values(theta)
         levels = {p.name: p.level(values[p.name]) for p in self.parameters if p.levels}
         template, specimen = self.template, self.template.specimen
-        return replace(
+        model = replace(
             template,
             specimen=replace(
                 specimen,
@@ -112,10 +123,44 @@ class BlockPinFamily:
             ),
             bulk_ratio=values.get("bulk", template.bulk_ratio),
         )
+        known = _sensitivity_names(model)
+        if not known or getattr(template, "sensitivities", ()) is not None:
+            return model
+        asked = [n for p in self.parameters for n in _SOURCES.get(p.name, ()) if n in known]
+        return replace(model, **cast("dict[str, Any]", {"sensitivities": tuple(asked)}))
+
+    def _named(self, model: BlockPinModel, response: Response) -> Response:
+        """The response with gradients by the names of the parameters, by the chain rule."""
+        found = list(response.parameters)
+        known = _sensitivity_names(model) or response.parameters
+        columns: dict[str, list[int]] = {}
+        for parameter in self.parameters:
+            sources = [name for name in _SOURCES.get(parameter.name, ()) if name in known]
+            if sources and set(sources) <= set(found):
+                columns[parameter.name] = [found.index(name) for name in sources]
+        used = {index for indices in columns.values() for index in indices}
+        columns |= {name: [i] for i, name in enumerate(found) if i not in used}
+
+        def chained(gradient: Array) -> Array:
+            parts = [gradient[..., indices].sum(axis=-1) for indices in columns.values()]
+            return np.stack(parts, axis=-1) if parts else gradient
+
+        return replace(
+            response,
+            force_gradient=chained(response.force_gradient),
+            displacement_gradient=chained(response.displacement_gradient),
+            parameters=tuple(columns),
+        )
 
     def _values(self, theta: Array) -> dict[str, float]:
         [row] = checked_theta(np.asarray(theta, dtype=np.float64)[None], self.parameters)
         return dict(zip((p.name for p in self.parameters), row.tolist(), strict=True))
+
+
+def _sensitivity_names(model: BlockPinModel) -> tuple[str, ...]:
+    """What a model can have gradients in besides (r, s); none where it cannot be asked."""
+    names: tuple[str, ...] = getattr(model, "parameter_names", tuple)()
+    return names
 
 
 def _interface(
