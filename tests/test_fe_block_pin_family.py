@@ -67,7 +67,7 @@ def test_a_family_solves_what_its_model_solves(tmp_path: Path) -> None:
     family = pickle.loads(pickle.dumps(_of("height", "s", "pin", "r")))
     theta = np.array([[2.6, 0.1, 0.0, 0.4], [2.5, 0.1, 1.0, 0.4]])
     campaign = run_campaign(family, theta, tmp_path, parameters=family.parameters)
-    assert campaign.reached.all() and campaign.gradient_parameters == ("r", "s")
+    assert campaign.reached.all() and campaign.gradient_parameters == ("s", "r")
     for row, force in zip(theta, campaign.force, strict=True):
         model = replace(
             TEMPLATE, specimen=BlockPin(height=row[0], pin="round" if row[2] else "bar")
