@@ -60,6 +60,14 @@ class Campaign:
         return np.stack([good_steps(response) for response in self.responses])
 
     @property
+    def stable(self) -> BoolArray:
+        """(n, n_step) whether a run is good and its equilibrium stable: no negative pivots.
+
+        Values of an unstable one are a solution; its gradients need not be those along the design.
+        """
+        return self.good & np.stack([r.negative_pivots == 0 for r in self.responses])
+
+    @property
     def reached(self) -> BoolArray:
         """(n,) whether the run converged and is good up to its last travel."""
         return np.array([is_reached(response) for response in self.responses], dtype=bool)

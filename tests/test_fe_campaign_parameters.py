@@ -187,6 +187,13 @@ def test_numbers_beyond_the_travel_reached_are_never_handed_on() -> None:
     assert Campaign(RATIOS[:1], (hole,), 0).good.tolist() == [[True, False, False]]
 
 
+def test_an_unstable_equilibrium_is_good_but_not_stable() -> None:
+    buckled = replace(Toy()(RATIOS[0]), negative_pivots=np.array([0, 1, 0]))
+    campaign = Campaign(RATIOS[:2], (buckled, Toy()(RATIOS[1])), 0)
+    assert campaign.good.all()
+    assert campaign.stable.tolist() == [[True, False, True], [True] * 3]
+
+
 def test_gradients_are_lined_up_by_name_and_unknown_where_a_run_has_none() -> None:
     first, second = Toy()(RATIOS[0]), Toy()(RATIOS[1])
     second = replace(second, parameters=("s", "friction"))
