@@ -65,7 +65,8 @@ class Campaign:
 
         Values of an unstable one are a solution; its gradients need not be those along the design.
         """
-        return self.good & np.stack([r.negative_pivots == 0 for r in self.responses])
+        stable: BoolArray = np.stack([r.negative_pivots == 0 for r in self.responses])
+        return self.good & stable
 
     @property
     def reached(self) -> BoolArray:
