@@ -81,6 +81,16 @@ def _parser() -> argparse.ArgumentParser:
 
     studies = verbs.add_parser("studies", help="list the embedded studies")
     studies.set_defaults(verb=_studies)
+
+    lens = verbs.add_parser("lens", help="find lens and set-up for stereo images of a small face")
+    lens.add_argument(
+        "design",
+        nargs="?",
+        metavar="FILE",
+        help="what is at hand and needed (default: the thesis' tables again, and a 4 mm sample)",
+    )
+    lens.add_argument("--figure", type=Path, metavar="PNG", help="field and depth over distance")
+    lens.set_defaults(verb=_lens)
     return parser
 
 
@@ -198,6 +208,30 @@ def _studies(_: argparse.Namespace) -> int:
     for name, title in studies.items():
         print(f"{name:{width}}  {title}")
     return 0
+
+
+def _lens(arguments: argparse.Namespace) -> int:
+    from calib.optics import load_design, published_checks, published_limits, search, tables
+
+    figure: Path | None = arguments.figure
+    if figure is not None and figure.suffix.lower() != ".png":
+        raise ValueError(f"--figure: found {figure}, expected a file name that ends in .png")
+    found = search(load_design(arguments.design or "sample-4mm"))
+    remarks = list(tables.verdicts(found))
+    if arguments.design is None:
+        checks = published_checks()
+        print(tables.checks_table(checks), end="\n\n")
+        remarks = [*tables.warnings(checks), *published_limits(), *remarks]
+    print(tables.found_table(found), flush=True)
+    for remark in remarks:
+        print(f"calib: {remark}", file=sys.stderr)
+    if figure is not None:
+        from calib.optics.figures import distance_figure
+        from calib.study.figure_style import save_png
+
+        save_png(distance_figure(found), figure)
+        print(f"wrote {figure}")
+    return 0 if found[0].is_feasible else FAILED
 
 
 if __name__ == "__main__":

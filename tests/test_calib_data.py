@@ -7,16 +7,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calib.data import PUBLISHED_CONSTANTS, Dataset, read_force_csv, thesis_forces
-from calib.data.thesis import _columns, optimization_runs, stated_average
+from calib.data import PUBLISHED_CONSTANTS, Dataset, read_force_csv, thesis_forces, thesis_table
+from calib.data.thesis import optimization_runs, stated_average
 
 GOOD = "travel_mm,force_mean_N,force_sd_N,n_samples\n0.6,0.9,0.1,23\n0.8,1.3,0.09,23\n"
 
 
 def test_relative_sd_printed_in_table_5_1_follows_from_its_other_columns() -> None:
-    table = _columns("thesis_table_5_1.csv")
-    share = 100 * table["standard_deviation_N"] / table["average_N"]
-    assert np.abs(share - table["relative_size_percent"]).max() < 0.006  # printed to 0.01
+    table = thesis_table("Table 5.1")
+    share = 100 * table.numbers("standard_deviation_N") / table.numbers("average_N")
+    assert np.abs(share - table.numbers("relative_size_percent")).max() < 0.006  # printed to 0.01
 
 
 def test_thesis_forces_are_23_samples_at_increments_3_to_7_of_0_2_mm() -> None:

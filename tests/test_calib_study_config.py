@@ -389,3 +389,10 @@ def test_any_mutated_study_is_read_or_refused_with_its_name(folder, text):
 def test_any_bytes_are_refused_with_their_name(content):
     with pytest.raises(StudyError, match=r"^own\.toml:\d+: "):
         read_study(content, file="own.toml", folder=Path())
+
+
+def test_a_mistake_in_the_only_hypothesis_is_named_not_that_there_is_none(folder):
+    start, end = BASE.index('[[hypothesis]]\nname = "mixed"'), BASE.index("[noise]")
+    text = (BASE[:start] + BASE[end:]).replace('pin = "stick"', 'pin = "glue"')
+    line = line_of(text, 'pin = "glue"')
+    assert refusal(folder, text).startswith(f"own.toml:{line}: hypothesis[0].pin: found")

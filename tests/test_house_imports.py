@@ -63,6 +63,16 @@ def test_studies_are_seen_by_the_command_only():
     assert seen_by <= {"calib/cli.py"}
 
 
+def test_lens_design_is_seen_by_the_command_only():
+    seen_by = {
+        str(path.relative_to(ROOT))
+        for path in FILES
+        for name in imported(ast.parse(path.read_text()))
+        if name.startswith("calib.optics") and (ROOT / "calib/optics") not in path.parents
+    }
+    assert seen_by == {"calib/cli.py"}
+
+
 def unpickles(tree: ast.Module) -> bool:
     """Whether a file can read a pickle from disk: code of others would run on loading it."""
     libraries = {name.partition(".")[0] for name in imported(tree)}

@@ -6,19 +6,15 @@ Every refusal is a `StudyError` of one sentence, `FILE:LINE: key: found X, expec
 from __future__ import annotations
 
 import dataclasses
-import json
-import re
-import tomllib
 from importlib import resources
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
-from pydantic import AliasChoices, Field, TypeAdapter, ValidationError
+from pydantic import AliasChoices, Field
 from pydantic.dataclasses import dataclass
 
 from calib.data import read_force_csv, thesis_forces
-from calib.study.refusal import Contradiction, Refusal, refusals, sentence
 from calib.study.sections import (
     STRICT,
     VIRTUAL,
@@ -38,11 +34,18 @@ from calib.study.sections import (
     Virtual,
     is_finer,
 )
-from calib.study.toml_lines import key_lines, nearest_line
+from calib.toml_file import (
+    Contradiction,
+    Document,
+    FileRefused,
+    Refusal,
+    read_document,
+    read_file,
+    sentence,
+)
 
 SAME_TRAVEL = 1e-6  # mm, within which an increment and a measured travel are the same
 FAR_HEIGHT = 3.0  # largest ratio of the heights that hypotheses give to one sample
-_LONGEST_FILE = 1_000_000  # bytes; a study is a page of text, anything longer is another file
 
 
 class StudyError(ValueError):
@@ -164,10 +167,9 @@ def load_study(study: str | Path) -> Study:
         known = ", ".join(embedded_studies())
         raise StudyError(f"{path}: found no such file, expected a study file or one of {known}")
     try:
-        with path.open("rb") as stream:
-            content = stream.read(_LONGEST_FILE + 1)
-    except OSError as error:
-        raise StudyError(f"{path}: cannot be read ({error.strerror})") from error
+        content = read_file(path, "study file")
+    except FileRefused as error:
+        raise StudyError(str(error)) from error
     return read_study(content, file=str(path), folder=path.absolute().parent)
 
 
@@ -177,34 +179,27 @@ def read_study(content: bytes, *, file: str, folder: Path) -> Study:
     Raises:
         StudyError: see `load_study`.
     """
-    text, document = _parse(content, file)
-    lines = key_lines(text)
-
-    def refuse(refusal: Refusal) -> StudyError:
-        line = nearest_line(lines, refusal.path)
-        return StudyError(f"{file}:{line}: {refusal.key}: {refusal.reason}")
-
-    if "hypotheses" in document:  # the name of the field in Python; a file has one way to say it
-        reason = "found an unknown key, expected sections [[hypothesis]]"
-        raise refuse(Refusal(("hypotheses",), reason))
     try:
-        # JSON is where pydantic's strict mode takes arrays for tuples and tables for dataclasses
-        study = TypeAdapter(Study).validate_json(json.dumps(document, default=str))
-    except ValidationError as error:
-        found = refusals(error, Study)
-        # a key that is absent may only be misspelt: the misspelling is what to say first
-        first = min(found, key=lambda r: (r.is_absent, nearest_line(lines, r.path)))
-        raise refuse(first) from error
+        return _read_study(read_document(content, file, "study file"), folder)
+    except FileRefused as error:
+        raise StudyError(str(error)) from error
+
+
+def _read_study(document: Document, folder: Path) -> Study:
+    if "hypotheses" in document.values:  # the field's name in Python; a file has one way to say it
+        reason = "found an unknown key, expected sections [[hypothesis]]"
+        raise document.refuse(Refusal(("hypotheses",), reason))
+    study = document.checked(Study)
     if study.data.is_file:
         path = (folder / study.data.source).resolve()
         if not path.is_file():
             reason = sentence(study.data.source, f"a file in {folder}")
-            raise refuse(Refusal(("data", "source"), reason))
+            raise document.refuse(Refusal(("data", "source"), reason))
         study = dataclasses.replace(study, data=DataSource(source=str(path)))
     try:
         _check_against_data(study)
     except Contradiction as error:
-        raise refuse(error.refusal()) from error
+        raise document.refuse(error.refusal()) from error
     except ValueError as error:  # of the data file, which names its own line
         raise StudyError(str(error)) from error
     return study
@@ -226,27 +221,3 @@ def _check_against_data(study: Study) -> None:
     if study.noise.load_cell_sd >= min(spread):
         expected = f"less than the smallest SD between samples ({min(spread):g} N), a part of it"
         raise Contradiction("noise.load_cell_sd", study.noise.load_cell_sd, expected)
-
-
-def _parse(content: bytes, file: str) -> tuple[str, dict[str, Any]]:
-    if len(content) > _LONGEST_FILE:
-        raise StudyError(f"{file}: found more than {_LONGEST_FILE} bytes, expected a study file")
-    try:
-        text = content.decode("utf-8-sig").replace("\r\n", "\n")
-    except UnicodeDecodeError as error:
-        line = content.count(b"\n", 0, error.start) + 1
-        byte = content[error.start]
-        raise StudyError(
-            f"{file}:{line}: found the byte 0x{byte:02x}, expected text saved as UTF-8"
-        ) from error
-    try:
-        return text, tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        place = re.search(r" \(at line (\d+), column \d+\)", str(error))
-        line = int(place[1]) if place else text.count("\n") + 1
-        reason = str(error).replace(place[0] if place else " (at end of document)", "")
-        raise StudyError(
-            f"{file}:{line}: found no valid TOML ({reason}), expected key = value"
-        ) from error
-    except (RecursionError, ValueError) as error:  # arrays too deep, numbers too long for Python
-        raise StudyError(f"{file}: found TOML beyond what can be read ({error})") from error

@@ -12,7 +12,7 @@ from pydantic import ConfigDict, Field, SkipValidation
 from pydantic.dataclasses import dataclass
 
 from calib.inference.prior import Marginal
-from calib.study.refusal import Contradiction
+from calib.toml_file.refusal import Contradiction
 
 STRICT = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False, use_attribute_docstrings=True)
 

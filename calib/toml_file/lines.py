@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import NamedTuple
 
 Path = tuple[str | int, ...]
@@ -39,7 +39,7 @@ def key_lines(text: str) -> dict[Path, int]:
     return _Scanner(text).document()
 
 
-def nearest_line(lines: dict[Path, int], path: Path) -> int:
+def nearest_line(lines: Mapping[Path, int], path: Path) -> int:
     """Line of `path`, or of the closest table around it that is in the document, or 1."""
     for length in range(len(path), 0, -1):
         if path[:length] in lines:

@@ -1,36 +1,18 @@
-"""Tables 5.1, 5.3 and 5.4 of the thesis, transcribed with all digits, and what they amount to.
-
-The thesis is "An Inverse Finite Element Method for Material Characterization of Small Hyperelastic
-Samples", M.Eng., Stellenbosch University.
-"""
+"""What Tables 5.1, 5.3 and 5.4 of the thesis amount to: forces and constants."""
 
 from __future__ import annotations
 
-import csv
 from dataclasses import dataclass
-from importlib import resources
 
 import numpy as np
 
 from calib.data.dataset import Dataset
+from calib.data.thesis.tables import thesis_table
 from fe.response import Array
 
 TRAVEL_PER_INCREMENT = 0.2  # mm, thesis section 4.1.2
 N_SAMPLES = 23  # thesis section 5.1
 SCALE = np.array([1e-3, 1e-2, 1e-4])  # C = scale * SC; Eqs. 5.1-5.3 print the inverse exponent
-
-
-def _table(name: str) -> tuple[list[str], list[list[str]]]:
-    """Header and cells of one packaged table, comments left out."""
-    text = resources.files("calib.data").joinpath(name).read_text(encoding="utf-8")
-    lines = [line for line in text.splitlines() if line and not line.startswith("#")]
-    rows = list(csv.reader(lines))
-    return rows[0], rows[1:]
-
-
-def _columns(name: str) -> dict[str, Array]:
-    header, rows = _table(name)
-    return dict(zip(header, np.array(rows, dtype=np.float64).T, strict=True))
 
 
 @dataclass(frozen=True)
@@ -47,32 +29,32 @@ class OptimizationRuns:
 
 def thesis_forces() -> Dataset:
     """Thesis Table 5.1: force at increments 3-7 (0.6 to 1.4 mm), mean and SD of 23 samples, N."""
-    table = _columns("thesis_table_5_1.csv")
+    table = thesis_table("Table 5.1")
     # Rounded so that the travels are the doubles one would write: 0.6, not 0.6000000000000001.
-    travel = np.round(TRAVEL_PER_INCREMENT * table["increment"], 10)
+    travel = np.round(TRAVEL_PER_INCREMENT * table.numbers("increment"), 10)
     return Dataset(
         name="thesis Table 5.1",
         synthetic=False,
         travel=travel,
-        force_mean=table["average_N"],
-        force_sd=table["standard_deviation_N"],
+        force_mean=table.numbers("average_N"),
+        force_sd=table.numbers("standard_deviation_N"),
         n_samples=N_SAMPLES,
     )
 
 
 def optimization_runs() -> OptimizationRuns:
     """Thesis Table 5.3, unscaled to MPa."""
-    table = _columns("thesis_table_5_3.csv")
+    table = thesis_table("Table 5.3")
     names = ("SC10", "SC01", "SC11")
-    start = np.column_stack([table[f"{name}_I"] for name in names]) * SCALE
-    result = np.column_stack([table[f"{name}_O"] for name in names]) * SCALE
-    return OptimizationRuns(start, result, table["RMSE_mm"])
+    start = np.column_stack([table.numbers(f"{name}_I") for name in names]) * SCALE
+    result = np.column_stack([table.numbers(f"{name}_O") for name in names]) * SCALE
+    return OptimizationRuns(start, result, table.numbers("RMSE_mm"))
 
 
 def published_constants() -> dict[str, float]:
     """Thesis Table 5.4: C10, C01, C11 in MPa (unit implied)."""
-    _, rows = _table("thesis_table_5_4.csv")
-    return {name: float(value) for name, value in rows}
+    table = thesis_table("Table 5.4")
+    return dict(zip(table.cells("variable"), table.numbers("value_MPa").tolist(), strict=True))
 
 
 def stated_average() -> dict[str, float]:

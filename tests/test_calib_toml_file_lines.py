@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from hypothesis import given
 from hypothesis import strategies as st
 
-from calib.study.toml_lines import key_lines, nearest_line
+from calib.toml_file.lines import key_lines, nearest_line
 
 DOCUMENT = '''\
 name = "x"  # comment = [not, a, key]

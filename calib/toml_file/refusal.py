@@ -1,4 +1,4 @@
-"""Why a study was refused: the key, what was found and what was expected, in one sentence."""
+"""Why a file was refused: the key, what was found and what was expected, in one sentence."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any, get_args
 from pydantic import AliasChoices, ValidationError
 from pydantic.fields import FieldInfo
 
-from calib.study.toml_lines import Path
+from calib.toml_file.lines import Path
 
 _LONGEST_VALUE = 60
 
@@ -28,17 +28,17 @@ class Contradiction(ValueError):  # noqa: N818 - says what it is
         self.expected = expected
 
     def refusal(self, section: Path = ()) -> Refusal:
-        """The same with the path from the top of the study file, `section` being its start."""
+        """The same with the path from the top of the file, `section` being its start."""
         keys = (int(part) if part.isdigit() else part for part in self.key.split("."))
         return Refusal((*section, *keys), sentence(self.found, self.expected))
 
 
 @dataclass(frozen=True)
 class Refusal:
-    """One broken rule of a study."""
+    """One broken rule of a file."""
 
     path: Path
-    """keys and indices from the top of the study file"""
+    """keys and indices from the top of the file"""
     reason: str
     """found X, expected Y"""
     is_absent: bool = False
@@ -58,12 +58,12 @@ def sentence(found: object, expected: str) -> str:
     return f"found {_shown(found)}, expected {expected}"
 
 
-def refusals(error: ValidationError, study_type: type) -> list[Refusal]:
-    """The broken rules behind a pydantic `error` about data for the dataclass `study_type`."""
-    return [_refusal(detail, study_type) for detail in error.errors(include_url=False)]
+def refusals(error: ValidationError, section_type: type) -> list[Refusal]:
+    """The broken rules behind a pydantic `error` about data for the dataclass `section_type`."""
+    return [_refusal(detail, section_type) for detail in error.errors(include_url=False)]
 
 
-def _refusal(detail: Mapping[str, Any], study_type: type) -> Refusal:
+def _refusal(detail: Mapping[str, Any], section_type: type) -> Refusal:
     path: Path = tuple(detail["loc"])
     kind = detail["type"]
     found = detail["input"]
@@ -71,9 +71,9 @@ def _refusal(detail: Mapping[str, Any], study_type: type) -> Refusal:
     if isinstance(cause, Contradiction):
         return cause.refusal(section=path)
     if kind == "unexpected_keyword_argument":
-        keys = ", ".join(_fields_at(study_type, path[:-1]))
+        keys = ", ".join(_fields_at(section_type, path[:-1]))
         return Refusal(path, f"found an unknown key, expected one of {keys}")
-    meaning = _meaning(study_type, path)
+    meaning = _meaning(section_type, path)
     if kind == "missing" and isinstance(path[-1], str):
         return Refusal(path, f"found nothing, expected {meaning}", is_absent=True)
     if kind == "missing":  # of an array that is too short
@@ -106,16 +106,16 @@ def _shown(value: object) -> str:
     return text if len(text) <= _LONGEST_VALUE else text[:_LONGEST_VALUE] + "..."
 
 
-def _meaning(study_type: type, path: Path) -> str:
+def _meaning(section_type: type, path: Path) -> str:
     """The docstring under the field that `path` leads to or into."""
     keys = [part for part in path if isinstance(part, str)]
-    field = _fields_at(study_type, tuple(keys[:-1])).get(keys[-1]) if keys else None
-    return (field.description if field else None) or "a study"
+    field = _fields_at(section_type, tuple(keys[:-1])).get(keys[-1]) if keys else None
+    return (field.description if field else None) or "a value"
 
 
-def _fields_at(study_type: type, path: Path) -> dict[str, FieldInfo]:
+def _fields_at(section_type: type, path: Path) -> dict[str, FieldInfo]:
     """Fields of the section that `path` leads to, by their key in the file."""
-    fields = _fields(study_type)
+    fields = _fields(section_type)
     for key in path:
         if isinstance(key, str):
             fields = _fields(_section_type(fields[key].annotation)) if key in fields else {}
