@@ -76,7 +76,7 @@ class Noted:
     def __call__(self, theta: np.ndarray) -> Response:
         with open(self.log, "a") as stream:
             stream.write(f"{os.getpid()} {theta.tolist()}\n")
-        return Toy(seconds=0.5)(theta)
+        return Toy(seconds=1.0)(theta)
 
 
 def _kill_fourth_of(log: Path, killed: list[str]) -> None:
@@ -84,6 +84,7 @@ def _kill_fourth_of(log: Path, killed: list[str]) -> None:
     while not (log.exists() and len(log.read_text().splitlines()) >= 4):
         time.sleep(0.01)
     killed.append(log.read_text().splitlines()[3])
+    time.sleep(0.5)  # the result before has been handed over by then; a run takes 1 s
     os.kill(int(killed[0].split()[0]), signal.SIGKILL)
 
 
