@@ -1,34 +1,46 @@
-"""How often the block reaches 1.4 mm over random parameters: Sobol draws for each contact.
+"""How often the block reaches 1.4 and 1.8 mm over random parameters: one Sobol sequence over all.
 
-The draws cover r, s, bulk/mu (log), height and fillet over the ranges that the model is built for.
-`CASES` lists what `fe` can do; a new pin or contact is one line there.
+A draw is a pin, a contact and numbers over the ranges that the model is built for; the first tenth
+of the draws is solved on the fitting mesh too.  Pin and contact are dimensions of the sequence:
+were they dealt out in turn, they would follow the other dimensions' binary digits.
 """
 
 from __future__ import annotations
 
 import functools
+import hashlib
 import multiprocessing
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 from scipy.stats import qmc
 
+from benchmarks.meshes import FITTING_CELLS, SAMPLING_CELLS, Cells, Pin
 from fe import BlockPin, BlockPinModel, Contact, Response, load_response, save_response
 
 Array = npt.NDArray[np.float64]
+Touch = Literal["stick", "friction", "frictionless"]
 
-SAMPLING_CELLS = (12, 4, 2)
-TRAVEL = (0.6, 0.8, 1.0, 1.2, 1.4, 1.8)
+TRAVEL = (0.6, 0.8, 1.0, 1.2, 1.4, 1.6, 1.8)
 REACHED = (1.4, 1.8)
 """mm: travels of which the fractions are reported"""
+FITTING_SHARE = 10
+"""one of so many draws is solved on the fitting mesh too: the first ones"""
 SEED = 20261121
+PINS: tuple[Pin, ...] = ("bar", "round")
+TOUCHES: tuple[Touch, ...] = ("stick", "friction", "frictionless")
+CASES = tuple(f"{pin}, {touch}" for pin in PINS for touch in TOUCHES)
+"""pin and contact, as they are named in the figures"""
 
 
 class Draw(NamedTuple):
     """One point of the parameter space."""
 
+    pin: Pin
+    touch: Touch
     r: float
     s: float
     bulk_ratio: float
@@ -36,35 +48,46 @@ class Draw(NamedTuple):
     """mm"""
     fillet: float
     """mm"""
+    pin_friction: float
+    """coefficient, of a contact with friction"""
+    base_friction: float
+
+    @property
+    def case(self) -> str:
+        """Its row in the figures."""
+        return f"{self.pin}, {self.touch}"
+
+    @property
+    def contact(self) -> Contact:
+        """The same kind on pin and base, friction with a coefficient of each."""
+        if self.touch == "friction":
+            return Contact(self.pin_friction, self.base_friction)
+        interface: Literal["stick", "slide"] = "stick" if self.touch == "stick" else "slide"
+        return Contact(interface, interface)
 
 
-LOW = Draw(0.0, 0.0, np.log(5.0), 2.5, 0.2)
-HIGH = Draw(1.0, 0.5, np.log(2000.0), 2.7, 0.5)
-"""of bulk/mu the logarithm"""
-
-CASES: dict[str, Contact] = {
-    "bar, stick": Contact("stick", "stick"),
-    "bar, frictionless": Contact("slide", "slide"),
-}
-"""pin and contact, as they are named in the figures"""
+LOW = (0.0, 0.0, np.log(5.0), 2.5, 0.2, 0.1, 0.1)
+HIGH = (1.0, 0.5, np.log(2000.0), 2.7, 0.5, 1.0, 1.0)
+"""r, s, log(bulk/mu), height, fillet and the two coefficients of friction"""
 
 
 def draws(n: int) -> list[Draw]:
     """The first n points of a scrambled Sobol sequence: more draws keep the first ones."""
     power = int(np.ceil(np.log2(max(n, 2))))
-    points = qmc.Sobol(len(LOW), seed=SEED).random_base2(power)[:n]
-    values = qmc.scale(points, LOW, HIGH)
+    points = qmc.Sobol(2 + len(LOW), seed=SEED).random_base2(power)[:n]
+    values = qmc.scale(points[:, 2:], LOW, HIGH)
     values[:, 2] = np.exp(values[:, 2])
-    return [Draw(*map(float, row)) for row in values]
+    return [
+        Draw(PINS[int(a * len(PINS))], TOUCHES[int(b * len(TOUCHES))], *map(float, row))
+        for (a, b), row in zip(points[:, :2], values, strict=True)
+    ]
 
 
-def simulate(
-    case: str, draw: Draw, cells: tuple[int, int, int], travel: tuple[float, ...]
-) -> Response:
+def simulate(draw: Draw, cells: Cells, travel: tuple[float, ...]) -> Response:
     """One draw."""
-    specimen = BlockPin(height=draw.height, pin_fillet=draw.fillet)
+    specimen = BlockPin(height=draw.height, pin_fillet=draw.fillet, pin=draw.pin)
     model = BlockPinModel(
-        specimen, CASES[case], cells, travel, bulk_ratio=draw.bulk_ratio, field_grid=(7, 5)
+        specimen, draw.contact, cells, travel, bulk_ratio=draw.bulk_ratio, field_grid=(7, 5)
     )
     return model(np.array([draw.r, draw.s]))
 
@@ -73,54 +96,90 @@ def figures(
     folder: Path,
     n: int,
     workers: int,
-    cases: tuple[str, ...],
     *,
-    cells: tuple[int, int, int] = SAMPLING_CELLS,
+    sampling: dict[Pin, Cells] = SAMPLING_CELLS,
+    fitting: dict[Pin, Cells] = FITTING_CELLS,
     travel: tuple[float, ...] = TRAVEL,
     reached: tuple[float, ...] = REACHED,
 ) -> dict[str, Any]:
-    """`converged_fraction` by pin and contact, and what stopped the others."""
-    fraction: dict[str, Any] = {}
-    stopped: dict[str, Any] = {}
-    for case in cases:
-        one = functools.partial(_stored, folder, case, cells, travel)
-        jobs = list(enumerate(draws(n)))
-        if workers > 1:
-            with multiprocessing.get_context("spawn").Pool(workers) as pool:
-                results = pool.starmap(one, jobs, chunksize=1)
-        else:
-            results = [one(*job) for job in jobs]
-        fraction[case] = {
-            f"{d:g} mm": float(np.mean([r.reached >= d - 1e-9 for r in results])) for d in reached
+    """`converged_fraction` by mesh, pin and contact, and what stopped the others.
+
+    Of n draws on the sampling mesh and the first tenth of them on the fitting mesh.
+    """
+    drawn = draws(n)
+    found: dict[str, Any] = {}
+    few = drawn[: -(-n // FITTING_SHARE)]
+    for suffix, cells, part in (("", sampling, drawn), ("_fitting", fitting, few)):
+        responses = run(folder, part, workers, cells, travel)
+        found |= {
+            f"converged_fraction{suffix}": fractions(part, responses, reached),
+            f"not_converged{suffix}": stopped(part, responses, reached[-1]),
+            f"converged_cells{suffix}": {pin: list(cells[pin]) for pin in PINS},
         }
-        fraction[case] |= {
-            "draws": n,
-            "unstable": float(np.mean([(r.negative_pivots > 0).any() for r in results])),
-            "median_seconds": float(np.median([r.seconds for r in results])),
+    return found
+
+
+def run(
+    folder: Path,
+    drawn: Sequence[Draw],
+    workers: int,
+    cells: dict[Pin, Cells],
+    travel: tuple[float, ...],
+) -> list[Response]:
+    """The draws' responses, those from the folder that are there (delete it with a new model)."""
+    one = functools.partial(_stored, folder, cells, travel)
+    jobs = list(enumerate(drawn))
+    if workers > 1:
+        with multiprocessing.get_context("spawn").Pool(workers) as pool:
+            return pool.starmap(one, jobs, chunksize=1)
+    return [one(*job) for job in jobs]
+
+
+def fractions(
+    drawn: Sequence[Draw], responses: Sequence[Response], reached: tuple[float, ...]
+) -> dict[str, Any]:
+    """By case and over all: what reached each travel, number of draws, unstable, median seconds."""
+    table: dict[str, Any] = {}
+    for case in (*CASES, "all"):
+        runs = [r for d, r in zip(drawn, responses, strict=True) if case in ("all", d.case)]
+        if not runs:
+            continue
+        table[case] = {
+            f"{d:g} mm": float(np.mean([r.reached >= d - 1e-9 for r in runs])) for d in reached
+        } | {
+            "draws": len(runs),
+            "unstable": float(np.mean([(r.negative_pivots > 0).any() for r in runs])),
+            "median_seconds": float(np.median([r.seconds for r in runs])),
         }
-        stopped[case] = [
-            draw._asdict() | {"reached": r.reached, "message": r.message}
-            for (_, draw), r in zip(jobs, results, strict=True)
-            if r.reached < reached[0] - 1e-9
-        ]
-    return {"converged_fraction": fraction, "not_converged": stopped}
+    return table
+
+
+def stopped(
+    drawn: Sequence[Draw], responses: Sequence[Response], travel: float
+) -> list[dict[str, Any]]:
+    """The draws that did not reach `travel` (mm), how far they came and why."""
+    return [
+        {"number": i} | draw._asdict() | {"reached": r.reached, "message": r.message}
+        for i, (draw, r) in enumerate(zip(drawn, responses, strict=True))
+        if r.reached < travel - 1e-9
+    ]
 
 
 def _stored(
-    folder: Path,
-    case: str,
-    cells: tuple[int, int, int],
-    travel: tuple[float, ...],
-    number: int,
-    draw: Draw,
+    folder: Path, cells: dict[Pin, Cells], travel: tuple[float, ...], number: int, draw: Draw
 ) -> Response:
-    """The draw's response, from the folder if it is there (delete that when the model changes)."""
-    name = "-".join(case.replace(",", "").split())
-    path = folder / name / f"{'x'.join(map(str, cells))}-{number:04d}.npz"
+    mesh = cells[draw.pin]
+    of_what = hashlib.sha256(repr((draw, mesh, travel)).encode()).hexdigest()[:8]
+    path = folder / "x".join(map(str, mesh)) / f"{number:04d}-{of_what}.npz"
     if path.exists():
         return load_response(path)
-    response = simulate(case, draw, cells, travel)
+    response = simulate(draw, mesh, travel)
     path.parent.mkdir(parents=True, exist_ok=True)
-    save_response(path, response, draw=np.array(draw))
-    print(f"  {case} {number}: {response.reached:g} mm, {response.seconds:.0f} s", flush=True)
+    save_response(path, response)
+    print(
+        f"  {number} {draw.case}: {response.reached:g} mm, {response.seconds:.0f} s, "
+        f"{response.n_factorisations} factorisations, {response.negative_pivots.max()} negative "
+        f"pivots; {response.message}",
+        flush=True,
+    )
     return response

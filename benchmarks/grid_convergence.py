@@ -4,8 +4,8 @@ From three meshes with representative sizes h1 < h2 < h3 the observed order p so
 p = |ln|e32 / e21| + ln((r21^p - s) / (r32^p - s))| / ln r21, s = sign(e32 / e21), and
 GCI = 1.25 |e21 / f1| / (r21^p - 1).  p is kept between 1 and 2: differences that are by chance
 small, or change sign, would otherwise promise too much, and singular edges have first order.
-The meshes are refined in all directions, but not in the same ratio: h is the cube root of the mean
-element's volume, and the index an estimate, not a bound.
+The meshes are similar: refined in all directions in the same ratio, on lines of one smooth map.
+Of the field, e32 and e21 are RMS differences over points and components, and the index is in mm.
 """
 
 from __future__ import annotations
@@ -16,15 +16,14 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from benchmarks.mesh_convergence import TRAVEL, solve
-from fe import Response, load_response, save_response
+from benchmarks.mesh_convergence import TRAVEL, Mesh, field_difference, similar, simulate
+from fe import Response
+from fe.specimens.block_pin import Interface
 
 Array = npt.NDArray[np.float64]
 
-MESHES = ((12, 4, 2), (16, 5, 2), (24, 8, 3))
-"""coarse to fine, of the meshes of benchmarks/mesh_convergence.py"""
 RATIOS = np.array([0.5, 0.05])
-INTERFACES = ("slide", "stick")
+INTERFACES: tuple[Interface, ...] = ("slide", "stick", 0.3)
 SAFETY = 1.25
 """of a study on three meshes"""
 
@@ -32,7 +31,14 @@ SAFETY = 1.25
 def index_percent(f: Array, h: Array, low: float = 1.0, high: float = 2.0) -> tuple[float, float]:
     """GCI, % of the finest value, and the observed order, of f (3,) at sizes h (3,), fine first."""
     f1, f2, f3 = f
-    e21, e32 = f2 - f1, f3 - f2
+    index, order = grid_index(f2 - f1, f3 - f2, h, low, high)
+    return 100.0 * index / abs(f1), order
+
+
+def grid_index(
+    e21: float, e32: float, h: Array, low: float = 1.0, high: float = 2.0
+) -> tuple[float, float]:
+    """GCI in the unit of the differences, and the observed order, at sizes h (3,), fine first."""
     r21, r32 = h[1] / h[0], h[2] / h[1]
     if e21 == 0.0:
         return 0.0, high
@@ -44,33 +50,45 @@ def index_percent(f: Array, h: Array, low: float = 1.0, high: float = 2.0) -> tu
         for _ in range(100):
             q = np.log((r21**order - s) / (r32**order - s))
             order = float(np.clip(abs(np.log(abs(e32 / e21)) + q) / np.log(r21), low, high))
-    return 100.0 * SAFETY * abs(e21 / f1) / (r21**order - 1.0), order
+    return SAFETY * abs(e21) / (r21**order - 1.0), order
 
 
-def figures(folder: Path, meshes: tuple[tuple[int, int, int], ...] = MESHES) -> dict[str, Any]:
-    """`force_gci_percent` of the finest mesh by contact and increment, and the observed orders."""
-    size = np.array([np.prod(cells, dtype=float) ** (-1.0 / 3.0) for cells in meshes])[::-1]
-    index: dict[str, Any] = {}
-    order: dict[str, Any] = {}
-    for interface in INTERFACES:
-        force = np.array([run(folder, interface, cells).force for cells in meshes])[::-1]
-        found = [index_percent(force[:, i], size) for i in range(len(TRAVEL))]
-        index[interface] = {str(d): value for d, (value, _) in zip(TRAVEL, found, strict=True)}
-        order[interface] = {str(d): p for d, (_, p) in zip(TRAVEL, found, strict=True)}
-    return {
-        "force_gci_percent": index,
-        "force_gci_order": order,
-        "force_gci_meshes": [list(cells) for cells in meshes],
+def figures(folder: Path) -> dict[str, Any]:
+    """Indices of force (%) and field (mm) of the finest mesh by contact and increment; orders."""
+    found: dict[str, Any] = {
+        "force_gci_percent": {},
+        "force_gci_order": {},
+        "field_gci_mm": {},
+        "field_gci_order": {},
+        "force_gci_monotone": {},
+        "gci_seconds": {},
+        "gci_meshes": {},
     }
+    for interface in INTERFACES:
+        meshes = similar(interface)[-3:]
+        size = np.array([1.0 / mesh.cells[0] for mesh in meshes])[::-1]
+        runs = [_run(folder, interface, mesh) for mesh in meshes][::-1]
+        name = interface if isinstance(interface, str) else f"friction {interface:g}"
+        force = np.array([run.force for run in runs])
+        e21, e32 = field_difference(runs[1], runs[0]), field_difference(runs[2], runs[1])
+        by_force = [index_percent(force[:, i], size) for i in range(len(TRAVEL))]
+        by_field = [grid_index(a, b, size) for a, b in zip(e21, e32, strict=True)]
+        monotone = np.diff(force, axis=0).prod(axis=0) >= 0.0
+        found["force_gci_percent"][name] = _by_travel([index for index, _ in by_force])
+        found["force_gci_order"][name] = _by_travel([order for _, order in by_force])
+        found["field_gci_mm"][name] = _by_travel([index for index, _ in by_field])
+        found["field_gci_order"][name] = _by_travel([order for _, order in by_field])
+        found["force_gci_monotone"][name] = _by_travel(monotone.tolist())
+        found["gci_seconds"][name] = [run.seconds for run in runs[::-1]]
+        found["gci_meshes"][name] = [[*mesh.cells] for mesh in meshes]
+    return found
 
 
-def run(folder: Path, interface: Any, cells: tuple[int, int, int]) -> Response:
-    """One simulation, from the folder if it is there (delete that when the model changes)."""
-    path = folder / f"{interface}-{'x'.join(map(str, cells))}.npz"
-    if path.exists():
-        return load_response(path)
-    response = solve(interface, cells, RATIOS)
-    folder.mkdir(parents=True, exist_ok=True)
-    save_response(path, response)
-    print(f"  {path.stem}: {response.seconds:.0f} s, {response.status}", flush=True)
+def _by_travel(values: list[Any]) -> dict[str, Any]:
+    return {str(d): value for d, value in zip(TRAVEL, values, strict=True)}
+
+
+def _run(folder: Path, interface: Interface, mesh: Mesh) -> Response:
+    response = simulate(folder, interface, mesh, RATIOS)
+    print(f"  {interface}, {mesh}: {response.seconds:.0f} s, {response.status}", flush=True)
     return response

@@ -1,48 +1,119 @@
-"""Taylor test of the sensitivities: the remainder |F(theta + h) - F - h dF| falls as h^2."""
+"""Sensitivities: order of the Taylor remainder, direct against adjoint, cost.
+
+The remainder |q(theta + h) - q - h dq| of forces and field falls as h^2 in every parameter of the
+material, the contact and the geometry; the gradient of a misfit by the adjoint is that of the
+direct derivatives; and all of them together cost a small part of the solve.
+"""
 
 from __future__ import annotations
 
+import time
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from threadpoolctl import threadpool_limits
 
 from fe import BlockPin, BlockPinModel, Contact
+from fe.load_stepping import StepOptions
+from fe.materials import Material, material
 from fe.newton import NewtonOptions
 
 Array = npt.NDArray[np.float64]
 
-CELLS = (8, 3, 2)
-TRAVEL = (0.2, 0.4)
-RATIOS = np.array([0.4, 0.1])
-DIRECTION = np.array([0.8, 0.6])
-STEPS = 0.08 * 0.5 ** np.arange(4)
-INTERFACES = ("slide", "stick")
+CELLS = (5, 2, 1)
+TRAVEL = (0.1, 0.2, 0.3)
+CONTACTS: dict[str, Contact] = {
+    "stick": Contact("stick", "stick"),
+    "slide": Contact("slide", "slide"),
+    "friction": Contact(0.3, 0.2),
+}
+COST_CELLS = (12, 4, 2)
+COST_TRAVEL = (0.2, 0.4, 0.6, 0.8, 1.0)
+STEPS = 4e-3 * 0.5 ** np.arange(4)
+"""relative to the size of the parameter"""
+PENALTY = {"contact_stiffness": "stiffness", "contact_ramp": "ramp", "contact_slip": "slip"}
+LAW = (0.5, 0.4, 0.1, 400.0)
+"""C10, C01, C11, bulk modulus, MPa"""
 
 
-def remainders(model: BlockPinModel, steps: Array = STEPS) -> tuple[Array, Array]:
-    """First-order remainders of forces and field, relative, and those without the derivative.
+def rubber(numbers: tuple[float, ...] = LAW) -> Material:
+    """Mooney-Rivlin with three constants and, last, the bulk modulus, MPa."""
+    return material("mooney-rivlin-3", numbers[:-1], numbers[-1])
 
-    Both (n_step_size, 2): [force, field]; the second column set falls as h only.
-    """
-    base = model(RATIOS)
-    force_slope = base.force_gradient @ DIRECTION
-    field_slope = base.displacement_gradient @ DIRECTION
-    with_derivative, without = [], []
-    for h in steps:
-        moved = model(RATIOS + h * DIRECTION)
-        force = moved.force - base.force
-        field = moved.displacement - base.displacement
-        scale = np.linalg.norm(base.force), np.linalg.norm(base.displacement)
-        with_derivative.append(
+
+def model(contact: Contact, cells: tuple[int, int, int] = CELLS) -> BlockPinModel:
+    """A small block in three steps; the tolerance is below the smallest remainder."""
+    return BlockPinModel(
+        BlockPin(),
+        contact,
+        cells,
+        TRAVEL,
+        field_grid=(6, 4),
+        newton=replace(NewtonOptions(), tolerance=1e-11),
+        steps=StepOptions(first=0.18, largest=0.18),
+    )
+
+
+def names(block: BlockPinModel) -> tuple[str, ...]:
+    """All parameters but the stiffness of the base's spring, which only serves to read pressure,
+    and the slip where nothing rubs."""
+    rubs = any(name.startswith("friction") for name in block.parameter_names())
+    idle = {"contact_base"} | (set() if rubs else {"contact_slip"})
+    return tuple(name for name in block.parameter_names(rubber()) if name not in idle)
+
+
+def size(block: BlockPinModel, name: str) -> float:
+    """What a change of the parameter is relative to, in its unit."""
+    known = dict(zip(("C10", "C01", "C11", "bulk"), LAW, strict=True))
+    if name in known:
+        return known[name]
+    if name in PENALTY:
+        return float(getattr(block.penalty, PENALTY[name]))
+    if name.startswith("friction"):
+        return float(getattr(block.contact, name.removeprefix("friction_")))
+    return 0.1 if name == "travel_zero" else float(getattr(block.specimen, name))
+
+
+def moved(block: BlockPinModel, name: str, h: float) -> tuple[BlockPinModel, Material]:
+    """Block and material with one parameter changed by h."""
+    block = replace(block, sensitivities=())
+    known = ("C10", "C01", "C11", "bulk")
+    if name in known:
+        change = h * np.eye(4)[known.index(name)]
+        return block, rubber(tuple((np.array(LAW) + change).tolist()))
+    if name == "travel_zero":
+        block = replace(block, travel=tuple(t - h for t in block.travel))
+    elif name in PENALTY:
+        value = getattr(block.penalty, PENALTY[name]) + h
+        block = replace(block, penalty=replace(block.penalty, **{PENALTY[name]: value}))
+    elif name.startswith("friction"):
+        side = name.removeprefix("friction_")
+        value = getattr(block.contact, side) + h
+        block = replace(block, contact=replace(block.contact, **{side: value}))
+    else:
+        value = getattr(block.specimen, name) + h
+        block = replace(block, specimen=replace(block.specimen, **{name: value}))
+    return block, rubber()
+
+
+def remainders(block: BlockPinModel, name: str, steps: Array = STEPS) -> Array:
+    """(n_step_size, 2) remainders of forces and field in one parameter, relative."""
+    base = replace(block, sensitivities=(name,)).respond(rubber())
+    found = []
+    for h in steps * size(block, name):
+        changed, law = moved(block, name, h)
+        there = changed.respond(law)
+        force = there.force - base.force - h * base.force_gradient[:, 0]
+        field = there.displacement - base.displacement - h * base.displacement_gradient[..., 0]
+        found.append(
             [
-                np.linalg.norm(force - h * force_slope) / scale[0],
-                np.linalg.norm(field - h * field_slope) / scale[1],
+                np.linalg.norm(force) / np.linalg.norm(base.force),
+                np.linalg.norm(field) / np.linalg.norm(base.displacement),
             ]
         )
-        without.append([np.linalg.norm(force) / scale[0], np.linalg.norm(field) / scale[1]])
-    return np.array(with_derivative), np.array(without)
+    return np.array(found)
 
 
 def orders(values: Array, steps: Array = STEPS) -> Array:
@@ -51,23 +122,51 @@ def orders(values: Array, steps: Array = STEPS) -> Array:
     return slopes
 
 
-def model(interface: Any, cells: tuple[int, int, int] = CELLS) -> BlockPinModel:
-    """A small block; the tolerance is below the smallest remainder."""
-    options = replace(NewtonOptions(), tolerance=1e-10)
-    contact = Contact(interface, interface)
-    return BlockPinModel(BlockPin(), contact, cells, TRAVEL, field_grid=(6, 4), newton=options)
+def direct_adjoint_difference(block: BlockPinModel) -> float:
+    """Largest difference of the two gradients of a misfit, relative to the parameter's largest.
+
+    In every parameter; each travel's misfit has its own random weights of field and force.
+    """
+    block = replace(block, sensitivities=names(block))
+    rng = np.random.default_rng(0)
+    weights = rng.standard_normal((len(block.travel), len(block.points()), 3))
+    by_force = rng.standard_normal(len(block.travel))
+    adjoint = block.objective_gradients(rubber(), lambda i, field, force: (weights[i], by_force[i]))
+    base = block.respond(rubber())
+    direct = by_force[:, None] * base.force_gradient
+    direct = direct + np.einsum("ipk,ipkj->ij", weights, base.displacement_gradient)
+    return float((np.abs(adjoint - direct).max(axis=0) / np.abs(direct).max(axis=0)).max())
+
+
+def cost_percent(contact: Contact, repeats: int = 3) -> float:
+    """Processor time of all sensitivities together over that of the solve, per cent."""
+    plain = BlockPinModel(BlockPin(), contact, COST_CELLS, COST_TRAVEL, sensitivities=())
+    every = replace(plain, sensitivities=plain.parameter_names(rubber()))
+    seconds: dict[bool, list[float]] = {False: [], True: []}
+    with threadpool_limits(limits=1):
+        for _ in range(repeats + 1):
+            for with_them, block in ((False, plain), (True, every)):
+                started = time.process_time()
+                block.respond(rubber())
+                seconds[with_them].append(time.process_time() - started)
+    least = [min(seconds[key][1:]) for key in (False, True)]  # the first run compiles
+    return 100.0 * (least[1] / least[0] - 1.0)
 
 
 def figures() -> dict[str, Any]:
-    """`taylor_order` by contact, of force and field, with the remainders behind them."""
-    order, detail = {}, {}
-    for interface in INTERFACES:
-        values, plain = remainders(model(interface))
-        slope = orders(values)
-        order[interface] = {"force": slope[0], "field": slope[1]}
-        detail[interface] = {
-            "steps": STEPS.tolist(),
-            "remainder": values.tolist(),
-            "difference": plain.tolist(),
-        }
-    return {"taylor_order": order, "taylor_remainders": detail}
+    """`taylor_order` by contact, the worst over the parameters, and what each of them gives."""
+    order, detail, difference, cost = {}, {}, {}, {}
+    for case, contact in CONTACTS.items():
+        block = model(contact)
+        found = {name: orders(remainders(block, name)) for name in names(block)}
+        worst = np.array(list(found.values())).min(axis=0)
+        order[case] = {"force": worst[0], "field": worst[1]}
+        detail[case] = {name: value.tolist() for name, value in found.items()}
+        difference[case] = direct_adjoint_difference(block)
+        cost[case] = cost_percent(contact)
+    return {
+        "taylor_order": order,
+        "taylor_orders": detail,
+        "direct_adjoint_difference": difference,
+        "sensitivity_cost_percent": cost,
+    }

@@ -11,6 +11,7 @@ from fe.campaign_parameters import RATIOS, Parameter
 from fe.campaign_result import Campaign
 from fe.dask_executor import dask_map, dask_workers
 from fe.executors import process_map, serial_map
+from fe.progress import StepReport
 from fe.response import Response, Status, load_response, save_response
 from fe.simulate import Specimen, simulate
 from fe.specimens.block_pin import BlockPin, BlockPinModel, Contact
@@ -38,6 +39,7 @@ __all__ = [
     "Response",
     "Specimen",
     "Status",
+    "StepReport",
     "TensileModel",
     "UniaxialModel",
     "dask_map",

@@ -6,10 +6,18 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+from numba import njit
 
-from fe.contact import FREE, TIED_TO_FLOOR, TIED_TO_PIN, Faces
+from fe.contact import FREE, TIED_TO_FLOOR, TIED_TO_PIN, Faces, position
 from fe.pin_surface import RigidPin, pin_point
 from fe.slip_anchors import SlipAnchors, advance_anchors, rest
+from fe.surface_slopes import (
+    SurfaceSlopes,
+    gap_slope,
+    no_slopes,
+    normal_slope,
+    relative_motion,
+)
 from fe.touch import FrictionLaw
 
 Array = npt.NDArray[np.float64]
@@ -20,8 +28,7 @@ IntArray = npt.NDArray[np.int64]
 class ContactMemory:
     """Which points are tied and where, from where the others slide, and what it depends on (state).
 
-    Gradients are with respect to the n_p parameters of the march: those of the material, and with
-    friction also, last, the coefficients of pin and base.
+    Gradients are with respect to the n_p parameters of the march.
     """
 
     tied: IntArray
@@ -45,20 +52,98 @@ def initial_memory(
     faces: Faces,
     glued: npt.NDArray[np.bool_],
     pin: RigidPin,
-    law: FrictionLaw = FrictionLaw(),  # noqa: B008 - immutable
-    n_material: int = 2,
+    slopes: SurfaceSlopes | None = None,
 ) -> ContactMemory:
     """Memory at travel 0: points where `glued` (n_face, n_q) are tied to the pin in place.
 
-    `n_material` is the number of material parameters that sensitivities are taken in.
+    `slopes` are those of the parameters that sensitivities are taken in, none when not given.
     """
-    n_p = n_material + (2 if law.pin > 0.0 or law.base > 0.0 else 0)
+    slopes = no_slopes(faces, 0) if slopes is None else slopes
+    anchor_gradient = slopes.points.copy()
+    anchor_gradient[glued, 1] = slopes.height  # on the pin, wherever that starts
     return ContactMemory(
         tied=np.where(glued, TIED_TO_PIN, FREE).astype(np.int64),
         anchor=faces.points.copy(),
-        anchor_gradient=np.zeros((*faces.points.shape, n_p)),
-        slip=rest(faces, pin, n_p),
+        anchor_gradient=anchor_gradient,
+        slip=rest(faces, pin, slopes),
     )
+
+
+@njit(cache=True)
+def touches(
+    u: Array,
+    faces: Faces,
+    tied: IntArray,
+    travel: float,
+    pin: RigidPin,
+    to_pin: bool,
+    to_floor: bool,
+) -> IntArray:
+    """(n_face, n_q) what free points that penetrate pin or floor are to be tied to, FREE if none.
+
+    u (n_node, 3) and travel in mm.
+    """
+    found = np.full(tied.shape, FREE, dtype=np.int64)
+    x = np.empty(3)
+    for c in range(tied.shape[0]):
+        for q in range(tied.shape[1]):
+            if tied[c, q] != FREE:
+                continue
+            position(u, faces, c, q, x)
+            if to_floor and faces.floor[c] and x[1] < 0.0:
+                found[c, q] = TIED_TO_FLOOR
+            elif to_pin and not faces.base[c] and pin_point(x, travel, pin).gap < 0.0:
+                found[c, q] = TIED_TO_PIN
+    return found
+
+
+@njit(cache=True)
+def tie(
+    memory_tied: IntArray,
+    anchor: Array,
+    anchor_gradient: Array,
+    touching: IntArray,
+    faces: Faces,
+    u: Array,
+    u_gradient: Array,
+    travel: float,
+    pin: RigidPin,
+    slopes: SurfaceSlopes,
+) -> None:
+    """Tie the points that `touches` found to the nearest point of pin or floor.
+
+    u (n_node, 3) mm, u_gradient (n_node, 3, n_p) mm: the anchor's own sensitivity follows from the
+    derivative of the projection (stick is path dependent).  The first three are the memory's.
+    """
+    x = np.empty(3)
+    seen = np.empty(slopes.points.shape[2:])
+    for c in range(touching.shape[0]):
+        for q in range(touching.shape[1]):
+            if touching[c, q] == FREE:
+                continue
+            memory_tied[c, q] = touching[c, q]
+            position(u, faces, c, q, x)
+            dx = slopes.points[c, q].copy()
+            for a in range(faces.nodes.shape[1]):
+                dx += faces.shape[c, q, a] * u_gradient[faces.nodes[c, a]]
+            at, gradient = anchor[c, q], anchor_gradient[c, q]
+            at[:] = x
+            gradient[:, :] = dx
+            if touching[c, q] == TIED_TO_FLOOR:
+                at[1] = 0.0
+                gradient[1, :] = 0.0
+                continue
+            s = pin_point(x, travel, pin)
+            at[0] -= s.gap * s.nx
+            at[1] += travel - s.gap * s.ny
+            at[2] -= s.gap * s.nz
+            relative_motion(x, dx, pin, slopes, seen)
+            for j in range(dx.shape[1]):
+                d0, d1, d2 = normal_slope(s, seen, pin, slopes, j)
+                d_gap = gap_slope(s, seen, slopes, j)
+                gradient[0, j] -= d_gap * s.nx + s.gap * d0
+                gradient[1, j] -= d_gap * s.ny + s.gap * d1
+                gradient[2, j] -= d_gap * s.nz + s.gap * d2
 
 
 def tie_touching(
@@ -68,39 +153,21 @@ def tie_touching(
     u_gradient: Array,
     travel: float,
     pin: RigidPin,
-    *,
-    to_pin: bool = True,
-    to_floor: bool = True,
+    touching: IntArray | None = None,
+    slopes: SurfaceSlopes | None = None,
 ) -> int:
     """Tie every free point that penetrates pin or floor to its nearest surface point; count them.
 
-    u (n_node, 3) mm, u_gradient (n_node, 3, n_p) mm: the anchor's own sensitivity follows from the
-    derivative of the projection (stick is path dependent).
+    u (n_node, 3) mm, u_gradient (n_node, 3, n_p) mm, `slopes` of the same n_p parameters, none
+    when not given.  `touching` is what `touches` found, both surfaces if not given.
     """
-    x = faces.points + np.einsum("cqa,cai->cqi", faces.shape, u[faces.nodes])
-    dx = np.einsum("cqa,caij->cqij", faces.shape, u_gradient[faces.nodes])
-    count = 0
-    if to_floor:
-        floor = (memory.tied == FREE) & faces.floor[:, None] & (x[..., 1] < 0.0)
-        onto_floor = np.array([1.0, 0.0, 1.0])
-        memory.tied[floor] = TIED_TO_FLOOR
-        memory.anchor[floor] = x[floor] * onto_floor
-        memory.anchor_gradient[floor] = dx[floor] * onto_floor[:, None]
-        count += int(floor.sum())
-    if not to_pin:
-        return count
-    for c, q in zip(*np.nonzero((memory.tied == FREE) & ~faces.base[:, None]), strict=True):
-        s = pin_point(x[c, q], travel, pin)
-        if s.gap >= 0.0:
-            continue
-        normal = np.array([s.nx, s.ny, s.nz])
-        hessian = np.array([[s.hxx, s.hxy, s.hxz], [s.hxy, s.hyy, s.hyz], [s.hxz, s.hyz, s.hzz]])
-        projection = np.eye(3) - np.outer(normal, normal) - s.gap * hessian
-        memory.tied[c, q] = TIED_TO_PIN
-        memory.anchor[c, q] = x[c, q] - s.gap * normal + np.array([0.0, travel, 0.0])
-        memory.anchor_gradient[c, q] = projection @ dx[c, q]
-        count += 1
-    return count
+    if slopes is None:
+        slopes = no_slopes(faces, u_gradient.shape[2])
+    if touching is None:
+        touching = touches(u, faces, memory.tied, travel, pin, True, True)
+    into = (memory.tied, memory.anchor, memory.anchor_gradient)
+    tie(*into, touching, faces, u, u_gradient, travel, pin, slopes)
+    return int(np.count_nonzero(touching != FREE))
 
 
 def slide_anchors(
@@ -111,10 +178,16 @@ def slide_anchors(
     travel: float,
     pin: RigidPin,
     law: FrictionLaw,
+    slopes: SurfaceSlopes | None = None,
 ) -> float:
     """Move the slip anchors behind the points that slid; returns the work of friction, N mm.
 
     The work is that of the mean traction of the step's two ends along the anchors' way.
     """
-    work: float = advance_anchors(u, u_gradient, faces, memory.tied, memory.slip, travel, pin, law)
+    slopes = no_slopes(faces, u_gradient.shape[2]) if slopes is None else slopes
+    nodal = u_gradient[faces.nodes].reshape(*faces.nodes.shape, slopes.points[0, 0].size)
+    motion = slopes.points + np.matmul(faces.shape, nodal).reshape(slopes.points.shape)
+    work: float = advance_anchors(
+        u, motion, faces, memory.tied, memory.slip, travel, pin, law, slopes
+    )
     return work

@@ -109,11 +109,16 @@ def pattern(element_nodes: IntArray, face_nodes: IntArray, fixed: BoolArray) -> 
 
 @njit(cache=True)
 def entry_slots(
-    nodes: IntArray, number: IntArray, indptr: Int32Array, indices: Int32Array
+    nodes: IntArray,
+    number: IntArray,
+    indptr: Int32Array,
+    indices: Int32Array,
+    upper: bool = True,
 ) -> Int32Array:
-    """(n, a, 3, 3, a) slots in the upper-triangular CSR data of the entries of parts (n, a).
+    """(n, a, 3, 3, a) slots in the CSR data of the entries of parts (n, a).
 
-    `number` (3 n_node,) is the equation of each unknown, -1 where prescribed.
+    `number` (3 n_node,) is the equation of each unknown, -1 where prescribed; entries below the
+    diagonal of an `upper` triangle have none.
     """
     n_elem, n_a = nodes.shape
     slots = np.full((n_elem, n_a, 3, 3, n_a), -1, dtype=np.int32)
@@ -126,7 +131,7 @@ def entry_slots(
                 for b in range(n_a):
                     for k in range(3):
                         column = number[3 * nodes[e, b] + k]
-                        if column < row:
+                        if column < 0 or (upper and column < row):
                             continue
                         low = indptr[row]
                         high = indptr[row + 1]

@@ -15,6 +15,8 @@ import scipy.sparse as sp
 
 from fe import plate as contact
 from fe.discretisation import Pattern, add_entries, entry_slots
+from fe.friction import Frame
+from fe.linear_solver import GeneralMatrix
 from fe.materials.material import Material
 from fe.plate import Plate, PlateMemory, Touch
 from fe.potential import Assembly
@@ -117,7 +119,7 @@ class DrivenPotential:
         return self.solid.zero_state()
 
     def energy(
-        self, u: Array, travel: float, memory: PlateMemory | None, frame: None = None
+        self, u: Array, travel: float, memory: PlateMemory | None, frame: Frame | None = None
     ) -> float:
         """Potential (N mm) at displacement u (n_node, 3) mm; inf where some det F <= 0."""
         inner = self.solid.energy(u)
@@ -131,13 +133,14 @@ class DrivenPotential:
         data = np.zeros(problem.pattern.indices.size)
         add_entries(self.solid.tangent, problem.pattern.element_slots, data)
         by_motion = self.solid.tangent_times(problem.motion)
-        travel_force = 0.0
+        travel_force = force_slope = 0.0
         touch = self._touch(u, travel, memory)
         if touch is not None and problem.plate is not None:
             energy += touch.energy
             forces = forces + touch.forces
             by_motion = by_motion + contact.tangent_times(problem.plate, touch, problem.motion)
             travel_force = touch.travel_force
+            force_slope = contact.travel_slope(problem.plate, touch, problem.motion)
             add_entries(touch.face_tangent, problem.pattern.face_slots, data)
             self._add_diagonal(touch.nodal_stiffness, data)
         held = np.where(self._free, 0.0, forces.ravel())
@@ -150,6 +153,7 @@ class DrivenPotential:
             by_travel=by_travel,
             pin_force=float(np.sum(problem.motion * forces)) + travel_force,
             pin_force_by_u=by_travel,
+            pin_force_by_travel=float(np.sum(problem.motion * by_motion)) + force_slope,
             force_scale=float(np.linalg.norm(held)),
             frame=None,
         )
@@ -180,6 +184,10 @@ class DrivenPotential:
         forces = self.solid.assemble(u, p)[2] + touch.forces
         ends: Array = forces[plate.ends, 1]
         return ends
+
+    def coupled_tangent(self) -> GeneralMatrix:
+        """Raises ValueError: the tangent is symmetric."""
+        raise ValueError("coupled_tangent: expected a potential with friction, found none")
 
     def _touch(self, u: Array, travel: float, memory: PlateMemory | None) -> Touch | None:
         plate = self.problem.plate

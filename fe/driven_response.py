@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,13 +10,17 @@ import numpy.typing as npt
 import scipy.sparse as sp
 from threadpoolctl import threadpool_limits
 
+from fe import linear_solver
 from fe.driven import DrivenProblem
 from fe.driving import Solution, solve
+from fe.ending import ending
+from fe.force_control import Control, check_targets
 from fe.load_stepping import StepOptions
 from fe.materials.material import Material, mooney_rivlin_of_ratios
 from fe.materials.mooney_rivlin import RATIO_DERIVATIVES
 from fe.newton import NewtonOptions
-from fe.response import Response, Status
+from fe.progress import Progress, listener
+from fe.response import Response
 
 Array = npt.NDArray[np.float64]
 
@@ -37,25 +40,34 @@ class DrivenSpecimen:
 
 @dataclass(frozen=True)
 class Schedule:
-    """At which travels (mm, increasing) the response is asked, and how the solver gets there.
+    """At which travels (mm) or forces (N) the response is asked, and how the solver gets there.
 
-    Raises ValueError unless the travels are above 0 and increase.
+    Raises ValueError unless one of the two is given, above 0 and increasing.
     """
 
     travel: tuple[float, ...]
     steps: StepOptions
     newton: NewtonOptions
+    force: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
-        travel = np.asarray(self.travel)
-        if travel.size == 0 or travel[0] <= 0.0 or (np.diff(travel) <= 0.0).any():
-            raise ValueError(f"travel: expected increasing travels above 0 mm, found {self.travel}")
+        check_targets(self.travel, self.force)
+
+    @property
+    def control(self) -> Control:
+        """What is asked."""
+        return "force" if self.force else "travel"
 
 
-def respond(specimen: DrivenSpecimen, material: Material, schedule: Schedule) -> Response:
+def respond(
+    specimen: DrivenSpecimen,
+    material: Material,
+    schedule: Schedule,
+    progress: Progress | None = None,
+) -> Response:
     """Response with derivatives in every constant and, last, the bulk modulus."""
     names = (*material.law.constant_names, "bulk")
-    return _run(specimen, material, schedule, np.eye(len(names)), names)
+    return _run(specimen, material, schedule, np.eye(len(names)), names, progress)
 
 
 def respond_to_ratios(
@@ -79,35 +91,45 @@ def _run(
     schedule: Schedule,
     directions: Array,
     parameters: tuple[str, ...],
+    progress: Progress | None = None,
 ) -> Response:
     started = time.perf_counter()
     with threadpool_limits(limits=1):
         solution = solve(
             specimen.problem,
             material,
-            schedule.travel,
+            schedule.travel or tuple(f / specimen.symmetry for f in schedule.force),
             directions=directions,
             steps=schedule.steps,
             newton=schedule.newton,
+            control=schedule.control,
+            listen=listener(progress, specimen.symmetry),
         )
     seconds = time.perf_counter() - started
-    return _response(specimen, solution, schedule.travel, parameters, seconds)
+    return _response(specimen, solution, schedule, parameters, seconds)
 
 
 def _response(
     specimen: DrivenSpecimen,
     solution: Solution,
-    travel: Sequence[float],
+    schedule: Schedule,
     parameters: tuple[str, ...],
     seconds: float,
 ) -> Response:
-    n_step, n_point, n_parameter = len(travel), len(specimen.points), len(parameters)
+    n_step = len(schedule.travel or schedule.force)
+    n_point, n_parameter = len(specimen.points), len(parameters)
+    by_force = schedule.control == "force"
+    travel = np.full(n_step, np.nan) if by_force else np.array(schedule.travel)
+    travel_gradient = np.full((n_step, n_parameter), np.nan) if by_force else np.zeros((0, 0))
     force = np.full(n_step, np.nan)
     displacement = np.full((n_step, n_point, 3), np.nan)
     force_gradient = np.full((n_step, n_parameter), np.nan)
     displacement_gradient = np.full((n_step, n_point, 3, n_parameter), np.nan)
     negative = np.full(n_step, -1, dtype=np.int64)
     for i, state in enumerate(solution.states):
+        travel[i] = state.travel
+        if by_force:
+            travel_gradient[i] = state.travel_gradient
         force[i] = specimen.symmetry * state.force
         force_gradient[i] = specimen.symmetry * state.force_gradient
         displacement[i] = specimen.probe @ state.u
@@ -115,21 +137,21 @@ def _response(
             displacement_gradient[i, :, :, j] = specimen.probe @ state.u_gradient[:, :, j]
         negative[i] = state.negative_pivots
     complete = len(solution.states) == n_step
-    reason = solution.outcome.reason
-    parts = ("reached every asked travel" if complete else "", reason)
-    message = "; ".join(part for part in parts if part)
+    end = ending(solution.outcome, schedule.control, specimen.symmetry, complete=complete)
     return Response(
-        travel=np.asarray(travel, dtype=np.float64),
+        travel=travel,
         force=force,
         displacement=displacement,
         force_gradient=force_gradient,
         displacement_gradient=displacement_gradient,
-        reached=solution.outcome.reached,
-        status=Status.CONVERGED if complete else Status.STOPPED,
-        message=message,
+        reached=end.reached,
+        status=end.status,
+        message=end.message,
         negative_pivots=negative,
         n_factorisations=solution.n_factorisations,
         seconds=seconds,
         points=specimen.points,
         parameters=parameters,
+        solver=linear_solver.installed_library().name,
+        travel_gradient=travel_gradient,
     )

@@ -7,19 +7,26 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import cast
 
 import numpy as np
 import numpy.typing as npt
 
-from fe.contact_memory import ContactMemory
 from fe.driven import DrivenPotential, DrivenProblem
+from fe.force_control import (
+    Control,
+    Found,
+    Sensitivity,
+    Start,
+    Way,
+    at_moving_travel,
+    travel_slope,
+)
 from fe.linear_solver import SymmetricSolver
-from fe.load_stepping import March, StepOptions
+from fe.load_stepping import March, StepOptions, stride
 from fe.materials.material import Material
 from fe.newton import Equilibrium, NewtonOptions, descent_direction, equilibrate
 from fe.plate import PlateMemory, initial_memory, renewed_anchors, renewed_limits
-from fe.potential import Potential
+from fe.progress import Progress
 
 Array = npt.NDArray[np.float64]
 
@@ -43,7 +50,10 @@ class DrivenState:
     force: float
     """dE/dtravel, N"""
     force_gradient: Array
-    """(n_direction,) N; NaN with friction"""
+    """(n_direction,) N; NaN with friction, 0 where the force was asked"""
+    travel_gradient: Array
+    """(n_direction,) dtravel along the directions, mm; NaN with friction, 0 where the travel was
+    asked"""
     energy: float
     """stored energy with that of contact, N mm"""
     negative_pivots: int
@@ -66,14 +76,18 @@ def solve(
     directions: Array,
     steps: StepOptions,
     newton: NewtonOptions,
+    control: Control = "travel",
+    listen: Progress | None = None,
 ) -> Solution:
-    """States at the target travels (mm, increasing) up to the one that cannot be reached.
+    """States at the targets (increasing) up to the one that cannot be reached.
 
+    Targets are travels, mm, or with `control` "force" forces of the modelled part, N.
+    `listen` hears of each accepted step.
     `directions` (n_direction, n_constant + 1) are the changes of constants and bulk modulus along
     which derivatives are taken.
     """
     solver = SymmetricSolver(problem.pattern.indptr, problem.pattern.indices)
-    outcome = March()
+    outcome = March(listen=listen)
     try:
         states = list(
             drive(
@@ -84,6 +98,7 @@ def solve(
                 directions=directions,
                 steps=steps,
                 newton=newton,
+                control=control,
             )
         )
         return Solution(states, outcome, solver.n_factorisations)
@@ -100,55 +115,64 @@ def drive(
     directions: Array,
     steps: StepOptions,
     newton: NewtonOptions,
+    control: Control,
 ) -> Iterator[DrivenState]:
     """Yield the solution at each target; what happened is left in `outcome`.
 
-    Its `reason` also tells of a force that falls: compressed mixed elements can leave the wanted
-    solution for one of their own that is stable.
+    Also whether the force fell: compressed mixed elements can leave the wanted solution for one of
+    their own that is stable.
     """
     plate = potential.problem.plate
-    memory = None if plate is None else initial_memory(plate)
-    u, p = potential.zero_state()
-    assembly = potential.assemble(u, p, 0.0, memory)
-    negative = solver.factorise(assembly.data)
-    step = steps.first
-    for target in targets:
-        while outcome.reached < target:
-            remaining = target - outcome.reached
-            n = max(1, int(np.ceil(remaining / step - 1e-6)))
-            travel = target if n == 1 else outcome.reached + remaining / n
-            advance = travel - outcome.reached
-            load = assembly.gradient + assembly.by_travel * advance
-            free = descent_direction(_as_potential(potential), solver, load, newton, negative)
-            du = potential.expand(free) + advance * potential.problem.motion
-            start = u + du, p + potential.pressure_step(du)
-            found, renewed = _equilibrate(potential, solver, start, travel, memory, newton)
-            if not found.converged:
-                outcome.n_cuts += 1
-                step = advance / 2.0
-                if step < steps.smallest:
-                    outcome.reason = f"{found.reason} at a travel of {travel:.4f} mm"
-                    return
-                assembly = potential.assemble(u, p, outcome.reached, memory)
-                negative = solver.factorise(assembly.data)
-                continue
-            u, p = found.u, found.p
-            memory = renewed
-            if found.assembly.pin_force < FALL * assembly.pin_force:
-                outcome.reason = outcome.reason or _fall(travel)
-            assembly = potential.assemble(u, p, travel, memory)
-            negative = solver.factorise(assembly.data)
-            outcome.reached = travel
-            outcome.n_steps += 1
-            step = min(steps.largest, step * (1.5 if found.iterations <= 6 else 0.8))
-        yield _state(potential, solver, found, negative, target, directions)
+    memory = renewed = None if plate is None else initial_memory(plate)
+    rubs = plate is not None and plate.friction > 0.0
+    state: DrivenState | None = None
+    force = 0.0
+
+    def aim(start: Start, travel: float) -> tuple[Array, Array]:
+        return _predict(potential, solver, start, travel, newton)
+
+    def attempt(start: tuple[Array, Array], travel: float) -> Equilibrium:
+        nonlocal renewed
+        found, renewed = _equilibrate(potential, solver, start, travel, memory, newton)
+        return found
+
+    def accept(found: Found) -> Start:
+        nonlocal memory, state, force
+        now = found.equilibrium.assembly.pin_force
+        if now < FALL * force:
+            outcome.fall(found)
+        force, memory = now, renewed
+        state = _state(potential, solver, found, directions, state, control)
+        return restore(found.as_start()) if rubs else found.as_start()
+
+    def restore(start: Start) -> Start:
+        assembly = potential.assemble(start.u, start.p, start.travel, memory)
+        return start._replace(assembly=assembly, negative=solver.factorise(assembly.data))
+
+    here = restore(Start(*potential.zero_state(), None, 0.0, 0))
+    # a force that friction has a part in is not settled further than friction is
+    tolerance = FRICTION_TOLERANCE if rubs else newton.tolerance
+    way = Way(aim, attempt, accept, restore, control, tolerance)
+    for _ in stride(potential, solver, way, here, targets, steps, outcome):
+        assert state is not None
+        yield state
 
 
-def _fall(travel: float) -> str:
-    return (
-        f"the force falls at a travel of {travel:.4f} mm: another branch of equilibria, real or of "
-        "the mesh, or a material that softens"
-    )
+def _predict(
+    potential: DrivenPotential,
+    solver: SymmetricSolver,
+    start: Start,
+    travel: float,
+    newton: NewtonOptions,
+) -> tuple[Array, Array]:
+    """Tangent predictor from the last equilibrium."""
+    assembly, advance = start.assembly, travel - start.travel
+    if assembly is None:
+        return start.u, start.p
+    load = assembly.gradient + assembly.by_travel * advance
+    free = descent_direction(potential, solver, load, newton, start.negative)
+    du = potential.expand(free) + advance * potential.problem.motion
+    return start.u + du, start.p + potential.pressure_step(du)
 
 
 def _equilibrate(
@@ -165,9 +189,7 @@ def _equilibrate(
     modulus = potential.solid.material.shear_modulus
     iterations = 0
     for _ in range(FRICTION_PASSES):
-        found = equilibrate(
-            _as_potential(potential), solver, u, p, travel, cast(ContactMemory, memory), newton
-        )
+        found = equilibrate(potential, solver, u, p, travel, memory, newton)
         iterations += found.iterations
         if not found.converged or plate is None or memory is None or plate.friction == 0.0:
             return found, memory
@@ -186,33 +208,36 @@ def _equilibrate(
 def _state(
     potential: DrivenPotential,
     solver: SymmetricSolver,
-    found: Equilibrium,
-    negative: int,
-    travel: float,
+    found: Found,
     directions: Array,
+    before: DrivenState | None,
+    control: Control,
 ) -> DrivenState:
-    """The solution with its derivatives from the factorised tangent."""
-    assembly = found.assembly
+    """The solution with its derivatives from the factorised tangent; `before` is the last one's."""
+    at, travel = found.equilibrium, found.travel
     n = len(directions)
     plate = potential.problem.plate
     if plate is not None and plate.friction > 0.0:
-        u_gradient, force_gradient = np.full((*found.u.shape, n), np.nan), np.full(n, np.nan)
+        unknown = np.full(n, np.nan)
+        gradient = Sensitivity(np.full((*at.u.shape, n), np.nan), unknown, unknown)
     else:
-        slopes, direct = potential.force_slopes(found.u, travel, directions)
+        slopes, direct = potential.force_slopes(at.u, travel, directions)
         free = solver.solve(-slopes)
-        force_gradient = assembly.by_travel @ free + direct
-        u_gradient = np.stack([potential.expand(column) for column in free.T], axis=2)
+        columns = [potential.expand(column) for column in free.T]
+        by_force = at.assembly.by_travel @ free + direct
+        gradient = Sensitivity(np.stack(columns, axis=2), by_force, np.zeros(n))
+        if control == "force":
+            moved = gradient.travel if before is None else before.travel_gradient
+            along, slope = travel_slope(potential, solver, at.assembly)
+            u_slope = potential.expand(along) + potential.problem.motion
+            gradient = at_moving_travel(gradient, u_slope, slope, moved, meets=found.arrived)
     return DrivenState(
         travel=travel,
-        u=found.u,
-        u_gradient=u_gradient,
-        force=assembly.pin_force,
-        force_gradient=force_gradient,
-        energy=assembly.energy,
-        negative_pivots=negative,
+        u=at.u,
+        u_gradient=gradient.u,
+        force=at.assembly.pin_force,
+        force_gradient=gradient.force,
+        travel_gradient=gradient.travel,
+        energy=at.assembly.energy,
+        negative_pivots=found.negative,
     )
-
-
-def _as_potential(potential: DrivenPotential) -> Potential:
-    """What fe.newton calls of a potential is what this one has too."""
-    return cast(Potential, potential)

@@ -12,7 +12,7 @@ Computers & Structures 32, 1989).  A point that does not touch drags its anchor 
 The tractions have no potential.  For the line search there is one with the pressure limit, the
 tangent plane and the slip's offset frozen (`Frame`) at an iterate, where both have the same
 gradient; its Hessian is the symmetric matrix that is factorised.  What the tangent has beyond it
-goes into `coupling`, and is dealt with iteratively (`fe.newton.solve_coupled`).
+goes into `coupling`, and into the unsymmetric matrix of `fe.coupled_tangent`.
 """
 
 from __future__ import annotations

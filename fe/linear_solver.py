@@ -1,78 +1,134 @@
-"""Symmetric indefinite direct solves with inertia: MKL Pardiso through pypardiso.
+"""Direct solves with the tangents: symmetric indefinite with inertia, and unsymmetric.
 
-Pardiso is what makes a design affordable: on these matrices SuperLU takes minutes where Pardiso
-takes a fraction of a second, and it returns the number of negative pivots, which tells a stable
-equilibrium from an unstable one.
+By MKL Pardiso where pypardiso finds MKL, elsewhere by SciPy's SuperLU.  The number of negative
+pivots tells a stable equilibrium from an unstable one.
 """
 
 from __future__ import annotations
 
-import os
-from typing import Any
+import functools
+from collections.abc import Callable
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 import numpy.typing as npt
 import scipy.sparse as sp
 
-# The same bits for the same input on the same machine; MKL reads this once, when it is loaded.
-os.environ.setdefault("MKL_CBWR", "AUTO,STRICT")
+from fe import superlu
 
-from pypardiso import PyPardisoSolver
+try:
+    from fe import pardiso
+except ImportError:  # pypardiso is not for this platform
+    pardiso = None  # type: ignore[assignment]
 
 Array = npt.NDArray[np.float64]
 Int32Array = npt.NDArray[np.int32]
 
-_SYMMETRIC_INDEFINITE = -2
-_OPTIONS = {1: 1, 2: 3, 8: 0, 10: 8, 11: 0, 13: 0, 18: -1, 21: 1}
-"""MKL iparm (1-based): own values; nested dissection; no iterative refinement, which triples the
-cost of a solve and gains no digit here (residual 6e-14 without); pivot perturbation 1e-8; no
-scaling or matching; report the fill; Bunch-Kaufman pivots, so that the inertia is right"""
-_ANALYSE, _FACTORISE, _SOLVE = 11, 22, 33
+
+class GeneralMatrix(NamedTuple):
+    """An unsymmetric matrix in CSR."""
+
+    indptr: Int32Array
+    indices: Int32Array
+    data: Array
+
+
+class DirectMatrix(Protocol):
+    """Factorisations of one sparsity pattern by some library."""
+
+    def factorise(self, data: Array) -> int:
+        """Factorise the matrix with these entries; returns negative pivots of a symmetric one."""
+        ...
+
+    def solve(self, b: Array) -> Array:
+        """Solution for b (n,) or (n, k)."""
+        ...
+
+    def close(self) -> None:
+        """Release its memory."""
+        ...
+
+
+class Library(NamedTuple):
+    """What factorises."""
+
+    name: str
+    matrix: Callable[..., DirectMatrix]
+    """of (indptr, indices, symmetric=)"""
+
+
+SUPERLU = Library(superlu.NAME, superlu.SuperLUMatrix)
+
+
+@functools.cache
+def installed_library() -> Library:
+    """MKL Pardiso where it can be loaded, else SuperLU."""
+    if pardiso is None:
+        return SUPERLU
+    try:
+        pardiso.PardisoMatrix(np.array([0, 1], np.int32), np.array([0], np.int32), symmetric=True)
+    except (ImportError, OSError):  # pypardiso without MKL
+        return SUPERLU
+    return Library(pardiso.NAME, pardiso.PardisoMatrix)
 
 
 class SymmetricSolver:
-    """Factorisations of one sparsity pattern; the symbolic analysis is done once."""
+    """Factorisations of one symmetric pattern, and of unsymmetric matrices near it.
 
-    def __init__(self, indptr: Int32Array, indices: Int32Array) -> None:
+    The symbolic analysis is done once for each.  By default with the `installed_library`.
+    """
+
+    def __init__(
+        self, indptr: Int32Array, indices: Int32Array, library: Library | None = None
+    ) -> None:
+        self.library = installed_library() if library is None else library
         self._indptr = indptr
         self._indices = indices
         self._n = indptr.size - 1
-        self._pardiso: Any = PyPardisoSolver(mtype=_SYMMETRIC_INDEFINITE)
-        # pypardiso searches the whole environment for MKL each time, up to a second, unless told
-        os.environ.setdefault("PYPARDISO_MKL_RT", self._pardiso.libmkl._name)
-        for number, value in _OPTIONS.items():
-            self._pardiso.set_iparm(number, value)
-        self._matrix: sp.csr_matrix | None = None
-        self._analysed = False
+        self._upper = self.library.matrix(indptr, indices, symmetric=True)
+        self._data: Array | None = None
+        self._negative = 0
+        self._general: DirectMatrix | None = None
+        self._general_data: Any = None
         self.n_factorisations = 0
 
     @property
     def matrix(self) -> sp.csr_matrix:
-        """The matrix factorised last (upper triangle)."""
-        if self._matrix is None:
+        """The symmetric matrix factorised last (upper triangle)."""
+        if self._data is None:
             raise RuntimeError("factorise a matrix first")
-        return self._matrix
+        return sp.csr_matrix((self._data, self._indices, self._indptr), (self._n, self._n))
 
     def factorise(self, data: Array) -> int:
-        """Factorise the matrix with the given upper-triangular data; returns negative pivots."""
-        self._matrix = sp.csr_matrix((data, self._indices, self._indptr), (self._n, self._n))
-        if not self._analysed:
-            self._call(_ANALYSE, np.zeros(self._n))
-            self._analysed = True
-        self._call(_FACTORISE, np.zeros(self._n))
-        self.n_factorisations += 1
-        return int(self._pardiso.get_iparm(23))
+        """Factorise the matrix with the given upper-triangular data; returns negative pivots.
+
+        Does nothing when that array was factorised last: do not write to it.
+        """
+        if data is not self._data:
+            self._negative = self._upper.factorise(data)
+            self._data = data
+            self.n_factorisations += 1
+        return self._negative
 
     def solve(self, b: Array) -> Array:
-        """Solution of the last factorised system for b (n,) or (n, k)."""
-        return self._call(_SOLVE, b)
+        """Solution of the last factorised symmetric system for b (n,) or (n, k)."""
+        return self._upper.solve(b)
+
+    def solve_general(self, matrix: GeneralMatrix, b: Array) -> Array:
+        """Solution with an unsymmetric matrix for b (n,) or (n, k).
+
+        All of one solver have the same pattern; an array of entries is factorised when it is new.
+        """
+        if self._general is None:
+            self._general = self.library.matrix(matrix.indptr, matrix.indices, symmetric=False)
+        if matrix.data is not self._general_data:
+            self._general.factorise(matrix.data)
+            self._general_data = matrix.data
+            self.n_factorisations += 1
+        return self._general.solve(b)
 
     def close(self) -> None:
-        """Release MKL's memory."""
-        self._pardiso.free_memory(everything=True)
-
-    def _call(self, phase: int, b: Array) -> Array:
-        self._pardiso.set_phase(phase)
-        right = np.asfortranarray(b)
-        solution: Array = self._pardiso._call_pardiso(self.matrix, right)
-        return solution
+        """Release the memory of all factors."""
+        self._upper.close()
+        if self._general is not None:
+            self._general.close()

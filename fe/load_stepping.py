@@ -4,26 +4,33 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from fe.contact_memory import ContactMemory, slide_anchors, tie_touching
-from fe.linear_solver import SymmetricSolver
-from fe.material_parameters import MaterialParameters
-from fe.newton import (
-    Equilibrium,
-    NewtonOptions,
-    descent_direction,
-    equilibrate,
-    solve_coupled,
+from fe.contact import TIED_TO_PIN
+from fe.contact_memory import ContactMemory, slide_anchors, tie_touching, touches
+from fe.force_control import (
+    Control,
+    Found,
+    Sensitivity,
+    Start,
+    Way,
+    at_moving_travel,
+    step_to_force,
+    step_to_travel,
+    travel_slope,
 )
-from fe.potential import Assembly, Potential
+from fe.linear_solver import SymmetricSolver
+from fe.newton import Equilibrium, NewtonOptions, descent_direction, equilibrate
+from fe.newton_problem import NewtonProblem
+from fe.parameters import Parameters
+from fe.potential import Potential
+from fe.progress import Progress, StepReport
+from fe.sensitivity import Gradient, Objective, Tangent, adjoint, direct, partials
 
 Array = npt.NDArray[np.float64]
-
-SENSITIVITY_TOLERANCE = 1e-8
-"""relative residual of the linear systems that friction makes unsymmetric"""
 
 
 @dataclass(frozen=True)
@@ -44,19 +51,22 @@ class TravelState:
     u: Array
     """(n_node, 3) mm"""
     u_gradient: Array
-    """(n_node, 3, n_p) du/d parameter of the material, mm; with friction also, last, in the
-    coefficients of pin and base (the column of one that is 0 is 0).  NaN if a linear system was not
-    solved to its tolerance"""
+    """(n_node, 3, n_p) du/d parameter, mm, at the asked travel or the asked force;
+    (n_node, 3, 0) where an objective's gradient was asked"""
     pin_force: float
     """N"""
     force_gradient: Array
-    """(n_p,) dF/d parameter of the material, N; with friction also in the coefficients of pin and
-    base"""
+    """(n_p,) dF/d parameter, N, 0 where the force was asked; (0,) where an objective's gradient
+    was asked"""
+    travel_gradient: Array
+    """(n_p,) dtravel/d parameter, mm; 0 where the travel was asked"""
     energy: float
     """stored energy with the contact's, N mm"""
     friction_work: float
     """energy that friction has taken up to here, N mm"""
     negative_pivots: int
+    objective_gradient: Array
+    """(n_p,) of the objective, (0,) without one"""
 
 
 @dataclass
@@ -67,6 +77,37 @@ class March:
     reason: str = ""
     n_steps: int = 0
     n_cuts: int = 0
+    largest_force: float = 0.0
+    """of the modelled part in accepted steps, N"""
+    fell_after: float | None = None
+    """travel of the last step before the force fell, mm"""
+    warning: str = ""
+    """what may be wrong with what was reached"""
+    listen: Progress | None = None
+    """hears of each accepted step, forces those of the modelled part"""
+
+    def accept(self, found: Found) -> None:
+        """Count a step that ended there."""
+        at = found.equilibrium
+        self.reached = found.travel
+        self.n_steps += 1
+        self.largest_force = max(self.largest_force, at.assembly.pin_force)
+        if self.listen is not None:
+            report = StepReport(found.travel, at.assembly.pin_force, at.iterations, found.negative)
+            self.listen(report)
+
+    def stop(self, found: Found) -> None:
+        """Say why no further step is made."""
+        self.reason = f"{found.equilibrium.reason} at a travel of {found.travel:.4f} mm"
+
+    def fall(self, found: Found) -> None:
+        """Note that the force fell in a step that is about to be accepted."""
+        if self.fell_after is None:
+            self.fell_after = self.reached
+            self.warning = (
+                f"the force falls at a travel of {found.travel:.4f} mm: another branch of "
+                "equilibria, real or of the mesh, or a material that softens"
+            )
 
 
 def march(
@@ -76,86 +117,180 @@ def march(
     targets: Sequence[float],
     outcome: March,
     *,
-    parameters: MaterialParameters,
+    parameters: Parameters,
     stick_to_pin: bool,
     stick_to_floor: bool,
     steps: StepOptions,
     newton: NewtonOptions,
+    control: Control = "travel",
+    objective: Objective | None = None,
 ) -> Iterator[TravelState]:
-    """Yield the solution at each target travel (mm, increasing) until one cannot be reached.
+    """Yield the solution at each target (increasing) until one cannot be reached.
 
-    Sensitivities are in `parameters` and, with friction, its coefficients.  `stick_to_pin` and
-    `stick_to_floor` tie points to what they touch at the end of each step.  What happened is left
-    in `outcome`: the travel reached and, when the march stopped early, why.
+    Targets are travels, mm, or with `control` "force" forces of the modelled part, N.
+    Sensitivities are in `parameters`, of all displacements or, by the adjoint, of an `objective`
+    at asked travels; they are taken where the memory of contact or the caller needs them.
+    `stick_to_pin` and `stick_to_floor` tie points to what they touch at the end of each step.  What
+    happened is left in `outcome`: the travel reached and, when the march stopped early, why.
     """
-    u, p = potential.zero_state()
-    step = steps.first
-    assembly: Assembly | None = None
-    negative = 0
-    friction_work = 0.0
-    for target in targets:
-        while outcome.reached < target:
-            travel = _next_travel(outcome.reached, step, target)
-            advance = travel - outcome.reached
-            start = _predict(
-                potential, solver, assembly, u, p, advance, travel, memory, newton, negative
-            )
-            found = equilibrate(potential, solver, *start, travel, memory, newton)
-            if not found.converged:
-                outcome.n_cuts += 1
-                step = advance / 2.0
-                if assembly is not None:  # the predictor needs the factor of the last good state
-                    assembly = potential.assemble(u, p, outcome.reached, memory)
-                    negative = solver.factorise(assembly.data)
-                if step < steps.smallest:
-                    outcome.reason = f"{found.reason} at a travel of {travel:.4f} mm"
-                    return
-                continue
-            u, p, assembly = found.u, found.p, found.assembly
-            stick = (stick_to_pin, stick_to_floor)
-            state = _accept(
-                potential, solver, found, travel, memory, parameters, stick, friction_work
-            )
-            negative, friction_work = state.negative_pivots, state.friction_work
-            outcome.reached = travel
-            outcome.n_steps += 1
-            step = min(steps.largest, step * _growth(found.iterations))
+    tangent = Tangent(potential, solver)
+    history = History(memory, parameters, (stick_to_pin, stick_to_floor), control, objective)
+    try:
+        yield from _march(potential, solver, tangent, history, targets, outcome, steps, newton)
+    finally:
+        tangent.close()
+
+
+@dataclass(frozen=True)
+class History:
+    """What steps remember and how that depends on the parameters."""
+
+    memory: ContactMemory
+    parameters: Parameters
+    stick: tuple[bool, bool]
+    """whether points that touch pin and floor are tied to them from then on"""
+    control: Control
+    objective: Objective | None
+
+
+def _march(
+    potential: Potential,
+    solver: SymmetricSolver,
+    tangent: Tangent,
+    history: History,
+    targets: Sequence[float],
+    outcome: March,
+    steps: StepOptions,
+    newton: NewtonOptions,
+) -> Iterator[TravelState]:
+    memory = history.memory
+    state: TravelState | None = None
+
+    def aim(start: Start, travel: float) -> tuple[Array, Array]:
+        return _predict(potential, solver, start, travel, memory, newton)
+
+    def attempt(start: tuple[Array, Array], travel: float) -> Equilibrium:
+        return equilibrate(potential, solver, *start, travel, memory, newton)
+
+    def accept(found: Found) -> Start:
+        nonlocal state
+        state = _accept(potential, solver, tangent, found, history, state)
+        return found.as_start()
+
+    def restore(start: Start) -> Start:
+        if start.assembly is None:
+            return start
+        assembly = potential.assemble(start.u, start.p, start.travel, memory)
+        return start._replace(assembly=assembly, negative=solver.factorise(assembly.data))
+
+    here = Start(*potential.zero_state(), None, 0.0, 0)
+    way = Way(aim, attempt, accept, restore, history.control, newton.tolerance)
+    for _ in stride(potential, solver, way, here, targets, steps, outcome):
+        assert state is not None
         yield state
+
+
+def stride(
+    potential: NewtonProblem[Any],
+    solver: SymmetricSolver,
+    way: Way,
+    here: Start,
+    targets: Sequence[float],
+    steps: StepOptions,
+    outcome: March,
+) -> Iterator[float]:
+    """Step from `here` to each target and yield it there, until one cannot be reached.
+
+    Steps that do not converge are halved.  What happened is left in `outcome`.
+    """
+    step = steps.first
+    for target in targets:
+        arrived = False
+        while not arrived:
+            if way.control == "force":
+                far = here.travel + step
+                found = step_to_force(potential, solver, way, here, far, target)
+            else:
+                far = _next_travel(here.travel, step, target)
+                found = step_to_travel(solver, way, here, far, target)
+            if found.equilibrium.converged:
+                here, arrived = way.accept(found), found.arrived
+                outcome.accept(found)
+                step = min(steps.largest, step * _growth(found.equilibrium.iterations))
+                continue
+            outcome.n_cuts += 1
+            step = (far - here.travel) / 2.0
+            here = way.restore(here)  # the predictor needs its factor
+            if step < steps.smallest:
+                outcome.stop(found)
+                return
+        yield target
 
 
 def _accept(
     potential: Potential,
     solver: SymmetricSolver,
-    found: Equilibrium,
-    travel: float,
-    memory: ContactMemory,
-    parameters: MaterialParameters,
-    stick: tuple[bool, bool],
-    friction_work: float,
+    tangent: Tangent,
+    found: Found,
+    history: History,
+    before: TravelState | None,
 ) -> TravelState:
-    """State of the equilibrium `found`; leaves its factor in `solver` and updates `memory`.
+    """State of the equilibrium `found`, whose tangent is factorised; updates the memory.
 
-    `stick` says whether points that touch pin and floor are tied to them from now on.
+    Its gradients are empty where neither the caller nor the memory need them.  `before` is the
+    state of the step before.
     """
-    problem, u = potential.problem, found.u
-    negative = solver.factorise(found.assembly.data)
-    u_gradient, force_gradient = _sensitivity(potential, solver, found, travel, memory, parameters)
+    problem, memory = potential.problem, history.memory
+    u, travel, assembly = found.equilibrium.u, found.travel, found.equilibrium.assembly
+    slopes = history.parameters.surface
+    touching = touches(u, problem.faces, memory.tied, travel, problem.pin, *history.stick)
+    remembers = potential.has_friction or touching.any()
+    moved = np.zeros(slopes.height.size) if before is None else before.travel_gradient
+    gradient = Gradient(np.zeros((*u.shape, 0)), np.zeros(0))
+    by_objective = np.zeros(0)
+    if remembers or found.arrived:
+        at = partials(potential, u, travel, memory, history.parameters)
+        tangent.take(assembly)
+        if remembers or history.objective is None:
+            gradient = direct(potential, tangent, assembly, at)
+            if history.control == "force":
+                gradient, moved = _at_moving_travel(potential, solver, found, gradient, moved)
+        if found.arrived and history.objective is not None:
+            by = history.objective(travel, u, assembly.pin_force)
+            by_objective = adjoint(potential, tangent, assembly, at, *by)
     energy = potential.energy(u, travel, memory)
-    state = (memory, problem.faces, u, u_gradient, travel, problem.pin)
+    state = (memory, problem.faces, u, gradient.u, travel, problem.pin)
+    # a pin that goes down further by a parameter is one that starts lower
+    seen = slopes._replace(height=slopes.height - moved)
+    friction_work = 0.0 if before is None else before.friction_work
     if potential.has_friction:
-        friction_work += slide_anchors(*state, problem.friction)
-    if any(stick):
-        tie_touching(*state, to_pin=stick[0], to_floor=stick[1])
+        friction_work += slide_anchors(*state, problem.friction, seen)
+    if touching.any():
+        tie_touching(*state, touching, seen)
+        memory.anchor_gradient[touching == TIED_TO_PIN, 1] += moved  # from the pin at travel 0
     return TravelState(
         travel,
         u,
-        u_gradient,
-        found.assembly.pin_force,
-        force_gradient,
+        gradient.u,
+        assembly.pin_force,
+        gradient.force,
+        moved,
         energy,
         friction_work,
-        negative,
+        found.negative,
+        by_objective,
     )
+
+
+def _at_moving_travel(
+    potential: Potential, solver: SymmetricSolver, found: Found, fixed: Gradient, before: Array
+) -> tuple[Gradient, Array]:
+    """Derivatives of a step to a force, and those of its travel, from those at fixed travel."""
+    free, slope = travel_slope(potential, solver, found.equilibrium.assembly)
+    at_travel = Sensitivity(fixed.u, fixed.force, before)
+    u_slope = potential.expand(free)
+    moved = at_moving_travel(at_travel, u_slope, slope, before, meets=found.arrived)
+    return Gradient(moved.u, moved.force), moved.travel
 
 
 def _next_travel(reached: float, step: float, target: float) -> float:
@@ -174,20 +309,17 @@ def _growth(iterations: int) -> float:
 def _predict(
     potential: Potential,
     solver: SymmetricSolver,
-    assembly: Assembly | None,
-    u: Array,
-    p: Array,
-    advance: float,
+    start: Start,
     travel: float,
     memory: ContactMemory,
     newton: NewtonOptions,
-    negative: int,
 ) -> tuple[Array, Array]:
     """Tangent predictor from the last equilibrium, shortened until no element turns inside out."""
+    u, p, assembly = start.u, start.p, start.assembly
     if assembly is None:
         return u, p
-    load = assembly.gradient + assembly.by_travel * advance
-    du = potential.expand(descent_direction(potential, solver, load, newton, negative))
+    load = assembly.gradient + assembly.by_travel * (travel - start.travel)
+    du = potential.expand(descent_direction(potential, solver, load, newton, start.negative))
     dp = potential.pressure_step(du)
     fraction = 1.0
     for _ in range(6):
@@ -195,41 +327,3 @@ def _predict(
             return u + fraction * du, p + fraction * dp
         fraction *= 0.5
     return u, p
-
-
-def _sensitivity(
-    potential: Potential,
-    solver: SymmetricSolver,
-    found: Equilibrium,
-    travel: float,
-    memory: ContactMemory,
-    parameters: MaterialParameters,
-) -> tuple[Array, Array]:
-    """du/d parameter (n_node, 3, n_p) mm and dF/d parameter (n_p,) N of the modelled part.
-
-    From the factor of the last assembled tangent.  Exact for the discrete, path-dependent scheme:
-    slip and stick anchors carry their own derivatives from step to step.
-    """
-    rhs, direct = potential.memory_gradient(found.u, travel, memory)
-    n_material = len(parameters.names)
-    rhs[:, :n_material] += _material_gradient(potential, found.u, parameters)
-    direct[:n_material] += found.assembly.pin_force * parameters.stiffness
-    free = solve_coupled(potential, solver, -rhs, SENSITIVITY_TOLERANCE)
-    force = found.assembly.pin_force_by_u @ free + direct
-    columns = [potential.expand(free[:, j]) for j in range(free.shape[1])]
-    return np.stack(columns, axis=2), force
-
-
-def _material_gradient(potential: Potential, u: Array, parameters: MaterialParameters) -> Array:
-    """(n_free, n_p) derivative of the gradient in the material's parameters at fixed u, N.
-
-    Of the last `assemble`; forces of contact are linear in its stiffness.
-    """
-    moving = parameters.constants.any(axis=1)
-    columns = np.zeros((potential.n_unknowns, len(parameters.names)))
-    columns[:, moving] = potential.constants_gradient(u, parameters.constants[moving])
-    if parameters.bulk.any():
-        columns += np.outer(potential.bulk_gradient(u), parameters.bulk)
-    if parameters.stiffness.any():
-        columns += np.outer(potential.penalty_gradient(), parameters.stiffness)
-    return columns

@@ -26,10 +26,14 @@ class MaterialParameters(NamedTuple):
 
 
 def ratio_parameters(material: Material) -> MaterialParameters:
-    """(r, s) of a Mooney-Rivlin material with three constants, kappa and bulk modulus held."""
+    """(r, s) of a Mooney-Rivlin material with three constants and, last, bulk modulus over mu.
+
+    kappa = mu / 2 is held, and with (r, s) the bulk modulus.
+    """
     kappa = material.constants[0] + material.constants[1]
-    none = np.zeros(2)
-    return MaterialParameters(("r", "s"), kappa * RATIO_DERIVATIVES, none, none)
+    constants = np.vstack([kappa * RATIO_DERIVATIVES, np.zeros(3)])
+    bulk = np.array([0.0, 0.0, 2.0 * kappa])
+    return MaterialParameters(("r", "s", "bulk_ratio"), constants, bulk, np.zeros(3))
 
 
 def all_parameters(material: Material) -> MaterialParameters:

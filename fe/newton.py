@@ -1,25 +1,28 @@
 """Equilibrium at a fixed pin travel: u-p Newton with a line search on the potential.
 
-Directions of negative curvature, counted by the factorisation's inertia, are found by Lanczos
-with the same factor and flipped (saddle-free Newton, Dauphin et al. 2014), so the iteration goes
-down to a stable equilibrium instead of to the nearest stationary point.
+Directions of negative curvature, counted by the factorisation's inertia, are flipped
+(`fe.negative_curvature`), so the iteration goes down to a stable equilibrium instead of to the
+nearest stationary point.
 """
 
 from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass
+from typing import Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
-from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh, gmres
 
-from fe.contact_memory import ContactMemory
 from fe.friction import Frame
 from fe.linear_solver import SymmetricSolver
-from fe.potential import Assembly, Potential
+from fe.negative_curvature import flip_negative
+from fe.newton_problem import NewtonProblem
+from fe.potential import Assembly
 
 Array = npt.NDArray[np.float64]
+
+Memory = TypeVar("Memory")
 
 
 @dataclass(frozen=True)
@@ -40,9 +43,6 @@ class NewtonOptions:
     """relative residual below which, with friction, a step that reduces it needs no line search"""
     reduction: float = 0.7
     """of the residual by such a step, at least"""
-    coupling_tolerance: float = 1e-5
-    """relative accuracy with which a step takes in the unsymmetric tangent of friction; with 1e-2
-    the error in the stiff direction of contact costs more iterations than it saves solves"""
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,7 @@ class Equilibrium:
 
 
 def descent_direction(
-    potential: Potential,
+    potential: NewtonProblem[Any],
     solver: SymmetricSolver,
     gradient: Array,
     options: NewtonOptions,
@@ -71,76 +71,38 @@ def descent_direction(
 
     At a stable state with friction it is that of the whole tangent, if that is found and goes down.
     """
-    x = solver.solve(-gradient)
-    if 0 < negative <= options.max_negative_modes:
-        modes = _negative_modes(potential.n_unknowns, solver, negative)
-        x = x - 2.0 * modes @ (modes.T @ x)
     if negative == 0 and potential.has_friction:
-        coupled = solve_coupled(potential, solver, -gradient, options.coupling_tolerance)
+        coupled = solve_coupled(potential, solver, -gradient)
         if gradient @ coupled < 0.0:
             return coupled
+    x = solver.solve(-gradient)
+    if 0 < negative <= options.max_negative_modes:
+        x = flip_negative(solver, x, -gradient, negative)
     return -x if gradient @ x > 0.0 else x
 
 
-def solve_coupled(
-    potential: Potential, solver: SymmetricSolver, b: Array, tolerance: float
-) -> Array:
+def solve_coupled(potential: NewtonProblem[Any], solver: SymmetricSolver, b: Array) -> Array:
     """Solve the whole tangent, friction's coupling included, for b (n_free,) or (n_free, k) N.
 
-    GMRES on the stacked columns with the factorised symmetric part as preconditioner; of the last
-    `assemble`.  NaN where that does not reach the relative `tolerance`.
+    Of the last `assemble`, which must be what is factorised in `solver` where nothing rubs.
     """
-    start = solver.solve(b)
     if not potential.has_friction:
-        return start
-
-    def preconditioned(x: Array) -> Array:
-        columns = x.reshape(start.shape)
-        return (columns + solver.solve(potential.couple(columns))).ravel()
-
-    x, n_missed = gmres(
-        LinearOperator((start.size, start.size), matvec=preconditioned, dtype=np.float64),
-        start.ravel(),
-        rtol=tolerance,
-        restart=60,
-        maxiter=5,
-    )
-    return np.asarray(x).reshape(start.shape) if n_missed == 0 else np.full(start.shape, np.nan)
-
-
-def _negative_modes(n: int, solver: SymmetricSolver, count: int) -> Array:
-    """(n, m) orthonormal eigenvectors of the negative eigenvalues, m <= count."""
-    inverse = LinearOperator((n, n), matvec=solver.solve, dtype=np.float64)
-    start = np.random.default_rng(0).standard_normal(n)
-    size = min(n - 1, max(2 * count + 6, 12))
-    try:
-        values, vectors = eigsh(
-            solver.matrix,
-            k=count,
-            sigma=0.0,
-            which="SA",
-            OPinv=inverse,
-            v0=start,
-            tol=5e-2,
-            maxiter=8,
-            ncv=size,
-        )
-    except ArpackError:
-        return np.zeros((n, 0))
-    return np.asarray(vectors[:, values < 0.0])
+        return solver.solve(b)
+    return solver.solve_general(potential.coupled_tangent(), b)
 
 
 def equilibrate(
-    potential: Potential,
+    potential: NewtonProblem[Memory],
     solver: SymmetricSolver,
     u: Array,
     p: Array,
     travel: float,
-    memory: ContactMemory,
+    memory: Memory,
     options: NewtonOptions,
 ) -> Equilibrium:
     """Find the equilibrium at `travel` (mm) from the start (u, p)."""
     recent: deque[float] = deque(maxlen=options.memory)
+    negative = -1  # not counted yet
     assembly = potential.assemble(u, p, travel, memory)
     for iteration in range(options.max_iterations):
         if not assembly.smallest_J > 0.0:
@@ -148,14 +110,16 @@ def equilibrate(
         norm = float(np.linalg.norm(assembly.gradient))
         if norm <= options.tolerance * assembly.force_scale:
             return Equilibrium(u, p, assembly, True, "", iteration)
-        negative = solver.factorise(assembly.data)
-        near = negative == 0 and norm <= options.near * assembly.force_scale
-        if potential.has_friction and near:
+        near = potential.has_friction and norm <= options.near * assembly.force_scale
+        if not (near and negative == 0):  # else it was 0 at the iterate before
+            negative = solver.factorise(assembly.data)
+        if near and negative == 0:
             nearer = _nearer(potential, solver, u, p, assembly, travel, memory, options)
             if nearer is not None:
                 u, p, assembly = nearer
                 recent.clear()
                 continue
+            negative = solver.factorise(assembly.data)
         du = potential.expand(
             descent_direction(potential, solver, assembly.gradient, options, negative)
         )
@@ -193,13 +157,13 @@ def equilibrate(
 
 
 def _nearer(
-    potential: Potential,
+    potential: NewtonProblem[Memory],
     solver: SymmetricSolver,
     u: Array,
     p: Array,
     assembly: Assembly,
     travel: float,
-    memory: ContactMemory,
+    memory: Memory,
     options: NewtonOptions,
 ) -> tuple[Array, Array, Assembly] | None:
     """Full Newton step with friction, if it reduces the residual: (u, p, assembly) there, or None.
@@ -208,7 +172,7 @@ def _nearer(
     descent and the thaw after it go round in circles.
     """
     b = -assembly.gradient
-    du = potential.expand(solve_coupled(potential, solver, b, options.coupling_tolerance))
+    du = potential.expand(solve_coupled(potential, solver, b))
     if not np.abs(du).max() < options.max_move:  # so is NaN
         return None
     dp = potential.pressure_step(du)
@@ -216,16 +180,15 @@ def _nearer(
     reduced = np.linalg.norm(trial.gradient) < options.reduction * np.linalg.norm(b)
     if trial.smallest_J > 0.0 and reduced:
         return u + du, p + dp, trial
-    potential.assemble(u, p, travel, memory)  # what the solves below are of
     return None
 
 
 def _line_search(
-    potential: Potential,
+    potential: NewtonProblem[Memory],
     u: Array,
     du: Array,
     travel: float,
-    memory: ContactMemory,
+    memory: Memory,
     frame: Frame | None,
     reference: float,
     slope: float,

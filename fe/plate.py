@@ -165,6 +165,14 @@ def tangent_times(plate: Plate, touch: Touch, motion: Array) -> Array:
     return total
 
 
+def travel_slope(plate: Plate, touch: Touch, motion: Array) -> float:
+    """Change of `travel_force` per travel, N/mm, where plate and nodes (their motion) move.
+
+    At fixed nodes it is the speed times the sum of `by_travel`: shape functions add up to 1.
+    """
+    return float(np.sum(touch.by_travel * motion) + plate.speed * touch.by_travel[:, 1].sum())
+
+
 def renewed_limits(
     plate: Plate, memory: PlateMemory, u: Array, travel: float, modulus: float, end_force: Array
 ) -> PlateMemory:

@@ -7,14 +7,19 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from fe import contact, friction, slip_anchors, weak_form
-from fe.contact import TIED_TO_PIN, Faces
+from fe import contact, friction, weak_form
+from fe.contact import Faces
 from fe.contact_memory import ContactMemory
+from fe.contact_slopes import contact_pull
+from fe.coupled_tangent import CoupledTangent
 from fe.discretisation import Pattern, add_entries
 from fe.friction import Frame
-from fe.materials.material import KernelMaterial, Material
+from fe.linear_solver import GeneralMatrix
+from fe.materials.material import Material
 from fe.materials.volumetric import deviation_slopes
 from fe.pin_surface import RigidPin
+from fe.shape_slopes import Directions, residual_slopes
+from fe.surface_slopes import SurfaceSlopes
 from fe.touch import FrictionLaw
 from fe.weak_form import Elements
 
@@ -56,6 +61,8 @@ class Assembly:
     """vertical force of the modelled part, N, positive in compression"""
     pin_force_by_u: Array
     """(n_free,) derivative of `pin_force` in the displacement, N/mm"""
+    pin_force_by_travel: float
+    """derivative of `pin_force` in the travel at fixed displacement, N/mm"""
     force_scale: float
     """norm of the contact forces, N: what the residual is small against"""
     frame: Frame | None
@@ -72,6 +79,11 @@ class Potential:
         self._contact_system = contact.empty_system(problem.faces)
         self.has_friction = problem.friction.pin > 0.0 or problem.friction.base > 0.0
         self._coupling = np.zeros_like(self._contact_system.tangent)
+        self._coupled: CoupledTangent | None = None
+        if self.has_friction:
+            self._coupled = CoupledTangent(problem.pattern, problem.faces.nodes)
+        self._upper = np.zeros(0)
+        self._whole: GeneralMatrix | None = None
         self._free = problem.pattern.number >= 0
         self.n_unknowns = int(self._free.sum())
 
@@ -115,6 +127,7 @@ class Potential:
         data = np.zeros(problem.pattern.indices.size)
         add_entries(self._system.tangent, problem.pattern.element_slots, data)
         add_entries(self._contact_system.tangent, problem.pattern.face_slots, data)
+        self._upper, self._whole = data, None
         return Assembly(
             energy=energy + contact_energy,
             smallest_J=smallest,
@@ -123,6 +136,8 @@ class Potential:
             by_travel=self._sum_faces(self._contact_system.by_travel)[self._free],
             pin_force=pin_force,
             pin_force_by_u=self._sum_faces(self._contact_system.pin_force_by_u)[self._free],
+            # shape functions add up to 1: these are the forces of all points that move with the pin
+            pin_force_by_travel=float(self._contact_system.by_travel[..., 1].sum()),
             force_scale=float(np.linalg.norm(self._sum_faces(np.abs(forces)))),
             frame=frame,
         )
@@ -157,71 +172,60 @@ class Potential:
         p: Array = self._material.bulk * np.einsum("emn,en->em", e.mass_inverse, b)
         return p
 
-    def constants_gradient(self, u: Array, directions: Array | None = None) -> Array:
-        """(n_free, n_direction) derivative of the gradient along changes of the constants, N/MPa.
+    def inner_partials(self, u: Array, along: Directions) -> Array:
+        """(n_free, n_c + 1 + n_v) derivative of the inner forces at fixed u (n_node, 3) mm, N.
 
-        `directions` (n_direction, n_constant) are changes of the constants, each constant by
-        itself when not given.  Bulk modulus, contact and u (n_node, 3) mm are held.
+        Along changes of the law, in the bulk modulus and along motions of the mesh.
         """
-        material = self.problem.material
-        if directions is None:
-            directions = np.eye(len(material.constants))
-        elements = self.problem.elements
-        no_volume = elements._replace(mass_inverse=np.zeros_like(elements.mass_inverse))
-        columns = [self._residual(u, no_volume, material.slope(d)) for d in directions]
-        return np.stack(columns, axis=1)
+        problem = self.problem
+        total = np.zeros((along.laws.size + 1 + along.motion.shape[0], *u.shape))
+        residual_slopes(u, problem.elements, self._material, along, total)
+        return total.reshape(len(total), -1)[:, self._free].T
 
-    def bulk_gradient(self, u: Array) -> Array:
-        """(n_free,) derivative of the gradient at u (n_node, 3) mm in the bulk modulus, N/MPa."""
-        return self._residual(u, self.problem.elements, self.problem.material.bulk_slope())
-
-    def penalty_gradient(self) -> Array:
-        """(n_free,) contact forces of the last `assemble`, N: linear in the contact stiffness."""
-        return self._sum_faces(self._contact_system.force)[self._free]
-
-    def _residual(self, u: Array, elements: Elements, material: KernelMaterial) -> Array:
-        """(n_free,) gradient of the inner energy of `material`, whatever that of the problem."""
-        system = weak_form.empty_system(elements)
-        no_pressure = np.zeros((elements.nodes.shape[0], elements.psi.shape[1]))
-        weak_form.element_system(u, no_pressure, elements, material, False, system)
-        return self._sum_elements(system.residual)[self._free]
-
-    def memory_gradient(
-        self, u: Array, travel: float, memory: ContactMemory
+    def contact_partials(
+        self, u: Array, travel: float, memory: ContactMemory, slopes: SurfaceSlopes
     ) -> tuple[Array, Array]:
-        """Derivative through moving anchors and the coefficients of friction, at fixed u.
+        """Derivative of the contact forces at fixed u (n_node, 3) and travel, mm.
 
         Returns (gradient (n_free, n_p) N, pin force (n_p,) N).
         """
         problem = self.problem
         faces = problem.faces
-        pull = -problem.pin.stiffness * np.einsum(
-            "cq,cqij,cq->cqij", faces.weights, memory.anchor_gradient, memory.tied > 0
+        pull = np.zeros(slopes.points.shape)
+        on_pin = contact_pull(
+            u,
+            faces,
+            memory.tied,
+            memory.anchor,
+            memory.anchor_gradient,
+            memory.slip,
+            travel,
+            problem.pin,
+            problem.friction,
+            slopes,
+            pull,
         )
-        on_pin = pull[memory.tied == TIED_TO_PIN][:, 1].sum(axis=0)
-        if self.has_friction:
-            on_pin = on_pin + slip_anchors.parameter_pull(
-                u, faces, memory.tied, memory.slip, travel, problem.pin, problem.friction, pull
-            )
         nodal = np.einsum("cqa,cqij->caij", faces.shape, pull)
-        columns = [self._sum_faces(nodal[..., j]) for j in range(pull.shape[3])]
-        return np.stack(columns, axis=1)[self._free], on_pin
+        total = np.zeros((self._free.size // 3, *pull.shape[2:]))
+        np.add.at(total, faces.nodes, nodal)
+        return total.reshape(self._free.size, -1)[self._free], on_pin
 
-    def couple(self, free: Array) -> Array:
-        """What the tangent of friction adds to the factorised one, times `free` mm: N.
+    @property
+    def coupling(self) -> Array:
+        """(n_face, n_a, 3, 3, n_a) what the tangent of friction adds, of the last `assemble`."""
+        return self._coupling
 
-        (n_free,) or (n_free, k) like `free`; of the last `assemble`.
-        """
-        if free.ndim == 2:
-            return np.stack([self.couple(column) for column in free.T], axis=1)
-        nodal = self.expand(free)[self.problem.faces.nodes]
-        n_face, n_a = nodal.shape[:2]
-        # blocks [a, i, k, b] times nodal [b, k], as a batched product that BLAS does
-        change = np.matmul(
-            self._coupling.reshape(n_face, 3 * n_a, 3 * n_a),
-            nodal.transpose(0, 2, 1).reshape(n_face, 3 * n_a, 1),
-        )
-        return self._sum_faces(change.reshape(n_face, n_a, 3))[self._free]
+    def restrict(self, full: Array) -> Array:
+        """(n_free,) free values of (n_node, 3), the transpose of `expand`."""
+        return full.reshape(-1)[self._free]
+
+    def coupled_tangent(self) -> GeneralMatrix:
+        """The whole tangent of the last `assemble`, friction's unsymmetric part included, N/mm."""
+        if self._coupled is None:
+            raise ValueError("coupled_tangent: expected friction and a state that was assembled")
+        if self._whole is None:
+            self._whole = self._coupled.matrix(self._upper, self._coupling)
+        return self._whole
 
     def _add_friction(
         self, u: Array, travel: float, memory: ContactMemory

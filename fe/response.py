@@ -22,29 +22,36 @@ class Status(StrEnum):
     """How a simulation ended."""
 
     CONVERGED = "converged"
+    """every asked step was reached"""
     STOPPED = "stopped"
+    """at `reached`, before the last asked step"""
+    FORCE_FELL = "force fell"
+    """every asked step was reached, but beyond `reached` the force falls: the solution may be on
+    another branch of equilibria, real or of the mesh, or the material may soften"""
 
 
 @dataclass(frozen=True)
 class Response:
     """Solution of a specimen: at kappa = C10 + C01 = 1 MPa for ratios, else of a material.
 
-    Steps beyond `reached` hold NaN.  Forces are of the whole sample, positive along the travel:
-    in compression for pin, plates and a bar that is compressed, in tension for one that is pulled.
+    Steps that were not reached hold NaN.  Forces are of the whole sample, positive along the
+    travel: in compression for pin, plates and a bar that is compressed, in tension for one that is
+    pulled.
     Gradients are with respect to `parameters`, by default the ratios (r, s) = (C01, C11) / kappa at
     that kappa.
     """
 
     travel: Array
-    """(n_step,) travel of pin, plates or clamps, mm"""
+    """(n_step,) travel of pin, plates or clamps, mm: as asked, or found at the asked forces"""
     force: Array
-    """(n_step,) force of the whole sample, N"""
+    """(n_step,) force of the whole sample, N: found, or as asked"""
     displacement: Array
     """(n_step, n_point, 3) displacement (x, y, z) of the points seen on the surface, mm"""
     force_gradient: Array
-    """(n_step, n_parameter) N per unit of the parameter; (r, s) have none"""
+    """(n_step, n_parameter) N per unit of the parameter; (r, s) have none; 0 at asked forces"""
     displacement_gradient: Array
-    """(n_step, n_point, 3, n_parameter) mm per unit of the parameter"""
+    """(n_step, n_point, 3, n_parameter) mm per unit of the parameter, at the asked travel or the
+    asked force"""
     reached: float
     """travel up to which the solution is good, mm"""
     status: Status
@@ -58,6 +65,10 @@ class Response:
     """(n_point, 2) reference position of the points on the surface, mm; none when not kept"""
     parameters: tuple[str, ...] = ("r", "s")
     """what the gradients are in: stress-like constants and the bulk modulus in MPa"""
+    solver: str = ""
+    """the library that factorised the tangents; empty when not known"""
+    travel_gradient: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    """(n_step, n_parameter) mm per unit of the parameter, at asked forces; none at asked travels"""
 
     def __post_init__(self) -> None:
         n_step = self.travel.size
@@ -93,10 +104,13 @@ def load_response(path: Path) -> Response:
     except (OSError, ValueError, KeyError, EOFError, RuntimeError, BadZipFile, zlib.error) as error:
         raise ValueError(f"{path}: not a readable simulation result ({error})") from error
     labels: dict[str, Any] = {}
-    if "points" in values:
-        labels["points"] = values["points"]
+    for name in ("points", "travel_gradient"):
+        if name in values:
+            labels[name] = values[name]
     if "parameters" in values:
         labels["parameters"] = tuple(str(name) for name in values["parameters"])
+    if "solver" in values:
+        labels["solver"] = str(values["solver"])
     return Response(
         travel=values["travel"],
         force=values["force"],

@@ -11,6 +11,7 @@ import numpy.typing as npt
 from fe.materials.law import LAWS, Law
 from fe.materials.material import Material, material
 from fe.materials.volumetric import Volumetric
+from fe.progress import Progress
 from fe.response import Response
 
 Array = npt.NDArray[np.float64]
@@ -19,8 +20,11 @@ Array = npt.NDArray[np.float64]
 class Specimen(Protocol):
     """A model that responds to any material, as all of `fe.specimens` do."""
 
-    def respond(self, material: Material) -> Response:
-        """Response with gradients in the constants and the bulk modulus."""
+    def respond(self, material: Material, progress: Progress | None = None) -> Response:
+        """Response with gradients in the constants and the bulk modulus.
+
+        `progress` is called after each step of the solver.
+        """
         ...
 
 
@@ -29,17 +33,20 @@ def simulate(
     law: Law | str,
     theta: Mapping[str, float] | npt.ArrayLike,
     volumetric: Volumetric = "quadratic",
+    progress: Progress | None = None,
 ) -> Response:
     """Response of a specimen of one material; a solver failure is a status, not a raise.
 
     `theta` holds the constants of the law and its bulk modulus, by name ("C10", ..., "bulk") or in
-    that order, MPa.  Gradients are in the same numbers.
+    that order, MPa.  Gradients are in the same numbers.  `progress` is called with a `StepReport`
+    after each step of the solver, asked for or not: `progress=print` shows them.  The logger "fe"
+    has the same lines at level info.
 
     Raises ValueError for an unknown law, names or numbers that are not those of the law, and
     what `fe.materials.Material` refuses.
     """
     name = law if isinstance(law, str) else law.name
-    return specimen.respond(_material(name, theta, volumetric))
+    return specimen.respond(_material(name, theta, volumetric), progress)
 
 
 def _material(

@@ -15,8 +15,9 @@ from numba import njit
 
 from fe.contact import FREE, Faces, position
 from fe.friction import slip_potential
-from fe.pin_surface import RigidPin
-from fe.touch import FLOOR, PIN, FrictionLaw, chart_floor, chart_pin, empty_chart, touch
+from fe.pin_surface import ROUND, RigidPin
+from fe.surface_slopes import SurfaceSlopes, relative_motion, seen_from
+from fe.touch import FLOOR, PIN, Chart, FrictionLaw, chart_floor, chart_pin, empty_chart, touch
 
 Array = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -33,92 +34,86 @@ class SlipAnchors(NamedTuple):
     """(n_face, n_q, 2, 2) at the end of the last step, MPa"""
 
 
-def rest(faces: Faces, pin: RigidPin, n_p: int) -> SlipAnchors:
+def rest(faces: Faces, pin: RigidPin, slopes: SurfaceSlopes) -> SlipAnchors:
     """Anchors at travel 0 under the points themselves."""
     place = np.zeros((*faces.weights.shape, 2, 2))
-    slip = SlipAnchors(place, np.zeros((*place.shape, n_p)), np.zeros_like(place))
-    _places(faces, pin, place)
+    slip = SlipAnchors(place, np.zeros((*place.shape, slopes.height.size)), np.zeros_like(place))
+    _places(faces, pin, slopes, slip)
     return slip
 
 
 @njit(cache=True)
-def _places(faces: Faces, pin: RigidPin, place: Array) -> None:
+def _places(faces: Faces, pin: RigidPin, slopes: SurfaceSlopes, slip: SlipAnchors) -> None:
     chart = empty_chart()
+    seen, there = np.empty(slopes.points.shape[2:]), np.empty((2, slopes.points.shape[3]))
     for c in range(faces.weights.shape[0]):
         for q in range(faces.weights.shape[1]):
-            chart_pin(faces.points[c, q], 0.0, pin, chart)
-            place[c, q, PIN] = chart.place
-            chart_floor(faces.points[c, q], chart)
-            place[c, q, FLOOR] = chart.place
+            x, motion = faces.points[c, q], slopes.points[c, q]
+            for surface in (PIN, FLOOR):
+                if surface == PIN:
+                    chart_pin(x, 0.0, pin, chart)
+                    relative_motion(x, motion, pin, slopes, seen)
+                else:
+                    chart_floor(x, chart)
+                    seen[:, :] = motion
+                slip.place[c, q, surface] = chart.place
+                place_slopes(x, seen, chart, surface, pin, slopes, there)
+                slip.gradient[c, q, surface] = there
 
 
 @njit(cache=True)
-def parameter_pull(
-    u: Array,
-    faces: Faces,
-    tied: IntArray,
-    slip: SlipAnchors,
-    travel: float,
+def place_slopes(
+    x: Array,
+    seen: Array,
+    chart: Chart,
+    surface: int,
     pin: RigidPin,
-    law: FrictionLaw,
-    pull: Array,
-) -> Array:
-    """Derivative of the friction forces in the parameters, at fixed u, by anchors and coefficients.
+    slopes: SurfaceSlopes,
+    there: Array,
+) -> None:
+    """Fill `there` (2, n_p) with the derivative of the place of the point x (3,) mm, mm.
 
-    Adds the forces of each point (N) to `pull` (n_face, n_q, 3, n_p) and returns that of the
-    pin force (n_p,) N.  The last two parameters are the coefficients of pin and base.
+    `seen` (3, n_p) mm is the motion of the point as the surface sees it.  What is left is that
+    the arc length starts further out on a wider flat, and grows with the radius of the fillet.
     """
-    n_p = pull.shape[3]
-    on_pin = np.zeros(n_p)
-    x = np.empty(3)
-    chart = empty_chart()
-    for c in range(faces.weights.shape[0]):
-        for q in range(faces.weights.shape[1]):
-            if tied[c, q] != FREE:
-                continue
-            position(u, faces, c, q, x)
-            surface, limit, _ = touch(x, faces.base[c], faces.floor[c], travel, pin, law, chart)
-            if limit <= 0.0:
-                continue
-            s0 = chart.place[0] - slip.place[c, q, surface, 0]
-            s1 = chart.place[1] - slip.place[c, q, surface, 1]
-            _, secant, fall = slip_potential(s0, s1, law.slip)
-            w = faces.weights[c, q] * limit
-            for j in range(n_p):
-                a0 = slip.gradient[c, q, surface, 0, j]
-                a1 = slip.gradient[c, q, surface, 1, j]
-                along = fall * (s0 * a0 + s1 * a1)
-                g0 = w * (along * s0 - secant * a0)
-                g1 = w * (along * s1 - secant * a1)
-                if j == n_p - 2 + surface:
-                    coefficient = law.pin if surface == PIN else law.base
-                    g0 += w / coefficient * secant * s0
-                    g1 += w / coefficient * secant * s1
-                for i in range(3):
-                    pull[c, q, i, j] += g0 * chart.tangent[0, i] + g1 * chart.tangent[1, i]
-                if surface == PIN:
-                    on_pin[j] += g0 * chart.tangent[0, 1] + g1 * chart.tangent[1, 1]
-    return on_pin
+    n_p = seen.shape[1]
+    s0, s1 = chart.slope[0], chart.slope[1]
+    for j in range(n_p):
+        there[0, j] = s0[0] * seen[0, j] + s0[1] * seen[1, j] + s0[2] * seen[2, j]
+        there[1, j] = s1[0] * seen[0, j] + s1[1] * seen[1, j] + s1[2] * seen[2, j]
+    if surface != PIN:
+        return
+    n = np.sqrt(chart.normal[0] ** 2 + chart.normal[2] ** 2)
+    turned = np.arctan2(n, -chart.normal[1]) - 1.0
+    ex, ez, side = seen_from(x, pin)
+    if pin.shape != ROUND:
+        ex, ez = side, 0.0
+    for j in range(n_p):
+        longer = slopes.half_width[j] + turned * slopes.fillet[j]
+        there[0, j] += longer * ex
+        there[1, j] += longer * ez
 
 
 @njit(cache=True)
 def advance_anchors(
     u: Array,
-    u_gradient: Array,
+    motion: Array,
     faces: Faces,
     tied: IntArray,
     slip: SlipAnchors,
     travel: float,
     pin: RigidPin,
     law: FrictionLaw,
+    slopes: SurfaceSlopes,
 ) -> float:
     """Return mapping of all anchors at the end of a step; returns the work of friction, N mm.
 
-    u (n_node, 3) and u_gradient (n_node, 3, n_p) mm; `slip` is changed.
+    u (n_node, 3) mm; motion (n_face, n_q, 3, n_p) mm is the derivative of the points' places;
+    `slip` is changed.
     """
-    n_p = u_gradient.shape[2]
+    n_p = motion.shape[3]
     x = np.empty(3)
-    dx = np.empty((3, n_p))
+    seen = np.empty((3, n_p))
     there = np.empty((2, n_p))
     chart = empty_chart()
     work = 0.0
@@ -127,23 +122,23 @@ def advance_anchors(
             if tied[c, q] != FREE:
                 continue
             position(u, faces, c, q, x)
-            _position_gradient(u_gradient, faces, c, q, dx)
+            dx = motion[c, q]
             touched, pressed, _ = touch(x, faces.base[c], faces.floor[c], travel, pin, law, chart)
             for surface in (PIN, FLOOR):
                 if surface == PIN:
                     if faces.base[c]:
                         continue
                     chart_pin(x, travel, pin, chart)
+                    relative_motion(x, dx, pin, slopes, seen)
                 else:
                     chart_floor(x, chart)
-                there[:, :] = 0.0
-                for i in range(3):
-                    there[0] += chart.slope[0, i] * dx[i]
-                    there[1] += chart.slope[1, i] * dx[i]
+                    seen[:, :] = dx
+                place_slopes(x, seen, chart, surface, pin, slopes, there)
                 limit = pressed if touched == surface else 0.0
                 work += faces.weights[c, q] * _return(
                     limit,
                     law.slip,
+                    slopes.slip,
                     chart.place,
                     there,
                     slip.place[c, q, surface],
@@ -154,16 +149,10 @@ def advance_anchors(
 
 
 @njit(cache=True)
-def _position_gradient(u_gradient: Array, faces: Faces, c: int, q: int, dx: Array) -> None:
-    dx[:, :] = 0.0
-    for a in range(faces.nodes.shape[1]):
-        dx += faces.shape[c, q, a] * u_gradient[faces.nodes[c, a]]
-
-
-@njit(cache=True)
 def _return(
     limit: float,
     slip: float,
+    slip_slope: Array,
     here: Array,
     there: Array,
     place: Array,
@@ -186,8 +175,9 @@ def _return(
             d0 = there[0, j] - gradient[0, j]
             d1 = there[1, j] - gradient[1, j]
             along = (s0 * d0 + s1 * d1) / (size * size) if limit > 0.0 else 0.0
-            gradient[0, j] = there[0, j] - keep * (d0 - along * s0)
-            gradient[1, j] = there[1, j] - keep * (d1 - along * s1)
+            longer = slip_slope[j] / size if limit > 0.0 else 0.0
+            gradient[0, j] = there[0, j] - keep * (d0 - along * s0) - longer * s0
+            gradient[1, j] = there[1, j] - keep * (d1 - along * s1) - longer * s1
         place[0], place[1] = new0, new1
     traction[0], traction[1] = t0, t1
     return work

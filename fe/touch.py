@@ -1,9 +1,9 @@
 """Where a point touches pin or floor, as friction sees it: limit, place on the surface, tangents.
 
-A place is two numbers, mm.  On a bar along z: arc length across its profile, and z.  On a round
-pin: x and z of the point at the arc length's distance from the axis (the flat's own coordinates,
-drawn on over the edge, where they measure slip around the axis up to a tenth too long).  On the
-floor: x and z.
+A place is two numbers, mm.  On a bar: arc length across its profile, and distance along it.  On a
+round pin: x and z of the point at the arc length's distance from the axis (the flat's own
+coordinates, drawn on over the edge, where they measure slip around the axis up to a tenth too
+long).  On the floor: x and z.
 """
 
 from __future__ import annotations
@@ -89,27 +89,30 @@ def chart_floor(x: Array, chart: Chart) -> None:
 def chart_pin(x: Array, travel: float, pin: RigidPin, chart: Chart) -> float:
     """Fill the chart of the pin at x (3,) mm; returns the signed distance to it, mm.
 
-    A bar along z or a round pin.  With m along the meridian, o outwards, h around the axis and
-    phi the normal's angle from the vertical: dm = -n dphi + cos(phi) h dtheta, dh = -o dtheta.
+    With m along the meridian, o outwards, h around the axis and phi the normal's angle from the
+    vertical: dm = -n dphi + cos(phi) h dtheta, dh = -o dtheta.  Under a bar o is across it and h
+    along it, and theta does not change.
     """
     dx, dz = x[0] - pin.x, x[2] - pin.z
     bottom = pin.height - travel
-    c, s, out = 1.0, 0.0, dx
+    ex, ez, c, s = pin.across_x, pin.across_z, 1.0, 0.0
+    out = ex * dx + ez * dz
     if pin.shape == ROUND:
         out = max(np.sqrt(dx * dx + dz * dz), 1e-12)
-        c, s = dx / out, dz / out
+        ex, ez = dx / out, dz / out
+        c, s = ex, ez  # the tangents of the flat: x and z
     gap, n, ny, hoo, _, hyy = bar_distance(out, x[1], pin.half_width, pin.fillet, bottom)
     arc, stretch = bar_arc(out, x[1], pin.half_width, pin.fillet, bottom)
     curvature = hoo + hyy
-    meridian = (-ny * c, n, -ny * s)
-    around = (-s, 0.0, c)
-    outward = (c, 0.0, s)
-    normal = (n * c, ny, n * s)
+    meridian = (-ny * ex, n, -ny * ez)
+    around = (-ez, 0.0, ex)
+    outward = (ex, 0.0, ez)
+    normal = (n * ex, ny, n * ez)
     round_pin = pin.shape == ROUND
     hoop = arc / out if round_pin else 1.0
     turn = 1.0 / out if round_pin else 0.0
     chart.place[0] = arc * c if round_pin else arc
-    chart.place[1] = arc * s if round_pin else x[2]
+    chart.place[1] = arc * s if round_pin else ex * dz - ez * dx
     for i in range(3):
         chart.normal[i] = normal[i]
         chart.tangent[0, i] = c * meridian[i] - s * around[i]

@@ -1,4 +1,4 @@
-"""The volume of one element: projected dilation, other laws' deviation, condensed tangent.
+"""The volume of one element: projected dilation, other laws' deviation, tangent of the pressure.
 
 Notation of fe.weak_form: b = int psi (J - 1), M = int psi psi', theta = psi' M^-1 b, n_p pressure
 functions, n_a nodes, n_q quadrature points.
@@ -66,37 +66,10 @@ def add_pressure_tangent(A: Array, F: Array, pressure: float) -> None:
     d cof[i, j] / dF[k, m] = eps_ikx eps_jmy F[x, y].
     """
     for i in range(3):
-        for k in range(3):
-            if i == k:
-                continue
-            x = 3 - i - k
-            sign_row = 1.0 if (k - i) % 3 == 1 else -1.0
-            for j in range(3):
-                for m in range(3):
-                    if j == m:
-                        continue
-                    y = 3 - j - m
-                    sign_column = 1.0 if (m - j) % 3 == 1 else -1.0
-                    A[i, j, k, m] += pressure * sign_row * sign_column * F[x, y]
-
-
-@njit(cache=True)
-def add_condensed_tangent(tangent: Array, coupling: Array, stiffness: Array) -> None:
-    """Add g' S g to tangent [a, i, k, b] (N/mm), g = coupling (n_p, n_a, 3) mm2.
-
-    S = `stiffness` (n_p, n_p) is that of the element's volume, MPa/mm3.
-    """
-    n_p, n_a, _ = coupling.shape
-    scaled = np.zeros((n_p, n_a, 3))
-    for m in range(n_p):
-        for n in range(n_p):
-            if stiffness[m, n] != 0.0:
-                scaled[m] += stiffness[m, n] * coupling[n]
-    for k in range(3):
-        for m in range(n_p):
-            column = np.ascontiguousarray(scaled[m, :, k])
-            for a in range(n_a):
-                for i in range(3):
-                    g = coupling[m, a, i]
-                    for b in range(n_a):
-                        tangent[a, i, k, b] += g * column[b]
+        i1, i2 = (i + 1) % 3, (i + 2) % 3
+        for j in range(3):
+            j1, j2 = (j + 1) % 3, (j + 2) % 3
+            A[i, j, i1, j1] += pressure * F[i2, j2]
+            A[i, j, i2, j2] += pressure * F[i1, j1]
+            A[i, j, i1, j2] -= pressure * F[i2, j1]
+            A[i, j, i2, j1] -= pressure * F[i1, j2]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -32,38 +33,61 @@ def test_the_observed_order_stays_within_its_bounds():
 
 
 def test_draws_lie_in_their_ranges_and_more_keep_the_first():
-    few, many = draws(5), draws(64)
+    few, many = draws(5), draws(192)
     assert many[:5] == few
-    values = np.array(many)
+    values = np.array([draw[2:] for draw in many])
     values[:, 2] = np.log(values[:, 2])
     assert (values >= np.array(LOW)).all()
     assert (values <= np.array(HIGH)).all()
     assert (np.ptp(values, axis=0) > 0.9 * (np.array(HIGH) - np.array(LOW))).all()
 
 
+def test_every_pin_and_contact_has_its_share_of_the_draws_and_covers_the_other_ranges():
+    middle = (np.array(LOW) + np.array(HIGH)) / 2
+    for case in convergence_study.CASES:
+        values = np.array([draw[2:] for draw in draws(192) if draw.case == case])
+        values[:, 2] = np.log(values[:, 2])
+        assert 28 <= len(values) <= 36
+        # three standard errors of 34 independent draws
+        assert (np.abs((values > middle).mean(axis=0) - 0.5) < 0.26).all()
+
+
+def test_only_a_draw_with_friction_has_its_coefficients_in_the_contact():
+    for draw in draws(32):
+        expected = {"stick": "stick", "frictionless": "slide"}.get(draw.touch)
+        assert draw.contact.pin == (expected or draw.pin_friction)
+        assert draw.contact.base == (expected or draw.base_friction)
+
+
 def test_the_sobol_study_counts_what_was_reached_and_goes_on_where_it_was(tmp_path, monkeypatch):
-    case = next(iter(convergence_study.CASES))
-    arguments = {"cells": (4, 2, 1), "travel": (0.05, 0.1), "reached": (0.1, 0.2)}
-    found = convergence_study.figures(tmp_path, 2, 1, (case,), **arguments)
-    fraction = found["converged_fraction"][case]
-    assert (fraction["0.1 mm"], fraction["0.2 mm"], fraction["draws"]) == (1.0, 0.0, 2)
-    assert found["not_converged"][case] == []
+    tiny = {"bar": (4, 2, 1), "round": (3, 2, 3)}
+    arguments = {"sampling": tiny, "fitting": tiny, "travel": (0.05, 0.1), "reached": (0.1, 0.2)}
+    found = convergence_study.figures(tmp_path, 4, 1, **arguments)
+    total = found["converged_fraction"]["all"]
+    assert (total["0.1 mm"], total["0.2 mm"], total["draws"]) == (1.0, 0.0, 4)
+    by_case = [v["draws"] for k, v in found["converged_fraction"].items() if k != "all"]
+    assert sum(by_case) == 4
+    assert found["converged_fraction_fitting"]["all"]["draws"] == 1
+    assert [row["number"] for row in found["not_converged"]] == [0, 1, 2, 3]
+    assert {row["reached"] for row in found["not_converged"]} == {0.1}
 
     def not_again(*_):
         raise AssertionError("simulated a draw that is stored")
 
     monkeypatch.setattr(convergence_study, "simulate", not_again)
-    again = convergence_study.figures(tmp_path, 2, 1, (case,), **arguments)
+    again = convergence_study.figures(tmp_path, 4, 1, **arguments)
     assert again == found
 
 
-@pytest.mark.parametrize("interface", ["slide", "stick"])
-def test_sensitivities_pass_the_taylor_test(interface):
-    """Without the derivative the difference falls as h, with it as h^2; force and field."""
+@pytest.mark.parametrize(
+    ("case", "name"),
+    [("slide", "C01"), ("stick", "height"), ("stick", "bulk"), ("friction", "pin_fillet")],
+)
+def test_sensitivities_pass_the_taylor_test(case, name):
+    """The remainder falls as h^2; with a wrong derivative it would as h. Force and field."""
     steps = taylor.STEPS[:3]
-    values, plain = taylor.remainders(taylor.model(interface), steps)
-    np.testing.assert_allclose(taylor.orders(plain, steps), 1.0, atol=0.05)
-    np.testing.assert_allclose(taylor.orders(values, steps), 2.0, atol=0.1)
+    found = taylor.remainders(taylor.model(taylor.CONTACTS[case]), name, steps)
+    np.testing.assert_allclose(taylor.orders(found, steps), 2.0, atol=0.1)
 
 
 def test_a_part_replaces_its_figures_and_leaves_the_others(tmp_path, monkeypatch):
@@ -83,7 +107,29 @@ def test_cases_run_one_at_a_time_stand_together(tmp_path):
     assert found == {"bar, stick": 1.0, "bar, frictionless": 0.9}
 
 
-def test_meshes_of_the_index_are_those_of_the_mesh_study():
-    from benchmarks.mesh_convergence import MESHES
+def test_meshes_of_the_index_are_refined_alike_in_all_directions():
+    from benchmarks.mesh_convergence import SIMILAR
 
-    assert set(grid_convergence.MESHES) <= set(MESHES)
+    coarse = np.array(SIMILAR[0].cells)
+    for mesh in SIMILAR[1:]:
+        assert np.ptp(np.array(mesh.cells) / coarse) == 0.0
+    assert len({mesh.step for mesh in SIMILAR}) == 1
+
+
+def test_indices_of_force_and_field_cover_errors_of_second_order(tmp_path, monkeypatch):
+    """With errors C h^2 the index is 1.25 times the error of the finest mesh."""
+
+    def simulate(folder, interface, mesh, ratios):
+        h = 24.0 / mesh.cells[0]
+        force = np.linspace(100.0, 900.0, 5) * (1.0 + 0.002 * h**2)
+        field = np.full((5, 7, 3), 0.4 - 0.001 * h**2)
+        return SimpleNamespace(force=force, displacement=field, seconds=1.0, status="made up")
+
+    monkeypatch.setattr(grid_convergence, "simulate", simulate)
+    found = grid_convergence.figures(tmp_path)
+    for contact, h in (("slide", 24 / 18), ("stick", 1.0), ("friction 0.3", 24 / 18)):
+        force, field = found["force_gci_percent"][contact], found["field_gci_mm"][contact]
+        error = 0.002 * h**2
+        np.testing.assert_allclose(list(force.values()), 125 * error / (1 + error), rtol=1e-5)
+        np.testing.assert_allclose(list(field.values()), 1.25 * 0.001 * h**2, rtol=1e-5)
+        assert all(found["force_gci_monotone"][contact].values())

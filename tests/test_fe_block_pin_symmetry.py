@@ -36,7 +36,9 @@ def mirrored(field: np.ndarray) -> np.ndarray:
 
 @PINS
 @pytest.mark.parametrize(
-    "contact", [("stick", "stick"), ("slide", "stick"), ("stick", 0.3)], ids=["glued", "pin", "rub"]
+    "contact",
+    [("stick", "stick"), ("slide", "stick"), ("stick", 0.3), (0.3, 0.2), (0.3, "slide")],
+    ids=["glued", "pin", "rub", "both", "rub-slide"],
 )
 def test_half_and_full_models_agree_with_the_quarter(pin, contact):
     quarter = model("quarter", contact, pin=pin)(RATIOS)
@@ -124,11 +126,11 @@ def test_a_bar_turned_either_way_gives_the_mirrored_field_and_breaks_the_symmetr
         ),
         (
             lambda: model("half", ("slide", "slide")),
-            "contact: expected a pin or base that sticks in a half model",
+            "contact: expected a pin or base that sticks or has friction in a half model",
         ),
         (
-            lambda: model(contact=(0.3, "stick"), pin_rotation=5.0),
-            "pin: expected 'stick' or 'slide' under a turned bar",
+            lambda: model(contact=(0.0, "slide"), pin_rotation=5.0),
+            "contact: expected a pin or base that sticks or has friction in a full model",
         ),
     ],
 )
@@ -137,8 +139,10 @@ def test_impossible_input_is_refused_by_name(make, words):
         make()
 
 
-def test_friction_under_a_shifted_bar_is_that_under_one_shifted_the_other_way():
-    right, left = (model(contact=(0.3, "stick"), pin_shift=(s, 0.0))(RATIOS) for s in (0.5, -0.5))
+@pytest.mark.parametrize("contact", [(0.3, "stick"), (0.3, 0.2), ("slide", 0.02)])
+def test_friction_under_a_shifted_bar_is_that_under_one_shifted_the_other_way(contact):
+    """Also where nothing but friction holds the block against the push of the fillets."""
+    right, left = (model(contact=contact, pin_shift=(s, 0.0))(RATIOS) for s in (0.5, -0.5))
     assert right.status is Status.CONVERGED
     np.testing.assert_allclose(left.force, right.force, rtol=1e-7)
     flip = left.displacement.reshape(2, 8, 2, 3)[:, ::-1].reshape(2, 16, 3) * [-1.0, 1.0, 1.0]

@@ -13,9 +13,10 @@ from fe.contact import (
     empty_system,
     penalty,
 )
-from fe.contact_memory import initial_memory, tie_touching
+from fe.contact_memory import initial_memory, tie_touching, touches
 from fe.pin_surface import RigidPin, bar_distance
 from fe.specimens.block_pin import BlockPin, BlockPinModel, Contact
+from fe.surface_slopes import no_slopes
 
 PIN = RigidPin(height=2.5, half_width=2.0, fillet=0.3, stiffness=500.0, ramp=0.1)
 
@@ -116,9 +117,14 @@ def test_pin_force_is_the_derivative_of_the_energy_in_the_travel():
     )
 
 
+def untied(faces):
+    """Memory of points that touch nothing yet, with two parameters."""
+    return initial_memory(faces, np.zeros(faces.weights.shape, bool), PIN, no_slopes(faces, 2))
+
+
 def test_points_that_touch_are_tied_to_the_nearest_surface_point():
     discrete, u = patch()
-    memory = initial_memory(discrete.faces, np.zeros(discrete.faces.weights.shape, bool), PIN)
+    memory = untied(discrete.faces)
     gradient = np.random.default_rng(2).standard_normal((*u.shape, 2))
     travel = 0.4
     count = tie_touching(memory, discrete.faces, u, gradient, travel, PIN)
@@ -135,9 +141,11 @@ def test_points_that_touch_are_tied_to_the_nearest_surface_point():
 @pytest.mark.parametrize(("side", "kind"), [("to_pin", TIED_TO_PIN), ("to_floor", TIED_TO_FLOOR)])
 def test_only_a_surface_that_sticks_ties_points(side, kind):
     discrete, u = patch()
-    memory = initial_memory(discrete.faces, np.zeros(discrete.faces.weights.shape, bool), PIN)
-    only = {"to_pin": False, "to_floor": False, side: True}
-    count = tie_touching(memory, discrete.faces, u, np.zeros((*u.shape, 2)), 0.4, PIN, **only)
+    memory = untied(discrete.faces)
+    touching = touches(
+        u, discrete.faces, memory.tied, 0.4, PIN, side == "to_pin", side == "to_floor"
+    )
+    count = tie_touching(memory, discrete.faces, u, np.zeros((*u.shape, 2)), 0.4, PIN, touching)
     assert count == np.count_nonzero(memory.tied) > 0
     assert set(np.unique(memory.tied)) == {FREE, kind}
 
@@ -148,7 +156,7 @@ def test_anchor_sensitivity_is_the_derivative_of_the_projection():
     h = 1e-6
 
     def anchors(shift: float) -> np.ndarray:
-        memory = initial_memory(discrete.faces, np.zeros(discrete.faces.weights.shape, bool), PIN)
+        memory = untied(discrete.faces)
         tie_touching(memory, discrete.faces, u + shift * direction[..., 0], direction, 0.4, PIN)
         return memory
 

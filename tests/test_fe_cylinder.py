@@ -61,8 +61,11 @@ def test_a_mesh_that_leaves_the_homogeneous_solution_says_so():
     np.testing.assert_allclose(good, -uniaxial(m, 0.5)[0], rtol=1e-6)
     assert bad < -0.5 * uniaxial(m, 0.4)[0], "the mesh has become stable, nothing tested"
     assert response.message.startswith("reached every asked travel; the force falls at a travel")
+    assert response.status is Status.FORCE_FELL
+    assert response.travel[0] <= response.reached < response.travel[1]
     fine = CylinderModel(SIZE, (6, 4), (15.0,)).respond(m)
     assert fine.message == "reached every asked travel"
+    assert fine.status is Status.CONVERGED
 
 
 def linear_force(model: CylinderModel, mu: float, bulk: float, travel: float) -> float:

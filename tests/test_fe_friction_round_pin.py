@@ -10,10 +10,11 @@ import pytest
 from fe import BlockPin, BlockPinModel, Contact, Status
 from fe.contact import empty_system
 from fe.contact_memory import initial_memory, slide_anchors
+from fe.contact_slopes import contact_pull
 from fe.friction import freeze, friction_system, frozen_energy
 from fe.newton import NewtonOptions
 from fe.pin_surface import ROUND, RigidPin, pin_point
-from fe.slip_anchors import parameter_pull
+from fe.surface_slopes import no_slopes
 from fe.touch import FLOOR, PIN, FrictionLaw, chart_pin, empty_chart
 
 RIGID = RigidPin(2.5, 2.0, 0.3, 500.0, 0.1, base_stiffness=2e4, shape=ROUND, x=0.2, z=-0.3)
@@ -43,7 +44,8 @@ def patch(slipped: float):
     rng = np.random.default_rng(0)
     u = 0.1 * rng.standard_normal((faces.nodes.max() + 1, 3))
     u[:, 1] -= 0.15
-    memory = initial_memory(faces, np.zeros(faces.weights.shape, bool), RIGID, LAW)
+    none = no_slopes(faces, 4)
+    memory = initial_memory(faces, np.zeros(faces.weights.shape, bool), RIGID, none)
     slide_anchors(memory, faces, u, np.zeros((*u.shape, 4)), TRAVEL, RIGID, LAW)
     memory.slip.place[...] += slipped * rng.standard_normal(memory.slip.place.shape)
     memory.slip.gradient[...] = rng.standard_normal(memory.slip.gradient.shape)
@@ -124,7 +126,11 @@ def test_frozen_potential_has_the_true_forces(slipped):
 def test_pull_of_anchors_and_coefficients_is_the_derivative_of_the_forces(slipped):
     faces, u, memory = patch(slipped)
     pull = np.zeros((*faces.points.shape, 4))
-    on_pin = parameter_pull(u, faces, memory.tied, memory.slip, TRAVEL, RIGID, LAW, pull)
+    memory.anchor_gradient[...] = 0.0
+    remembered = (memory.tied, memory.anchor, memory.anchor_gradient, memory.slip)
+    law = np.eye(4)[[2, 3]]
+    slopes = no_slopes(faces, 4)._replace(friction_pin=law[PIN], friction_base=law[FLOOR])
+    on_pin = contact_pull(u, faces, *remembered, TRAVEL, RIGID, LAW, slopes, pull)
     nodal = np.einsum("cqa,cqij->caij", faces.shape, pull)
     h = 1e-7
     for j in range(4):

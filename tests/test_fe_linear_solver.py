@@ -1,13 +1,16 @@
-"""Symmetric indefinite solves: solution, inertia, and where MKL is found."""
+"""Direct solves by each library: solution, inertia, unsymmetric matrices; where MKL is found."""
 
 from __future__ import annotations
 
 import glob
 
 import numpy as np
+import pytest
 import scipy.sparse as sp
 
-from fe.linear_solver import SymmetricSolver
+from fe import BlockPin, BlockPinModel, Contact, linear_solver
+from fe.linear_solver import SUPERLU, GeneralMatrix, Library, SymmetricSolver, installed_library
+from fe.negative_curvature import flip_negative, negative_directions
 
 
 def upper(matrix: np.ndarray) -> sp.csr_matrix:
@@ -16,23 +19,111 @@ def upper(matrix: np.ndarray) -> sp.csr_matrix:
     return triangle
 
 
-def solver_of(matrix: np.ndarray) -> tuple[SymmetricSolver, int]:
+LIBRARIES = [pytest.param(library, id=library.name) for library in {installed_library(), SUPERLU}]
+
+
+def solver_of(matrix: np.ndarray, library: Library | None = None) -> tuple[SymmetricSolver, int]:
     triangle = upper(matrix)
-    solver = SymmetricSolver(triangle.indptr.astype(np.int32), triangle.indices.astype(np.int32))
+    indptr, indices = triangle.indptr.astype(np.int32), triangle.indices.astype(np.int32)
+    solver = SymmetricSolver(indptr, indices, library)
     return solver, solver.factorise(triangle.data)
 
 
-def test_solution_and_number_of_negative_eigenvalues():
-    rng = np.random.default_rng(0)
-    Q, _ = np.linalg.qr(rng.standard_normal((30, 30)))
-    values = np.concatenate([-rng.uniform(1, 2, 4), rng.uniform(1, 3, 26)])
+def indefinite(n: int, negative: int, seed: int = 0) -> np.ndarray:
+    rng = np.random.default_rng(seed)
+    Q, _ = np.linalg.qr(rng.standard_normal((n, n)))
+    values = np.concatenate([-rng.uniform(1, 2, negative), rng.uniform(1, 3, n - negative)])
     matrix = Q @ np.diag(values) @ Q.T
-    matrix = (matrix + matrix.T) / 2
-    solver, negative = solver_of(matrix)
-    b = rng.standard_normal((30, 2))
+    return (matrix + matrix.T) / 2
+
+
+@pytest.mark.parametrize("library", LIBRARIES)
+@pytest.mark.parametrize("n_negative", [0, 4])
+def test_solution_and_number_of_negative_eigenvalues(library, n_negative):
+    matrix = indefinite(30, n_negative)
+    solver, negative = solver_of(matrix, library)
+    b = np.random.default_rng(1).standard_normal((30, 2))
     np.testing.assert_allclose(matrix @ solver.solve(b), b, atol=1e-12)
-    assert negative == 4
+    assert negative == n_negative
     solver.close()
+
+
+@pytest.mark.parametrize("library", LIBRARIES)
+def test_definite_and_indefinite_matrices_may_follow_each_other(library):
+    """The kind of pivots changes on the way; every solve must know of which kind its factor is."""
+    solver, _ = solver_of(indefinite(30, 0), library)
+    b = np.ones(30)
+    for seed, n_negative in enumerate([3, 0, 0, 2, 5, 0]):
+        matrix = indefinite(30, n_negative, seed)
+        assert solver.factorise(upper(matrix).data) == n_negative
+        np.testing.assert_allclose(matrix @ solver.solve(b), b, atol=1e-12)
+    solver.close()
+
+
+@pytest.mark.parametrize("library", LIBRARIES)
+def test_zeros_on_the_diagonal_are_no_zero_pivots(library):
+    """A saddle point: as many negative eigenvalues as constraints."""
+    rng = np.random.default_rng(2)
+    matrix = np.zeros((12, 12))
+    matrix[:8, :8] = indefinite(8, 0)
+    matrix[8:, :8] = rng.standard_normal((4, 8))
+    matrix = np.tril(matrix) + np.tril(matrix, -1).T
+    stored = sp.csr_matrix(np.triu(np.ones((12, 12))))  # with its zeros
+    rows, columns = stored.nonzero()
+    solver = SymmetricSolver(
+        stored.indptr.astype(np.int32), stored.indices.astype(np.int32), library
+    )
+    assert solver.factorise(matrix[rows, columns]) == 4
+    np.testing.assert_allclose(matrix @ solver.solve(np.ones(12)), 1.0, atol=1e-8)
+    solver.close()
+
+
+@pytest.mark.parametrize("library", LIBRARIES)
+def test_an_unsymmetric_matrix_is_factorised_when_its_entries_are_new(library):
+    rng = np.random.default_rng(3)
+    solver, _ = solver_of(indefinite(20, 0), library)
+    b = rng.standard_normal((20, 3))
+    for _ in range(2):
+        dense = indefinite(20, 0) + 0.5 * rng.standard_normal((20, 20))
+        whole = sp.csr_matrix(dense)
+        matrix = GeneralMatrix(whole.indptr, whole.indices, whole.data)
+        before = solver.n_factorisations
+        for _ in range(2):
+            np.testing.assert_allclose(dense @ solver.solve_general(matrix, b), b, atol=1e-11)
+        assert solver.n_factorisations == before + 1
+    solver.close()
+
+
+@pytest.mark.parametrize("n_negative", [1, 3])
+def test_the_flipped_direction_is_that_of_a_definite_matrix(n_negative):
+    """W' K W is diagonal and negative, and b' x > 0 for any b: the energy falls along x."""
+    matrix = indefinite(60, n_negative)
+    solver, _ = solver_of(matrix)
+    for b in np.random.default_rng(4).standard_normal((5, 60)):
+        x = solver.solve(b)
+        W, curvature = negative_directions(solver, x, n_negative)
+        assert (curvature < 0.0).all()
+        np.testing.assert_allclose(W.T @ matrix @ W, np.diag(curvature), atol=1e-10)
+        flipped = flip_negative(solver, x, b, n_negative)
+        assert b @ flipped > 0.0
+        # on the conjugate complement of W it is the Newton direction
+        rest = np.linalg.svd((matrix @ W).T)[2][n_negative:].T
+        np.testing.assert_allclose(rest.T @ matrix @ (flipped - x), 0.0, atol=1e-9)
+    solver.close()
+
+
+@pytest.mark.parametrize("contact", [Contact("slide", "slide"), Contact(0.3, 0.2)], ids=str)
+def test_a_block_comes_out_the_same_with_and_without_mkl(monkeypatch, contact):
+    if installed_library() == SUPERLU:
+        pytest.skip("MKL is not installed")
+    model = BlockPinModel(BlockPin(), contact, (4, 2, 1), (0.1, 0.3))
+    by_mkl = model([0.5, 0.05])
+    monkeypatch.setattr(linear_solver, "installed_library", lambda: SUPERLU)
+    by_scipy = model([0.5, 0.05])
+    assert (by_mkl.solver, by_scipy.solver) == ("MKL Pardiso", "SciPy SuperLU")
+    np.testing.assert_allclose(by_scipy.force, by_mkl.force, rtol=1e-9)
+    np.testing.assert_allclose(by_scipy.force_gradient, by_mkl.force_gradient, rtol=1e-7)
+    np.testing.assert_array_equal(by_scipy.negative_pivots, by_mkl.negative_pivots)
 
 
 def test_the_second_solver_does_not_search_for_the_library(monkeypatch):

@@ -7,8 +7,9 @@ import pytest
 
 from fe import BlockPin, BlockPinModel, Contact
 from fe.contact import FREE, contact_system, empty_system
-from fe.contact_memory import initial_memory, tie_touching
+from fe.contact_memory import initial_memory, tie_touching, touches
 from fe.pin_surface import ROUND, RigidPin, bar_distance, pin_point, under_flat
+from fe.surface_slopes import no_slopes
 
 KEYS = {"height": 2.5, "half_width": 2.0, "fillet": 0.3, "stiffness": 500.0, "ramp": 0.1}
 TRAVEL = 0.5  # the flat bottom at y = 2
@@ -129,9 +130,11 @@ def test_points_that_touch_are_tied_to_the_surface_and_carry_their_derivative(na
     h = 1e-6
 
     def anchors(shift: float):
-        memory = initial_memory(faces, np.zeros(faces.weights.shape, bool), pin)
+        none = no_slopes(faces, direction.shape[2])
+        memory = initial_memory(faces, np.zeros(faces.weights.shape, bool), pin, none)
         moved = u + shift * direction[..., 0]
-        tie_touching(memory, faces, moved, direction, 0.4, pin, to_floor=False)
+        touching = touches(moved, faces, memory.tied, 0.4, pin, True, False)
+        tie_touching(memory, faces, moved, direction, 0.4, pin, touching)
         return memory
 
     base, plus, minus = anchors(0.0), anchors(h), anchors(-h)

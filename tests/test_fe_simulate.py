@@ -64,7 +64,8 @@ def test_laws_that_are_special_cases_of_one_another_respond_the_same(specimen):
 @pytest.mark.parametrize("name", ["uniaxial", "tensile", "cylinder"])
 def test_gradients_are_in_the_numbers_of_theta(name):
     specimen = SPECIMENS[name]
-    theta, h = np.array([0.02, 0.004, 0.001, 6.0]), 1e-4
+    # with 1e-4 the differences in C30 are of the size of the rounding of the force
+    theta, h = np.array([0.02, 0.004, 0.001, 6.0]), 1e-3
     response = fe.simulate(specimen, "yeoh", theta)
     assert response.parameters == ("C10", "C20", "C30", "bulk")
     for j in range(4):

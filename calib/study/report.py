@@ -75,9 +75,17 @@ def render(
     )
 
 
+def _version(package: str) -> str:
+    """Of an installed package; pypardiso is not for every platform."""
+    try:
+        return importlib.metadata.version(package)
+    except importlib.metadata.PackageNotFoundError:
+        return "not installed"
+
+
 def versions_table() -> Table:
     """What the numbers were computed with."""
     rows = [("softcal", __version__), ("Python", platform.python_version())]
-    rows += [(name, importlib.metadata.version(name)) for name in PACKAGES]
+    rows += [(name, _version(name)) for name in PACKAGES]
     rows.append(("machine", f"{platform.system()} {platform.machine()}"))
     return Table("Versions", ("what", "version"), tuple(rows))

@@ -61,72 +61,88 @@ def invariant_stress(
 
     `cof` is dJ/dF and `J` = det F > 0 at `F`.
     """
-    C = np.zeros((3, 3))
-    B = np.zeros((3, 3))
-    FC = np.zeros((3, 3))
-    T = np.empty((3, 3))
+    work = np.empty((9, 3, 3))  # one allocation: nine cost as much as the arithmetic
+    T, C, B, G2 = work[0], work[1], work[2], work[3]
+    D1, D2 = work[4], work[5]
     i1 = 0.0
+    cc = 0.0
     for i in range(3):
         for j in range(3):
             T[i, j] = cof[i, j] / J
             i1 += F[i, j] * F[i, j]
-            for k in range(3):
-                C[i, j] += F[k, i] * F[k, j]
-                B[i, j] += F[i, k] * F[j, k]
-    cc = 0.0
-    for i in range(3):
-        for j in range(3):
+            C[i, j] = F[0, i] * F[0, j] + F[1, i] * F[1, j] + F[2, i] * F[2, j]
+            B[i, j] = F[i, 0] * F[j, 0] + F[i, 1] * F[j, 1] + F[i, 2] * F[j, 2]
             cc += C[i, j] * C[i, j]
-            for k in range(3):
-                FC[i, j] += F[i, k] * C[k, j]
     i2 = 0.5 * (i1 * i1 - cc)
     j23 = J ** (-2.0 / 3.0)
     j43 = j23 * j23
     W, W1, W2, W11, W12, W22 = invariant_derivatives(law, j23 * i1, j43 * i2, constants)
-    D1 = np.empty((3, 3))
-    D2 = np.empty((3, 3))
-    G2 = np.empty((3, 3))
     for i in range(3):
         for j in range(3):
             D1[i, j] = 2.0 * j23 * (F[i, j] - i1 / 3.0 * T[i, j])
-            G2[i, j] = 2.0 * (i1 * F[i, j] - FC[i, j])
+            FC = F[i, 0] * C[0, j] + F[i, 1] * C[1, j] + F[i, 2] * C[2, j]
+            G2[i, j] = 2.0 * (i1 * F[i, j] - FC)
             D2[i, j] = j43 * (G2[i, j] - 4.0 / 3.0 * i2 * T[i, j])
             P[i, j] = W1 * D1[i, j] + W2 * D2[i, j]
     if not with_tangent:
         return W
+    _invariant_tangent(
+        F,
+        work,
+        (2.0 * W2 * j43, 2.0 * j23 * W1 + 2.0 * W2 * j43 * i1),
+        2.0 / 3.0 * (W1 * j23 * i1 + 2.0 * W2 * j43 * i2),
+        (W1, W2, W1 * j23, W2 * j43),
+        (W11, W12, W22),
+        A,
+    )
+    return W
+
+
+@njit(cache=True)
+def _invariant_tangent(
+    F: Array,
+    work: Array,
+    direct: tuple[float, float],
+    turned: float,
+    first: tuple[float, float, float, float],
+    second: tuple[float, float, float],
+    A: Array,
+) -> None:
+    """Fill A (3, 3, 3, 3) from what `invariant_stress` has in `work`.
+
+    The sum of dyads of 3 x 3 matrices, the products with one index of each pair exchanged (for
+    i <= k: A[i, j, k, m] = A[k, m, i, j]), and those with a unit matrix.
+    """
+    T, C, B, G2 = work[0], work[1], work[2], work[3]
+    D1, D2, V, X, Y = work[4], work[5], work[6], work[7], work[8]
+    c, identity = direct
+    W1, W2, w1, w2 = first
+    W11, W12, W22 = second
+    for k in range(3):
+        for m in range(3):
+            V[k, m] = -4.0 / 3.0 * (w1 * F[k, m] + w2 * G2[k, m])
+            X[k, m] = W11 * D1[k, m] + W12 * D2[k, m]
+            Y[k, m] = W12 * D1[k, m] + W22 * D2[k, m]
     for i in range(3):
         for j in range(3):
-            for k in range(3):
-                dik = 1.0 if i == k else 0.0
+            U = -2.0 / 3.0 * (W1 * D1[i, j] + 2.0 * W2 * D2[i, j])
+            for k in range(i, 3):
                 for m in range(3):
-                    djm = 1.0 if j == m else 0.0
-                    TT = T[i, m] * T[k, j]
-                    H1 = (
-                        2.0 * j23 * (dik * djm + i1 / 3.0 * TT)
-                        - 2.0 / 3.0 * D1[i, j] * T[k, m]
-                        - 4.0 / 3.0 * j23 * T[i, j] * F[k, m]
-                    )
-                    H2 = (
-                        j43
-                        * (
-                            2.0
-                            * (
-                                2.0 * F[i, j] * F[k, m]
-                                + i1 * dik * djm
-                                - B[i, k] * djm
-                                - F[i, m] * F[k, j]
-                                - dik * C[m, j]
-                            )
-                            - 4.0 / 3.0 * T[i, j] * G2[k, m]
-                            + 4.0 / 3.0 * i2 * TT
-                        )
-                        - 4.0 / 3.0 * D2[i, j] * T[k, m]
-                    )
                     A[i, j, k, m] = (
-                        W1 * H1
-                        + W2 * H2
-                        + W11 * D1[i, j] * D1[k, m]
-                        + W22 * D2[i, j] * D2[k, m]
-                        + W12 * (D1[i, j] * D2[k, m] + D2[i, j] * D1[k, m])
+                        2.0 * c * F[i, j] * F[k, m]
+                        + U * T[k, m]
+                        + T[i, j] * V[k, m]
+                        + D1[i, j] * X[k, m]
+                        + D2[i, j] * Y[k, m]
+                        + turned * T[i, m] * T[k, j]
+                        - c * F[i, m] * F[k, j]
                     )
-    return W
+                A[i, j, k, j] -= c * B[i, k]
+            for m in range(3):
+                A[i, j, i, m] -= c * C[j, m]
+            A[i, j, i, j] += identity
+    for i in range(1, 3):
+        for k in range(i):
+            for j in range(3):
+                for m in range(3):
+                    A[i, j, k, m] = A[k, m, i, j]

@@ -9,8 +9,9 @@ symmetry, a half or the whole is.
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -19,19 +20,40 @@ from threadpoolctl import threadpool_limits
 
 from fe.contact import PenaltyLaw
 from fe.contact_memory import initial_memory
+from fe.force_control import Control, check_targets
 from fe.linear_solver import SymmetricSolver
 from fe.load_stepping import March, StepOptions, TravelState, march
 from fe.material_parameters import MaterialParameters, all_parameters, ratio_parameters
 from fe.materials.material import Material, mooney_rivlin_of_ratios
 from fe.newton import NewtonOptions
+from fe.parameters import Parameters
 from fe.potential import Potential, Problem
-from fe.response import Response, Status
+from fe.progress import Progress, listener
+from fe.response import Response
+from fe.sensitivity import Objective
+from fe.specimens.block_pin_field import FieldMotion, field_motion
 from fe.specimens.block_pin_geometry import BlockPin, Contact, Interface, Symmetry
 from fe.specimens.block_pin_mesh import Discretisation, block_mesh, discretise, front_points
+from fe.specimens.block_pin_parameters import check_names, known_names, parameters
+from fe.specimens.block_pin_response import Seen, response
 
 __all__ = ["BlockPin", "BlockPinModel", "Contact", "Discretisation", "Interface"]
 
 Array = npt.NDArray[np.float64]
+
+FieldObjective = Callable[[int, Array, float], tuple[Array, float]]
+"""(step, displacement (n_point, 3) mm, force N) -> derivatives of a scalar in these two"""
+
+
+class _Run(NamedTuple):
+    """A material and the parameters asked for."""
+
+    material: Material
+    shear: float
+    """modulus that the contact stiffness goes with, MPa"""
+    known: MaterialParameters
+    names: tuple[str, ...]
+
 
 SYMMETRY_FACTOR: dict[Symmetry, float] = {"quarter": 4.0, "half": 2.0, "full": 1.0}
 """how many of the modelled parts the whole sample has"""
@@ -42,46 +64,56 @@ class BlockPinModel:
     """Simulation of the specimen as a function of its material; picklable, one thread.
 
     `cells` are the numbers of Q2 elements along x, y, z of a quarter; `travel` the pin travels
-    (mm, increasing) at which the response is asked; `bulk_ratio` the bulk modulus over the shear
+    (mm, increasing) at which the response is asked, or `force` the forces of the whole sample (N,
+    increasing; at kappa = 1 MPa for ratios); `bulk_ratio` the bulk modulus over the shear
     modulus mu = 2 kappa where ratios (r, s) are asked; `field_grid` the numbers of field points
     along x and y of half the front face, at the centres of equal rectangles (thesis, section
     4.4.2: 35 x 24 = 840 points).  `symmetry` "auto" models the smallest part that stands for the
-    whole; a half has both sides of the plane x = 0, and its field too.
+    whole; a half has both sides of the plane x = 0, and its field too.  In `plane_strain` nothing
+    moves along z: one element along it does (cells (nx, ny, 1)), and forces are those of a block of
+    the depth whose ends are held; much faster, and good for what does not depend on the ends.
+    `sensitivities` names the
+    parameters of the response's gradients (`parameter_names` lists all there are), by default
+    those that it is a function of.  Field points keep their places as fractions of width and
+    height, so they move with these; gradients are those of what is seen there.
 
-    Raises ValueError for impossible numbers, for a symmetry that the pin's place breaks, for
-    friction on a bar that is turned, and where nothing keeps a half or full block from
-    sliding away.
+    Raises ValueError for impossible numbers, for a symmetry that the pin's place breaks, and where
+    nothing keeps a half or full block from sliding away; in plane strain also for more than one
+    element along z and for a pin that is no straight bar.
     """
 
     specimen: BlockPin
     contact: Contact
     cells: tuple[int, int, int]
-    travel: tuple[float, ...]
+    travel: tuple[float, ...] = ()
     bulk_ratio: float = 200.0
     field_grid: tuple[int, int] = (35, 24)
     penalty: PenaltyLaw = field(default_factory=PenaltyLaw)
     steps: StepOptions = field(default_factory=StepOptions)
     newton: NewtonOptions = field(default_factory=NewtonOptions)
     symmetry: Literal["auto"] | Symmetry = "auto"
+    sensitivities: tuple[str, ...] | None = None
+    force: tuple[float, ...] = ()
+    plane_strain: bool = False
 
     def __post_init__(self) -> None:
         if min(self.cells) < 1:
             raise ValueError(f"cells: expected at least one element a side, found {self.cells}")
-        travel = np.asarray(self.travel)
-        if travel.size == 0 or travel[0] <= 0.0 or (np.diff(travel) <= 0.0).any():
-            raise ValueError(f"travel: expected increasing travels above 0 mm, found {self.travel}")
-        if travel[-1] >= self.specimen.height:
+        check_targets(self.travel, self.force)
+        if max(self.travel, default=0.0) >= self.specimen.height:
             raise ValueError(
                 f"travel: expected less than the block's height {self.specimen.height} mm, "
-                f"found {travel[-1]}"
+                f"found {self.travel[-1]}"
             )
         if not self.bulk_ratio > 0.0:
             raise ValueError(f"bulk_ratio: expected a ratio above 0, found {self.bulk_ratio}")
         self._check_symmetry()
-        if self.contact.friction(self.penalty.slip).pin > 0.0 and self.specimen.turned:
+        straight = self.specimen.pin == "bar" and not self.specimen.turned
+        if self.plane_strain and not (straight and self.cells[2] == 1 and self.part != "full"):
             raise ValueError(
-                f"pin: expected 'stick' or 'slide' under a turned bar, where friction is "
-                f"not modelled, found a coefficient of {self.contact.pin}"
+                f"plane_strain: expected a bar along z, a quarter or half model and one element "
+                f"along z, found pin={self.specimen.pin!r} turned by "
+                f"{self.specimen.pin_rotation} degrees, a {self.part} model, cells={self.cells}"
             )
 
     def _check_symmetry(self) -> None:
@@ -95,10 +127,13 @@ class BlockPinModel:
                 f"shifted by {self.specimen.pin_shift} mm and turned by "
                 f"{self.specimen.pin_rotation} degrees, found {self.symmetry!r}"
             )
-        if self.part != "quarter" and "stick" not in (self.contact.pin, self.contact.base):
+        friction = self.contact.friction(self.penalty.slip)
+        held = "stick" in (self.contact.pin, self.contact.base) or max(friction[:2]) > 0.0
+        if self.part != "quarter" and not held:
             raise ValueError(
-                f"contact: expected a pin or base that sticks in a {self.part} model, where the "
-                f"block could slide away, found pin={self.contact.pin}, base={self.contact.base}"
+                f"contact: expected a pin or base that sticks or has friction in a {self.part} "
+                f"model, where the block could slide away, found pin={self.contact.pin}, "
+                f"base={self.contact.base}"
             )
 
     @property
@@ -106,82 +141,151 @@ class BlockPinModel:
         """What part of the block is modelled."""
         return self.specimen.symmetry if self.symmetry == "auto" else self.symmetry
 
+    @property
+    def control(self) -> Control:
+        """What is asked."""
+        return "force" if self.force else "travel"
+
     def points(self) -> Array:
         """(n_point, 2) reference x, y of the field points on the front face, mm."""
         return front_points(self.specimen, self.part, self.field_grid)
 
+    def parameter_names(self, material: Material | None = None) -> tuple[str, ...]:
+        """Names that `sensitivities` may have: of ratios, or of a material if one is given."""
+        own = ("r", "s", "bulk_ratio") if material is None else all_parameters(material).names
+        return (*own, *known_names(self.specimen, self.contact, self.part))
+
     def __call__(self, ratios: Array) -> Response:
         """Response at kappa = 1 MPa for ratios (r, s); a solver failure is a status, not a raise.
 
-        Raises ValueError when the ratios do not give a material (two finite numbers).
+        Raises ValueError when the ratios do not give a material (two finite numbers), and for
+        sensitivities that there are not.
         """
         ratios = np.asarray(ratios, dtype=np.float64)
         if ratios.shape != (2,) or not np.isfinite(ratios).all():
             raise ValueError(f"ratios: expected two finite numbers (r, s), found {ratios}")
-        started = time.perf_counter()
-        with threadpool_limits(limits=1):
-            states, outcome, n_factorisations = self.solve(ratios)
-        return self._response(
-            states, outcome, n_factorisations, time.perf_counter() - started, ("r", "s")
-        )
+        return self._respond(self._at(ratios))
 
-    def respond(self, material: Material) -> Response:
+    def respond(self, material: Material, progress: Progress | None = None) -> Response:
         """Response of a material, with derivatives in every constant and, last, the bulk modulus.
 
-        `bulk_ratio` is not used.  The contact stiffness goes with the material's shear modulus,
-        and so it does in the derivatives.  A solver failure is a status, not a raise.
+        `progress` is called after each step of the solver. `bulk_ratio` is not used. The contact
+        stiffness goes with the material's shear modulus, and so it does in the derivatives. A
+        solver failure is a status, not a raise.
 
-        Raises ValueError when the material is incompressible (infinite bulk modulus).
+        Raises ValueError when the material is incompressible (infinite bulk modulus), and for
+        sensitivities that there are not.
         """
-        started = time.perf_counter()
-        with threadpool_limits(limits=1):
-            solved = self.solve_for(material)
-        names = (*material.law.constant_names, "bulk")
-        return self._response(*solved, time.perf_counter() - started, names)
+        return self._respond(self._of(material), progress)
 
-    def solve_for(self, material: Material) -> tuple[list[TravelState], March, int]:
-        """States of the modelled part of a block of this material at the travels reached."""
-        return self._march(material, material.shear_modulus, all_parameters(material))
+    def objective_gradients(self, material: Material, objective: FieldObjective) -> Array:
+        """(n_step, n_p) derivatives of a scalar of each travel's response, by the adjoint.
+
+        `objective` takes the step's number, the displacement (n_point, 3) mm and the force N of
+        the whole sample, and gives the scalar's derivatives in these two.  One transposed solve
+        for each travel takes the place of one for each parameter; where contact has a memory
+        (stick, friction), the direct derivatives are still carried forward for its sake.  NaN
+        beyond the travel that was reached.
+
+        Raises ValueError as `respond` does, and where forces are asked instead of travels.
+        """
+        if self.force:
+            raise ValueError(f"force: expected asked travels for the adjoint, found {self.force}")
+        run = self._of(material)
+        discrete = self.discretise()
+        found = np.full((len(self.travel), len(run.names)), np.nan)
+        factor, steps = SYMMETRY_FACTOR[self.part], iter(range(len(self.travel)))
+        explicit, motion = [], self._field_motion(run.names)
+
+        def of_state(travel: float, u: Array, force: float) -> tuple[Array, float]:
+            by_field, by_force = objective(next(steps), discrete.probe @ u, factor * force)
+            explicit.append(np.einsum("pi,pij->j", by_field, motion.seen(u)))
+            return discrete.probe.T @ by_field, factor * by_force
+
+        with threadpool_limits(limits=1):
+            states, _, _ = self._march(run, of_state)
+        for i, state in enumerate(states):
+            found[i] = state.objective_gradient + explicit[i]
+        return found
+
+    def solve_for(
+        self, material: Material, progress: Progress | None = None
+    ) -> tuple[list[TravelState], March, int]:
+        """States of the modelled part of a block of this material at the targets reached."""
+        return self._march(self._of(material), progress=progress)
 
     def solve(self, ratios: Array, kappa: float = 1.0) -> tuple[list[TravelState], March, int]:
         """States of the modelled part at the travels reached, at the given kappa (MPa)."""
+        return self._march(self._at(ratios, kappa))
+
+    def _at(self, ratios: Array, kappa: float = 1.0) -> _Run:
         material = mooney_rivlin_of_ratios(ratios, kappa, self.bulk_ratio * 2.0 * kappa)
-        return self._march(material, 2.0 * kappa, ratio_parameters(material))
+        known = ratio_parameters(material)
+        names = ("r", "s") if self.sensitivities is None else self.sensitivities
+        return self._run(material, 2.0 * kappa, known, names)
+
+    def _of(self, material: Material) -> _Run:
+        known = all_parameters(material)
+        names = known.names if self.sensitivities is None else self.sensitivities
+        return self._run(material, material.shear_modulus, known, names)
+
+    def _run(
+        self, material: Material, shear: float, known: MaterialParameters, names: tuple[str, ...]
+    ) -> _Run:
+        others = known_names(self.specimen, self.contact, self.part)
+        check_names(names, (*known.names, *others))
+        return _Run(material, shear, known, names)
+
+    def _respond(self, run: _Run, progress: Progress | None = None) -> Response:
+        started = time.perf_counter()
+        with threadpool_limits(limits=1):
+            solved = self._march(run, progress=progress)
+        return self._response(*solved, time.perf_counter() - started, run.names)
 
     def _march(
-        self, material: Material, shear: float, parameters: MaterialParameters
+        self, run: _Run, objective: Objective | None = None, progress: Progress | None = None
     ) -> tuple[list[TravelState], March, int]:
-        """States at the travels reached, outcome, number of factorisations."""
+        """States at the targets reached, outcome, number of factorisations."""
         discrete = self.discretise()
-        problem = self._problem(discrete, material, shear)
-        potential = Potential(problem)
-        memory = initial_memory(
-            discrete.faces,
-            discrete.glued,
-            problem.pin,
-            problem.friction,
-            n_material=len(parameters.names),
-        )
+        problem = self._problem(discrete, run.material, run.shear)
+        along = self.parameters(run.names, run.known, problem, run.shear)
+        memory = initial_memory(discrete.faces, discrete.glued, problem.pin, along.surface)
         solver = SymmetricSolver(discrete.pattern.indptr, discrete.pattern.indices)
-        outcome = March()
+        factor = SYMMETRY_FACTOR[self.part]
+        outcome = March(listen=listener(progress, factor))
         try:
             states = list(
                 march(
-                    potential,
+                    Potential(problem),
                     solver,
                     memory,
-                    self.travel,
+                    self.travel or tuple(f / factor for f in self.force),
                     outcome,
-                    parameters=parameters,
+                    parameters=along,
                     stick_to_pin=self.contact.pin == "stick",
                     stick_to_floor=self.contact.base == "stick",
                     steps=self.steps,
                     newton=self.newton,
+                    control=self.control,
+                    objective=objective,
                 )
             )
         finally:
             solver.close()
         return states, outcome, solver.n_factorisations
+
+    def parameters(
+        self, names: tuple[str, ...], known: MaterialParameters, problem: Problem, shear: float
+    ) -> Parameters:
+        """How the discrete problem depends on the named parameters; `shear` as in the contact."""
+        return parameters(
+            names,
+            known,
+            problem,
+            self.specimen,
+            shear,
+            lambda specimen: block_mesh(specimen, self.part, self.cells),
+        )
 
     def problem(self, discrete: Discretisation, ratios: Array, kappa: float = 1.0) -> Problem:
         """The discrete problem at ratios (r, s) and kappa (MPa)."""
@@ -209,7 +313,23 @@ class BlockPinModel:
     def discretise(self) -> Discretisation:
         """Tables of the mesh, contact faces, constraints and field points."""
         pin = self.specimen.rigid_pin(1.0, 1.0, 1.0)  # where it is, not how stiff
-        return discretise(self.specimen, self.contact, self.part, self.mesh(), pin, self.points())
+        return discretise(
+            self.specimen,
+            self.contact,
+            self.part,
+            self.mesh(),
+            pin,
+            self.points(),
+            plane_strain=self.plane_strain,
+        )
+
+    def _field_motion(self, names: tuple[str, ...]) -> FieldMotion:
+        return field_motion(
+            names,
+            self.specimen,
+            lambda specimen: block_mesh(specimen, self.part, self.cells),
+            lambda specimen: front_points(specimen, self.part, self.field_grid),
+        )
 
     def _response(
         self,
@@ -217,36 +337,20 @@ class BlockPinModel:
         outcome: March,
         n_factorisations: int,
         seconds: float,
-        parameters: tuple[str, ...],
+        names: tuple[str, ...],
     ) -> Response:
-        n_step, n_point, n_p = len(self.travel), len(self.points()), len(parameters)
-        factor = SYMMETRY_FACTOR[self.part]
-        force = np.full(n_step, np.nan)
-        displacement = np.full((n_step, n_point, 3), np.nan)
-        force_gradient = np.full((n_step, n_p), np.nan)
-        displacement_gradient = np.full((n_step, n_point, 3, n_p), np.nan)
-        negative = np.full(n_step, -1, dtype=np.int64)
-        probe = self.discretise().probe
-        for i, state in enumerate(states):
-            force[i] = factor * state.pin_force
-            force_gradient[i] = factor * state.force_gradient[:n_p]
-            displacement[i] = probe @ state.u
-            for j in range(n_p):
-                displacement_gradient[i, :, :, j] = probe @ state.u_gradient[:, :, j]
-            negative[i] = state.negative_pivots
-        complete = len(states) == n_step
-        return Response(
-            travel=np.asarray(self.travel),
-            force=force,
-            displacement=displacement,
-            force_gradient=force_gradient,
-            displacement_gradient=displacement_gradient,
-            reached=outcome.reached,
-            status=Status.CONVERGED if complete else Status.STOPPED,
-            message="reached every asked travel" if complete else outcome.reason,
-            negative_pivots=negative,
-            n_factorisations=n_factorisations,
-            seconds=seconds,
-            points=self.points(),
-            parameters=parameters,
+        return response(
+            states,
+            outcome,
+            Seen(
+                np.asarray(self.travel or self.force),
+                self.control,
+                self.points(),
+                self.discretise().probe,
+                self._field_motion(names),
+                SYMMETRY_FACTOR[self.part],
+            ),
+            names,
+            n_factorisations,
+            seconds,
         )

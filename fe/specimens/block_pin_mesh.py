@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -18,10 +19,30 @@ from fe.weak_form import Elements
 Array = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
 
-EDGE_DENSITY = 2.0
-"""how much denser the mesh lines are at the pin's edge than far away, less one"""
-DEPTH_GRADING = 0.6
-"""0 is uniform along the bar; elements shrink towards the front face as it grows to 1"""
+
+class Dense(NamedTuple):
+    """Where mesh lines stand closer: their density is 1 + `peak` at a place, 1 far from it."""
+
+    peak: float
+    spread: float
+    """fraction of the length that it is measured by"""
+
+
+BAR_EDGE = Dense(peak=3.0, spread=0.4)
+"""at 0.675 of the bar's half width, the unit: glue ends a little further out; material that slides
+past the fillet comes from further in"""
+ROUND_EDGE = Dense(peak=2.0, spread=0.45)
+"""at 0.7 of the pin's radius, the unit: weaker, for the edge passes in both directions"""
+SIDE = Dense(peak=0.7, spread=0.12)
+"""at the free side beside a bar, by the length to it: the edge of a glued base is singular"""
+BASE = Dense(peak=5.0, spread=0.1)
+"""under a bar, by the height: close to a glued base the free faces bend sharply"""
+TOP = Dense(peak=4.0, spread=0.12)
+"""under a bar, by the height"""
+N_DENSITY = 4001
+"""places at which densities of mesh lines are tabulated"""
+DEPTH_POWER = 2.25
+"""1 is uniform along a bar; the front face's elements get thinner as it grows"""
 
 
 @dataclass(frozen=True)
@@ -52,35 +73,61 @@ def front_points(specimen: BlockPin, symmetry: Symmetry, grid: tuple[int, int]) 
 
 
 def block_mesh(specimen: BlockPin, symmetry: Symmetry, cells: tuple[int, int, int]) -> MeshHex:
-    """Hexahedra of the modelled part, finer where material passes the pin's edge.
+    """Hexahedra of the modelled part, finer where the solution is not smooth.
 
-    Whole rows of nodes snap past the fillet when the block slides; fine rows there make the
-    force curve smooth.  Along a bar little happens until near the front face, so the depth
-    takes few elements, finer towards the front; the edge of a round pin passes in both directions.
+    That is where glued faces end: at the flat of the pin, where also whole rows of nodes snap past
+    the fillet when the block slides, and where base and top meet the free faces.  Along a bar
+    little happens until near the front face, so the depth takes few elements.  One mesh line under
+    a bar is the edge of its flat, for glue that ends inside an element ends somewhere else on every
+    mesh.  Lines are values of one smooth map for all numbers of elements, so that meshes of
+    proportional `cells` are similar: exactly, where the nearest line to that edge is the same one,
+    as with a fillet of 0.3 mm and even numbers along x.
+
     `cells` are numbers of elements of a quarter; a half and a full model have as many on each side
     of the pin's axis.
     """
     half_width, half_depth = specimen.width / 2.0, specimen.depth / 2.0
     nx, ny, nz = cells
     x0, z0 = specimen.pin_shift
-    edge = specimen.pin_width / 2.0
-
-    def graded(length: float, n: int) -> Array:
-        return _graded_lines(length, n, centre=0.7 * edge, spread=0.45 * edge)
-
-    def along_bar(length: float, n: int) -> Array:
-        z = np.linspace(0.0, 1.0, n + 1)
-        return length * z * (1.0 + DEPTH_GRADING * (1.0 - z))
-
-    x = graded(half_width, nx)
+    if specimen.pin == "round":
+        y = np.linspace(0.0, specimen.height, ny + 1)
+        z = _from_round_pin(specimen, half_depth, nz)
+        behind = _from_round_pin(specimen, half_depth + z0, nz)
+        before = _from_round_pin(specimen, half_depth - z0, nz)
+        from_axis = _from_round_pin
+    else:
+        y = _height_lines(specimen.height, ny)
+        z = half_depth * (1.0 - (1.0 - np.linspace(0.0, 1.0, nz + 1)) ** DEPTH_POWER)
+        behind = before = z
+        from_axis = _from_bar
+    x = from_axis(specimen, half_width, nx)
     if symmetry != "quarter":
-        x = _both_sides(graded(half_width + x0, nx), graded(half_width - x0, nx))
-    is_round = specimen.pin == "round"
-    z = graded(half_depth, nz) if is_round else along_bar(half_depth, nz)
+        left, right = (from_axis(specimen, half_width + s, nx) for s in (x0, -x0))
+        x = _both_sides(left, right)
     if symmetry == "full":
-        behind, before = graded(half_depth + z0, nz), graded(half_depth - z0, nz)
-        z = _both_sides(behind, before) if is_round else _both_sides(z, z)
-    return MeshHex.init_tensor(x, np.linspace(0.0, specimen.height, ny + 1), z)
+        z = _both_sides(behind, before)
+    return MeshHex.init_tensor(x, y, z)
+
+
+def _from_bar(specimen: BlockPin, length: float, n: int) -> Array:
+    """(n + 1,) lines at distances from the bar's axis, mm, one of them at the edge of its flat."""
+    edge = specimen.pin_width / 2.0
+    x = np.linspace(0.0, length, N_DENSITY)
+    density = 1.0 + _bump(x - 0.675 * edge, BAR_EDGE, edge) + _bump(length - x, SIDE, length)
+    return _lines(x, density, n, through=edge - specimen.pin_fillet)
+
+
+def _from_round_pin(specimen: BlockPin, length: float, n: int) -> Array:
+    """(n + 1,) lines at distances along x or z from the axis of a round pin, mm."""
+    edge = specimen.pin_width / 2.0
+    x = np.linspace(0.0, length, N_DENSITY)
+    return _lines(x, 1.0 + _bump(x - 0.7 * edge, ROUND_EDGE, edge), n)
+
+
+def _height_lines(height: float, n: int) -> Array:
+    """(n + 1,) lines above the base of a block under a bar, mm."""
+    y = np.linspace(0.0, height, N_DENSITY)
+    return _lines(y, 1.0 + _bump(y, BASE, height) + _bump(height - y, TOP, height), n)
 
 
 def discretise(
@@ -90,18 +137,25 @@ def discretise(
     mesh: MeshHex,
     pin: RigidPin,
     points: Array,
+    *,
+    plane_strain: bool = False,
 ) -> Discretisation:
-    """Tables of the mesh, contact faces, constraints and field points (n_point, 2) mm."""
+    """Tables of the mesh, contact faces, constraints and field points (n_point, 2) mm.
+
+    In `plane_strain` nothing moves along z, and the faces at its ends meet nothing.
+    """
     table, basis = elements(mesh)
     tolerance = 1e-9 * specimen.height
     rubs = contact.friction(1.0).base > 0.0
-    contact_faces, on_top = _contact_faces(mesh, specimen, rubs)
+    contact_faces, on_top = _contact_faces(mesh, specimen, rubs, ends=not plane_strain)
     position = table.positions
     fixed = np.zeros(position.shape, dtype=bool)
     if symmetry == "quarter":
         fixed[position[:, 0] < tolerance, 0] = True
     if symmetry != "full":
         fixed[position[:, 2] < tolerance, 2] = True
+    if plane_strain:
+        fixed[:, 2] = True
     base = position[:, 1] < tolerance
     fixed[base, 1] = not rubs
     if contact.base == "stick":
@@ -117,14 +171,20 @@ def discretise(
     )
 
 
-def _contact_faces(mesh: MeshHex, specimen: BlockPin, rubs: bool) -> tuple[Faces, BoolArray]:
-    """Faces that may touch, and which of them (n_face,) are on top; the bottom's if it rubs."""
+def _contact_faces(
+    mesh: MeshHex, specimen: BlockPin, rubs: bool, *, ends: bool
+) -> tuple[Faces, BoolArray]:
+    """Faces that may touch, and which of them (n_face,) are on top; the bottom's if it rubs.
+
+    `ends` are the faces across z.
+    """
     half_width, height, half_depth = specimen.width / 2.0, specimen.height, specimen.depth / 2.0
     tolerance = 1e-9 * height
     top = mesh.facets_satisfying(lambda x: abs(x[1] - height) < tolerance)
     side = mesh.facets_satisfying(
         lambda x: (
-            (abs(abs(x[0]) - half_width) < tolerance) | (abs(abs(x[2]) - half_depth) < tolerance)
+            (abs(abs(x[0]) - half_width) < tolerance)
+            | (ends & (abs(abs(x[2]) - half_depth) < tolerance))
         )
     )
     bottom = mesh.facets_satisfying(lambda x: abs(x[1]) < tolerance) if rubs else top[:0]
@@ -145,11 +205,24 @@ def _both_sides(behind: Array, before: Array) -> Array:
     return lines
 
 
-def _graded_lines(length: float, n: int, *, centre: float, spread: float) -> Array:
-    """(n + 1,) mesh lines on [0, length], mm, densest at `centre` over a width of `spread`."""
-    x = np.linspace(0.0, length, 4001)
-    density = 1.0 + EDGE_DENSITY * np.exp(-(((x - centre) / spread) ** 2))
-    count = np.concatenate([[0.0], np.cumsum((density[1:] + density[:-1]) / 2.0)])
-    lines = np.interp(np.linspace(0.0, 1.0, n + 1), count / count[-1], x)
-    lines[[0, -1]] = 0.0, length
+def _bump(distance: Array, dense: Dense, unit: float) -> Array:
+    """Density of mesh lines above the background at a distance, mm."""
+    return dense.peak * np.exp(-((distance / (dense.spread * unit)) ** 2))
+
+
+def _lines(x: Array, density: Array, n: int, through: float | None = None) -> Array:
+    """(n + 1,) mesh lines from x[0] to x[-1], mm, spaced as the inverse of the density at x.
+
+    The line nearest to `through`, unless it is an end, is moved there and its neighbours with it.
+    """
+    share = np.concatenate([[0.0], np.cumsum((density[1:] + density[:-1]) / 2.0)])
+    share /= share[-1]
+    at = np.linspace(0.0, 1.0, n + 1)
+    if through is not None and x[0] < through < x[-1]:
+        wanted = float(np.interp(through, x, share))
+        nearest = round(n * wanted)
+        if 0 < nearest < n:
+            at = np.interp(at, [0.0, nearest / n, 1.0], [0.0, wanted, 1.0])
+    lines = np.interp(at, share, x)
+    lines[[0, -1]] = x[0], x[-1]
     return lines

@@ -23,6 +23,7 @@ from fe.materials.material import Material
 from fe.newton import NewtonOptions
 from fe.plane_elements import axisymmetric_elements, hoop_equations
 from fe.plate import Plate, ring_edges
+from fe.progress import Progress
 from fe.response import Response
 
 Array = npt.NDArray[np.float64]
@@ -51,15 +52,16 @@ class CylinderModel:
     """Simulation of the cylinder as a function of (r, s) or of any material; picklable, one thread.
 
     `ends` are bonded to the plates or slide on them with the coefficient `friction`, which also
-    acts on a side that has rolled over.  `cells` are the numbers of Q2 elements along the radius
-    and half the height; `travel` the approaches of the plates (mm, increasing); `bulk_ratio` the
-    bulk modulus over mu = 2 kappa for calls with ratios; `n_point` the number of field points along
-    half the side.  With friction the gradients are NaN: they would depend on the whole path.
+    acts on a side that has rolled over. `cells` are the numbers of Q2 elements along the radius and
+    half the height; `travel` the approaches of the plates (mm, increasing) at which the response is
+    asked, or `force` the forces (N, increasing); `bulk_ratio` the bulk modulus over mu = 2 kappa
+    for calls with ratios; `n_point` the number of field points along half the side. With friction
+    the gradients are NaN: they would depend on the whole path.
     """
 
     specimen: Cylinder
     cells: tuple[int, int]
-    travel: tuple[float, ...]
+    travel: tuple[float, ...] = ()
     ends: Literal["bonded", "slide"] = "slide"
     friction: float = 0.0
     bulk_ratio: float = 200.0
@@ -70,12 +72,13 @@ class CylinderModel:
     """of the side that rolls over, softer than for the thin block: 1/mm, mm"""
     steps: StepOptions = field(default_factory=lambda: StepOptions(0.25, 1.0, 0.005))
     newton: NewtonOptions = field(default_factory=lambda: NewtonOptions(1e-8, max_move=1.0))
+    force: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
         if min(self.cells) < 1:
             raise ValueError(f"cells: expected at least one element a side, found {self.cells}")
         self._schedule()
-        if self.travel[-1] >= self.specimen.height:
+        if max(self.travel, default=0.0) >= self.specimen.height:
             raise ValueError(
                 f"travel: expected less than the height {self.specimen.height} mm, "
                 f"found {self.travel[-1]}"
@@ -98,9 +101,12 @@ class CylinderModel:
         """Response at kappa = 1 MPa for ratios (r, s), gradients in them."""
         return respond_to_ratios(self.discretise(), ratios, self.bulk_ratio, self._schedule())
 
-    def respond(self, material: Material) -> Response:
-        """Response of any material, gradients in its constants and its bulk modulus."""
-        return respond(self.discretise(), material, self._schedule())
+    def respond(self, material: Material, progress: Progress | None = None) -> Response:
+        """Response of any material, gradients in its constants and its bulk modulus.
+
+        `progress` is called after each step of the solver.
+        """
+        return respond(self.discretise(), material, self._schedule(), progress)
 
     def mesh(self) -> MeshQuad:
         """Half section (r, z), finer towards the rim of the plate."""
@@ -153,4 +159,4 @@ class CylinderModel:
         return self.specimen.diameter / 2.0, self.specimen.height / 2.0
 
     def _schedule(self) -> Schedule:
-        return Schedule(self.travel, self.steps, self.newton)
+        return Schedule(self.travel, self.steps, self.newton, self.force)

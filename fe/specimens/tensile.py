@@ -20,6 +20,7 @@ from fe.driven_response import DrivenSpecimen, Schedule, respond, respond_to_rat
 from fe.load_stepping import StepOptions
 from fe.materials.material import Material
 from fe.newton import NewtonOptions
+from fe.progress import Progress
 from fe.response import Response
 
 Array = npt.NDArray[np.float64]
@@ -76,18 +77,20 @@ class TensileModel:
     """Simulation of the plate as a function of (r, s) or of any material; picklable, one thread.
 
     `cells` are the numbers of Q2 elements along x, y, z of the eighth; `travel` the motions of one
-    clamp against the other (mm, increasing) at which the response is asked; `bulk_ratio` the bulk
-    modulus over mu = 2 kappa for calls with ratios; `field_grid` the numbers of field points
-    across half the width and along half the length of the front face.
+    clamp against the other (mm, increasing) at which the response is asked, or `force` the forces
+    (N, increasing); `bulk_ratio` the bulk modulus over mu = 2 kappa for calls with ratios;
+    `field_grid` the numbers of field points across half the width and along half the length of the
+    front face.
     """
 
     specimen: NotchedPlate
     cells: tuple[int, int, int]
-    travel: tuple[float, ...]
+    travel: tuple[float, ...] = ()
     bulk_ratio: float = 200.0
     field_grid: tuple[int, int] = (12, 18)
     steps: StepOptions = field(default_factory=lambda: StepOptions(0.5, 3.0, 0.01))
     newton: NewtonOptions = field(default_factory=lambda: NewtonOptions(1e-8, max_move=1.0))
+    force: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
         nx, ny, nz = self.cells
@@ -108,9 +111,12 @@ class TensileModel:
         """Response at kappa = 1 MPa for ratios (r, s), gradients in them; forces pull."""
         return respond_to_ratios(self.discretise(), ratios, self.bulk_ratio, self._schedule())
 
-    def respond(self, material: Material) -> Response:
-        """Response of any material, gradients in its constants and its bulk modulus."""
-        return respond(self.discretise(), material, self._schedule())
+    def respond(self, material: Material, progress: Progress | None = None) -> Response:
+        """Response of any material, gradients in its constants and its bulk modulus.
+
+        `progress` is called after each step of the solver.
+        """
+        return respond(self.discretise(), material, self._schedule(), progress)
 
     def mesh(self) -> MeshHex:
         """Hexahedra of the eighth: half of those along y lie beside the notch."""
@@ -145,4 +151,4 @@ class TensileModel:
         )
 
     def _schedule(self) -> Schedule:
-        return Schedule(self.travel, self.steps, self.newton)
+        return Schedule(self.travel, self.steps, self.newton, self.force)

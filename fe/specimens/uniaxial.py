@@ -21,6 +21,7 @@ from fe.driven_response import DrivenSpecimen, Schedule, respond, respond_to_rat
 from fe.load_stepping import StepOptions
 from fe.materials.material import Material
 from fe.newton import NewtonOptions
+from fe.progress import Progress
 from fe.response import Response
 from fe.weak_form import Elements
 
@@ -47,17 +48,18 @@ class UniaxialModel:
     """Simulation of the bar as a function of (r, s) or of any material; picklable, one thread.
 
     `travel` are the changes of length (mm, increasing, above 0) at which the response is asked,
-    `direction` what they do; forces are positive along the travel.  `bulk_ratio` is the bulk
-    modulus over mu = 2 kappa for calls with ratios.
+    `direction` what they do; or `force` the forces (N, increasing). Forces are positive along the
+    travel. `bulk_ratio` is the bulk modulus over mu = 2 kappa for calls with ratios.
     """
 
     specimen: Bar
-    travel: tuple[float, ...]
+    travel: tuple[float, ...] = ()
     direction: Literal["tension", "compression"] = "tension"
     bulk_ratio: float = 200.0
     field_grid: tuple[int, int] = (2, 2)
     steps: StepOptions = field(default_factory=lambda: StepOptions(0.1, 0.5, 1e-4))
     newton: NewtonOptions = field(default_factory=lambda: NewtonOptions(1e-10, max_move=1.0))
+    force: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
         self._schedule()
@@ -65,7 +67,10 @@ class UniaxialModel:
             raise ValueError(
                 f"direction: expected 'tension' or 'compression', found {self.direction!r}"
             )
-        if self.direction == "compression" and self.travel[-1] >= self.specimen.length:
+        if (
+            self.direction == "compression"
+            and max(self.travel, default=0.0) >= self.specimen.length
+        ):
             raise ValueError(
                 f"travel: expected less than the length {self.specimen.length} mm in compression, "
                 f"found {self.travel[-1]}"
@@ -82,9 +87,12 @@ class UniaxialModel:
         """Response at kappa = 1 MPa for ratios (r, s), gradients in them."""
         return respond_to_ratios(self.discretise(), ratios, self.bulk_ratio, self._schedule())
 
-    def respond(self, material: Material) -> Response:
-        """Response of any material, gradients in its constants and its bulk modulus."""
-        return respond(self.discretise(), material, self._schedule())
+    def respond(self, material: Material, progress: Progress | None = None) -> Response:
+        """Response of any material, gradients in its constants and its bulk modulus.
+
+        `progress` is called after each step of the solver.
+        """
+        return respond(self.discretise(), material, self._schedule(), progress)
 
     def discretise(self) -> DrivenSpecimen:
         """Tables of the one element."""
@@ -109,7 +117,7 @@ class UniaxialModel:
         )
 
     def _schedule(self) -> Schedule:
-        return Schedule(self.travel, self.steps, self.newton)
+        return Schedule(self.travel, self.steps, self.newton, self.force)
 
 
 def _table(basis: Basis) -> Elements:

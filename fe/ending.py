@@ -1,0 +1,33 @@
+"""How a march ended, in the words of a `Response`."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from fe.force_control import Control
+from fe.load_stepping import March
+from fe.response import Status
+
+
+class Ending(NamedTuple):
+    """Status of a run, the travel up to which it is good, and one sentence."""
+
+    status: Status
+    reached: float
+    """mm"""
+    message: str
+
+
+def ending(outcome: March, control: Control, symmetry: float, *, complete: bool) -> Ending:
+    """Ending of a march that met all its targets (`complete`) or not; the sample has `symmetry`
+    modelled parts.
+    """
+    parts = [f"reached every asked {control}"] if complete else [outcome.reason]
+    if not complete and control == "force":
+        parts.append(f"the largest force was {symmetry * outcome.largest_force:.4g} N")
+    fell = outcome.fell_after is not None
+    if fell:
+        parts.append(outcome.warning)
+    reached = outcome.reached if outcome.fell_after is None else outcome.fell_after
+    met = Status.FORCE_FELL if fell else Status.CONVERGED
+    return Ending(met if complete else Status.STOPPED, reached, "; ".join(parts))

@@ -1,0 +1,139 @@
+"""Parameters of a block under a pin by name, and how its discrete problem depends on each.
+
+Besides the material's: "friction_pin", "friction_base" where friction is; "contact_stiffness",
+"contact_ramp", "contact_base", "contact_slip" of the penalty law; "width", "depth", "height",
+"pin_width", "pin_fillet" of the specimen, mm; "pin_shift_x", "pin_shift_z", mm, and "pin_rotation",
+degrees, where the modelled part has room for them; "travel_zero", mm, by which the pin starts above
+the block.  Mesh lines and field points go with the geometry.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+from skfem import MeshHex
+
+from fe.material_parameters import MaterialParameters
+from fe.parameters import Parameters, carry_faces
+from fe.potential import Problem
+from fe.specimens.block_pin_geometry import BlockPin, Contact, Symmetry
+from fe.surface_slopes import no_slopes
+
+Array = npt.NDArray[np.float64]
+
+SPECIMEN = ("width", "depth", "height", "pin_width", "pin_fillet")
+PENALTY = ("contact_stiffness", "contact_ramp", "contact_base", "contact_slip")
+DIFFERENCE = 1e-6
+"""change of a dimension, mm, over which mesh lines and field points are differenced"""
+
+Geometry = Callable[[BlockPin], Array]
+
+
+def known_names(specimen: BlockPin, contact: Contact, part: Symmetry) -> tuple[str, ...]:
+    """Names of all parameters other than the material's."""
+    law = contact.friction(1.0)
+    rubs = (("friction_pin", law.pin), ("friction_base", law.base))
+    names = [name for name, coefficient in rubs if coefficient > 0.0]
+    names += [*PENALTY, *SPECIMEN, "travel_zero"]
+    names += ["pin_shift_x"] if part != "quarter" else []
+    names += ["pin_shift_z"] if part == "full" else []
+    turns = part == "full" and specimen.pin == "bar" and law.pin == 0.0
+    return (*names, *(["pin_rotation"] if turns else []))
+
+
+def check_names(names: tuple[str, ...], known: tuple[str, ...]) -> None:
+    """Raise ValueError for a name that is not known."""
+    for name in names:
+        if name not in known:
+            raise ValueError(
+                f"sensitivities: expected names among {', '.join(known)}, found {name!r}"
+            )
+
+
+def parameters(
+    names: tuple[str, ...],
+    material: MaterialParameters,
+    problem: Problem,
+    specimen: BlockPin,
+    shear: float,
+    lines: Callable[[BlockPin], MeshHex],
+) -> Parameters:
+    """Derivatives of the discrete problem in the named parameters.
+
+    `shear` is the modulus that the contact stiffness goes with, MPa; `lines` makes the mesh.
+    """
+    n_p, pin = len(names), problem.pin
+    nodes = problem.elements.positions
+    constants = np.zeros((n_p, material.constants.shape[1]))
+    bulk = np.zeros(n_p)
+    motion = np.zeros((n_p, *nodes.shape))
+    surface = no_slopes(problem.faces, n_p)
+    for j, name in enumerate(names):
+        if name in material.names:
+            k = material.names.index(name)
+            constants[j], bulk[j] = material.constants[k], material.bulk[k]
+            surface.stiffness[j] = pin.stiffness * material.stiffness[k]
+            surface.base_stiffness[j] = pin.base_stiffness * material.stiffness[k]
+            continue
+        motion[j] = mesh_motion(name, specimen, nodes, lines)
+        if name == "contact_stiffness":
+            surface.stiffness[j] = shear
+        elif name == "contact_base":
+            surface.base_stiffness[j] = shear
+        elif name in _DIRECT:
+            field, slope = _DIRECT[name]
+            getattr(surface, field)[j] = slope
+    surface = carry_faces(surface, problem.faces, nodes, motion)
+    return Parameters(names, constants, bulk, motion, surface)
+
+
+_DIRECT = {
+    "friction_pin": ("friction_pin", 1.0),
+    "friction_base": ("friction_base", 1.0),
+    "contact_ramp": ("ramp", 1.0),
+    "contact_slip": ("slip", 1.0),
+    "height": ("height", 1.0),
+    "travel_zero": ("height", 1.0),
+    "pin_width": ("half_width", 0.5),
+    "pin_fillet": ("fillet", 1.0),
+    "pin_shift_x": ("x", 1.0),
+    "pin_shift_z": ("z", 1.0),
+    "pin_rotation": ("angle", np.pi / 180.0),
+}
+"""what of the surfaces changes by how much per unit"""
+
+
+def by_geometry(name: str, specimen: BlockPin, of: Geometry) -> Array | None:
+    """Central difference of an array in one dimension of the specimen, per mm; None in others."""
+    if name in SPECIMEN:
+        value = getattr(specimen, name)
+        ends = [replace(specimen, **{name: value + h}) for h in (DIFFERENCE, -DIFFERENCE)]
+    elif name in ("pin_shift_x", "pin_shift_z"):
+        along = np.array([1.0, 0.0] if name.endswith("x") else [0.0, 1.0])
+        ends = [
+            replace(specimen, pin_shift=tuple(np.array(specimen.pin_shift) + h * along))
+            for h in (DIFFERENCE, -DIFFERENCE)
+        ]
+    else:
+        return None
+    slope: Array = (of(ends[0]) - of(ends[1])) / (2.0 * DIFFERENCE)
+    return slope
+
+
+def mesh_motion(
+    name: str, specimen: BlockPin, nodes: Array, lines: Callable[[BlockPin], MeshHex]
+) -> Array:
+    """(n, 3) motion of the material at `nodes` (n, 3) mm with the mesh's planes, per unit."""
+    moved = by_geometry(name, specimen, lambda changed: np.asarray(lines(changed).p))
+    motion = np.zeros(nodes.shape)
+    if moved is None:
+        return motion
+    vertices = lines(specimen).p
+    for i in range(3):
+        if moved[i].any():
+            planes, first = np.unique(vertices[i], return_index=True)
+            motion[:, i] = np.interp(nodes[:, i], planes, moved[i][first])
+    return motion

@@ -1,0 +1,60 @@
+"""Mesh lines of the block under a pin: similar meshes, the flat's edge, the parts of the block."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from fe import BlockPin
+from fe.specimens.block_pin_mesh import block_mesh
+
+BAR, ROUND = BlockPin(), BlockPin(pin="round")
+
+
+def lines(specimen: BlockPin, cells: tuple[int, int, int], symmetry="quarter") -> list[np.ndarray]:
+    """The mesh lines along x, y, z of a tensor-product mesh, mm."""
+    return [np.unique(x) for x in block_mesh(specimen, symmetry, cells).p]
+
+
+@pytest.mark.parametrize("specimen", [BAR, BlockPin(height=2.7, width=10.2), ROUND])
+def test_meshes_of_proportional_cells_are_similar(specimen):
+    coarse, middle, fine = (lines(specimen, (6 * n, 3 * n, n)) for n in (2, 3, 4))
+    for a, b, c, common in zip(coarse, middle, fine, (6, 3, 1), strict=True):
+        np.testing.assert_allclose(c[::2], a, rtol=0, atol=1e-12)
+        np.testing.assert_allclose(b[::3], a[::2], rtol=0, atol=1e-12)
+        assert len(a) == 2 * common + 1
+
+
+@pytest.mark.parametrize("fillet", [0.2, 0.3, 0.5])
+@pytest.mark.parametrize("nx", [2, 3, 5, 8, 12, 13, 24])
+def test_a_mesh_line_is_the_edge_of_the_flat_of_a_bar(fillet, nx):
+    x = lines(BlockPin(pin_fillet=fillet), (nx, 2, 2))[0]
+    assert len(x) == nx + 1
+    assert np.abs(x - (2.0 - fillet)).min() < 1e-12
+
+
+@pytest.mark.parametrize(
+    "specimen",
+    [BAR, ROUND, BlockPin(pin_width=40.0), BlockPin(pin_width=9.9), BlockPin(pin_shift=(4.0, 0.0))],
+    ids=["bar", "round", "platen", "wide", "shifted"],
+)
+@pytest.mark.parametrize("cells", [(1, 1, 1), (3, 2, 2), (12, 6, 2)])
+def test_lines_are_distinct_and_end_at_the_faces(specimen, cells):
+    for symmetry in ("half", "full") if specimen.pin_shift[0] else ("quarter", "half", "full"):
+        sides = {"quarter": (1, 1), "half": (2, 1), "full": (2, 2)}[symmetry]
+        x, y, z = lines(specimen, cells, symmetry)
+        found = [len(line) - 1 for line in (x, y, z)]
+        assert found == [cells[0] * sides[0], cells[1], cells[2] * sides[1]]
+        assert (x[-1], y[0], y[-1], z[-1]) == (5.0, 0.0, 2.5, 5.0)
+        assert (x[0], z[0]) == (-5.0 if sides[0] == 2 else 0.0, -5.0 if sides[1] == 2 else 0.0)
+        assert min(np.diff(line).min() for line in (x, y, z)) > 0.01
+
+
+@pytest.mark.parametrize("specimen", [BAR, ROUND])
+def test_a_half_and_a_full_mesh_have_the_lines_of_the_quarter_on_both_sides(specimen):
+    x, _, z = lines(specimen, (6, 3, 2))
+    half, full = (lines(specimen, (6, 3, 2), symmetry) for symmetry in ("half", "full"))
+    mirrored = [np.concatenate([-line[:0:-1], line]) for line in (x, z)]
+    np.testing.assert_allclose(half[0], mirrored[0], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(full[0], mirrored[0], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(full[2], mirrored[1], rtol=0, atol=1e-12)

@@ -1,0 +1,65 @@
+"""What a solve tells while it goes on."""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import fe
+from fe.load_stepping import StepOptions
+from fe.progress import StepReport
+
+BLOCK = fe.BlockPinModel(
+    fe.BlockPin(),
+    fe.Contact("stick", "stick"),
+    (3, 1, 1),
+    (0.1, 0.2),
+    field_grid=(2, 2),
+    steps=StepOptions(0.05, 0.05),
+)
+SPECIMENS = {
+    "uniaxial": fe.UniaxialModel(fe.Bar(), (0.2, 0.4)),
+    "tensile": fe.TensileModel(fe.NotchedPlate(), (2, 2, 1), (2.0, 4.0), field_grid=(2, 3)),
+    "cylinder": fe.CylinderModel(fe.Cylinder(), (2, 2), (1.0, 2.0), n_point=4),
+    "block_pin": BLOCK,
+    "block_pin at forces": replace(BLOCK, travel=(), force=(0.3, 0.9)),
+}
+
+
+@pytest.mark.parametrize("specimen", SPECIMENS.values(), ids=SPECIMENS.keys())
+def test_every_step_is_told_with_the_force_of_the_whole_sample(specimen):
+    told: list[StepReport] = []
+    response = fe.simulate(specimen, "neo-hookean", (0.02, 6.0), progress=told.append)
+    travels = [step.travel for step in told]
+    assert len(told) > 2
+    assert (np.diff(travels) > 0.0).all()
+    for travel, force, negative in zip(
+        response.travel, response.force, response.negative_pivots, strict=True
+    ):
+        step = told[travels.index(travel)]
+        assert (step.force, step.negative_pivots) == (force, negative)
+    assert sum(step.iterations for step in told) <= response.n_factorisations
+
+
+def test_print_shows_a_line_a_step_and_the_log_has_the_same(capsys, caplog):
+    with caplog.at_level(logging.INFO, logger="fe"):
+        fe.simulate(BLOCK, "neo-hookean", (0.02, 6.0), progress=print)
+    lines = capsys.readouterr().out.splitlines()
+    assert lines == [record.getMessage() for record in caplog.records]
+    assert len(lines) == 4
+    assert lines[0].startswith("travel 0.0500 mm, force 0.")
+    assert lines[0].endswith(" iterations")
+
+
+def test_an_unstable_step_says_so():
+    assert str(StepReport(1.0, 2.5, 7, 0)) == "travel 1.0000 mm, force 2.5 N, 7 iterations"
+    assert str(StepReport(1.0, 2.5, 7, 3)).endswith("unstable: 3 negative pivots")
+
+
+def test_listening_changes_nothing():
+    quiet = fe.simulate(BLOCK, "neo-hookean", (0.02, 6.0))
+    told = fe.simulate(BLOCK, "neo-hookean", (0.02, 6.0), progress=lambda step: None)
+    assert told.displacement.tobytes() == quiet.displacement.tobytes()

@@ -1,0 +1,273 @@
+"""Sensitivities in material, contact and geometry: partial derivatives, direct, adjoint."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from benchmarks.taylor import model as small
+from benchmarks.taylor import moved, names, rubber
+from fe import BlockPin, BlockPinModel, Contact
+from fe.contact import FREE, TIED_TO_FLOOR, TIED_TO_PIN, contact_system, empty_system
+from fe.contact_memory import initial_memory
+from fe.contact_slopes import contact_pull
+from fe.discretisation import elements
+from fe.friction import freeze, friction_system
+from fe.pin_surface import BAR, ROUND, RigidPin
+from fe.shape_slopes import directions, residual_slopes
+from fe.surface_slopes import no_slopes
+from fe.touch import FrictionLaw
+from fe.weak_form import element_system
+from fe.weak_form import empty_system as empty_elements
+from tests.material_laws import make
+
+STUCK, SLIDING, RUBBING = Contact(), Contact("slide", "slide"), Contact(0.3, 0.2)
+CONTACTS = pytest.mark.parametrize(
+    "contact", [STUCK, SLIDING, RUBBING], ids=["stick", "slide", "friction"]
+)
+TRAVEL = 0.4
+PIN = {"height": 2.5, "half_width": 2.0, "fillet": 0.3, "stiffness": 500.0, "ramp": 0.1}
+PIN |= {"base_stiffness": 200.0, "x": 0.2, "z": -0.3}
+
+
+def quotient(of, h):
+    """Central difference quotient of `of` at 0."""
+    return (of(h) - of(-h)) / (2 * h)
+
+
+@pytest.mark.parametrize("volumetric", ["quadratic", "simo-miehe"])
+@pytest.mark.parametrize("law", ["mooney-rivlin-3", "ogden-2"])
+def test_inner_forces_follow_a_moving_mesh(law, volumetric):
+    """Distorted elements whose vertices move at random, against elements made anew there."""
+    rng = np.random.default_rng(0)
+    mesh = replace_points(small(SLIDING, (2, 1, 1)).mesh(), rng, 0.05)
+    table, _ = elements(mesh)
+    velocity = rng.standard_normal(mesh.p.shape)
+    u = 0.05 * rng.standard_normal(table.positions.shape)
+    material = make(law, 10.0, volumetric)
+
+    def at(h):
+        return elements(replace(mesh, doflocs=mesh.p + h * velocity))[0]
+
+    def forces(h):
+        system, now = empty_elements(table), at(h)
+        no_pressure = np.zeros((len(now.nodes), now.psi.shape[1]))
+        element_system(u, no_pressure, now, material.kernel(), False, system)
+        total = np.zeros_like(u)
+        np.add.at(total, now.nodes, system.residual)
+        return total
+
+    motion = quotient(lambda h: at(h).positions, 1e-3)
+    along = directions(material, np.zeros((0, len(material.constants))), motion[None])
+    found = np.zeros((2, *u.shape))
+    residual_slopes(u, table, material.kernel(), along, found)
+    expected = quotient(forces, 1e-5)
+    np.testing.assert_allclose(found[1], expected, atol=1e-8 * np.abs(expected).max())
+
+
+def replace_points(mesh, rng, size):
+    """The mesh with its vertices moved at random."""
+    return replace(mesh, doflocs=mesh.p + size * rng.standard_normal(mesh.p.shape))
+
+
+def pressed(shape, rubs):
+    """Faces, displacement, pin and memory with free and tied points on pin and floor."""
+    angle = 0.0 if rubs or shape == ROUND else 0.3
+    pin = RigidPin(**PIN, shape=shape, across_x=np.cos(angle), across_z=-np.sin(angle))
+    block = BlockPinModel(BlockPin(pin_shift=(0.3, 0.0)), Contact("stick", 0.7), (3, 2, 2), (0.1,))
+    faces = block.discretise().faces
+    rng = np.random.default_rng(1)
+    u = 0.1 * rng.standard_normal((faces.nodes.max() + 1, 3))
+    u[:, 1] -= 0.15
+    memory = initial_memory(faces, np.zeros(faces.weights.shape, bool), pin)
+    if not rubs:
+        memory.tied[::3, ::2] = TIED_TO_PIN
+        memory.tied[1::3, ::3] = TIED_TO_FLOOR
+        memory.tied[faces.base] = FREE
+    memory.anchor[...] += 0.05 * rng.standard_normal(memory.anchor.shape)
+    return faces, u, pin, memory
+
+
+def forces_of(faces, u, pin, memory, law):
+    """Forces of the face nodes and, last, that of the pin."""
+    system = empty_system(faces)
+    on_pin = contact_system(u, faces, memory.tied, memory.anchor, TRAVEL, pin, True, system)[1]
+    frame = freeze(u, faces, memory.tied, memory.slip.place, TRAVEL, pin, law)
+    coupling = np.zeros_like(system.tangent)
+    on_pin += friction_system(u, faces, frame, TRAVEL, pin, law, system, coupling)[1]
+    return np.append(system.force.ravel(), on_pin)
+
+
+OF_PIN = ("height", "half_width", "fillet", "x", "z", "stiffness", "ramp", "base_stiffness")
+
+
+@pytest.mark.parametrize("rubs", [False, True], ids=["frictionless and tied", "friction"])
+@pytest.mark.parametrize("shape", [BAR, ROUND], ids=["bar", "round"])
+def test_contact_forces_follow_pin_law_and_points(shape, rubs):
+    """At fixed displacement; against kernels that get another pin, law or place of the points."""
+    faces, u, pin, memory = pressed(shape, rubs)
+    law = FrictionLaw(0.3, 0.7, 0.01) if rubs else FrictionLaw()
+    of_law = ("pin", "base", "slip") if rubs else ()
+    turned = ("angle",) if shape == BAR and not rubs else ()
+    n_p = len(OF_PIN) + len(of_law) + len(turned) + 1
+    slopes = no_slopes(faces, n_p)
+    rng = np.random.default_rng(2)
+    points, weights = (rng.standard_normal(a.shape) for a in (faces.points, faces.weights))
+    changes = []
+    for name in OF_PIN:
+        value = getattr(pin, name)
+        changes.append(lambda h, name=name, value=value: {"pin": {name: value + h}})
+    for name in of_law:
+        value = getattr(law, name)
+        changes.append(lambda h, name=name, value=value: {"law": {name: value + h}})
+    if turned:
+        at = np.arctan2(-pin.across_z, pin.across_x)
+        changes.append(lambda h: {"pin": {"across_x": np.cos(at + h), "across_z": -np.sin(at + h)}})
+    changes.append(
+        lambda h: {
+            "faces": {"points": faces.points + h * points, "weights": faces.weights + h * weights}
+        }
+    )
+    fields = [
+        *OF_PIN,
+        *({"pin": "friction_pin", "base": "friction_base"}.get(n, n) for n in of_law),
+    ]
+    for j, field in enumerate([*fields, *turned]):
+        getattr(slopes, field)[j] = 1.0
+    slopes.points[..., -1], slopes.weights[..., -1] = points, weights
+    memory = replace(memory, anchor_gradient=np.zeros((*memory.anchor.shape, n_p)))
+    still = memory.slip._replace(gradient=np.zeros((*memory.slip.place.shape, n_p)))
+    pull = np.zeros((*faces.points.shape, n_p))
+    remembered = (memory.tied, memory.anchor, memory.anchor_gradient, still)
+    on_pin = contact_pull(u, faces, *remembered, TRAVEL, pin, law, slopes, pull)
+    nodal = np.einsum("cqa,cqij->caij", faces.shape, pull).reshape(-1, n_p)
+    for j, change in enumerate(changes):
+
+        def forces(h, change=change):
+            now = change(h)
+            return forces_of(
+                faces._replace(**now.get("faces", {})),
+                u,
+                pin._replace(**now.get("pin", {})),
+                memory,
+                law._replace(**now.get("law", {})),
+            )
+
+        expected = quotient(forces, 1e-7)
+        found = np.append(nodal[:, j], on_pin[j])
+        largest = np.abs(expected[:-1]).max()
+        assert largest > 0.0 or (shape == BAR and OF_PIN[j] == "z")  # along the bar
+        np.testing.assert_allclose(found[:-1], expected[:-1], atol=2e-5 * largest)
+        np.testing.assert_allclose(found[-1], expected[-1], atol=1e-4 * largest)
+
+
+def assert_derivatives(block, name, h, rtol=1e-5):
+    """Force and field derivatives in the parameter are central differences of whole solutions."""
+    base = replace(block, sensitivities=(name,)).respond(rubber())
+    sides = [there.respond(law) for there, law in (moved(block, name, k * h) for k in (1, -1))]
+    force = (sides[0].force - sides[1].force) / (2 * h)
+    field = (sides[0].displacement - sides[1].displacement) / (2 * h)
+    assert base.parameters == (name,)
+    np.testing.assert_allclose(
+        base.force_gradient[:, 0], force, rtol=rtol, atol=rtol * np.abs(force).max()
+    )
+    np.testing.assert_allclose(
+        base.displacement_gradient[..., 0], field, atol=rtol * np.abs(field).max()
+    )
+
+
+@CONTACTS
+@pytest.mark.parametrize("name", ["height", "width", "pin_width", "contact_ramp", "travel_zero"])
+def test_derivatives_are_central_differences_of_whole_solutions(contact, name):
+    block = small(contact)
+    assert_derivatives(block, name, 1e-5)
+
+
+@pytest.mark.parametrize("name", ["friction_pin", "friction_base", "contact_slip"])
+def test_so_they_are_in_the_law_of_friction(name):
+    block = small(RUBBING)
+    assert_derivatives(block, name, 1e-5)
+
+
+SHIFTED = BlockPin(pin_shift=(0.3, 0.2), pin_rotation=10.0)
+
+
+def test_derivatives_in_the_place_of_a_turned_bar():
+    block = replace(small(STUCK, (4, 2, 1)), specimen=SHIFTED, travel=(0.1,))
+    r = replace(block, sensitivities=("pin_shift_x", "pin_shift_z", "pin_rotation")).respond(
+        rubber()
+    )
+    h = 1e-4
+    for j, change in enumerate(
+        [
+            lambda k: {"pin_shift": (0.3 + k, 0.2)},
+            lambda k: {"pin_shift": (0.3, 0.2 + k)},
+            lambda k: {"pin_rotation": 10.0 + k},
+        ]
+    ):
+        plus, minus = (
+            replace(block, specimen=replace(SHIFTED, **change(k))).respond(rubber())
+            for k in (h, -h)
+        )
+        field = (plus.displacement - minus.displacement) / (2 * h)
+        np.testing.assert_allclose(
+            r.displacement_gradient[..., j], field, atol=1e-5 * np.abs(field).max()
+        )
+
+
+@CONTACTS
+def test_the_adjoint_agrees_with_the_direct_derivatives(contact):
+    """Gradient of a sum of squares of what differs from data, in all parameters."""
+    block = small(contact)
+    block = replace(block, sensitivities=names(block))
+    rng = np.random.default_rng(0)
+    base = block.respond(rubber())
+    data = base.displacement + 0.1 * rng.standard_normal(base.displacement.shape)
+    force = base.force * 1.1
+    found = block.objective_gradients(
+        rubber(), lambda i, field, total: (field - data[i], total - force[i])
+    )
+    misfit = base.displacement - data
+    expected = (base.force - force)[:, None] * base.force_gradient
+    expected += np.einsum("ipk,ipkj->ij", misfit, base.displacement_gradient)
+    np.testing.assert_allclose(
+        found, expected, rtol=1e-8, atol=1e-8 * np.abs(expected).max(axis=0).min()
+    )
+
+
+def test_asking_for_sensitivities_does_not_change_the_solution():
+    block = small(RUBBING)
+    with_all, without = (
+        replace(block, sensitivities=asked).respond(rubber()) for asked in (names(block), ())
+    )
+    assert with_all.force.tobytes() == without.force.tobytes()
+    assert with_all.displacement.tobytes() == without.displacement.tobytes()
+    assert without.force_gradient.shape == (3, 0)
+
+
+def test_columns_come_in_the_order_asked():
+    block = small(SLIDING)
+    two, one = (
+        replace(block, sensitivities=asked)(np.array([0.4, 0.1]))
+        for asked in (("height", "r"), ("r",))
+    )
+    assert two.parameters == ("height", "r")
+    np.testing.assert_allclose(two.force_gradient[:, 1], one.force_gradient[:, 0], rtol=1e-10)
+
+
+@pytest.mark.parametrize(
+    ("block", "name"),
+    [
+        (small(STUCK), "friction_pin"),
+        (small(STUCK), "pin_shift_x"),
+        (small(STUCK), "C20"),
+        (replace(small(RUBBING)), "pin_rotation"),
+    ],
+)
+def test_an_unknown_parameter_is_refused_with_those_there_are(block, name):
+    with pytest.raises(
+        ValueError, match=rf"sensitivities: expected names among .*, found '{name}'"
+    ):
+        replace(block, sensitivities=(name,)).respond(rubber())
