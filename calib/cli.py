@@ -59,13 +59,14 @@ def _parser() -> argparse.ArgumentParser:
     )
     verbs = parser.add_subparsers(required=True, metavar="VERB")
 
-    run = verbs.add_parser("run", help="carry out a study; what is up to date is not done again")
-    run.add_argument("study", metavar="STUDY", help="study file, or name of an embedded study")
-    run.add_argument("--out", type=Path, metavar="DIR", help="results (default: runs/<name>)")
-    run.add_argument(
-        "--workers", type=_count, metavar="N", help="processes (default: as the study says; 0: all)"
-    )
-    run.set_defaults(verb=_run)
+    for name, text in (
+        ("run", "carry out a study; what is up to date is not done again"),
+        ("simulate", "run the simulations of a study's design; `run` and `train` go on from there"),
+        ("train", "train the emulators on the simulations of the design and judge them"),
+    ):
+        verb = verbs.add_parser(name, help=text)
+        _add_study(verb)
+        verb.set_defaults(verb=_run, until=name)
 
     summary = verbs.add_parser("summary", help="print the table of a posterior")
     summary.add_argument("path", type=Path, metavar="PATH", help="posterior.nc, or its folder")
@@ -93,6 +94,26 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
+def _add_study(verb: argparse.ArgumentParser) -> None:
+    """Arguments of the verbs that carry out a study, whole or in part."""
+    verb.add_argument("study", metavar="STUDY", help="study file, or name of an embedded study")
+    verb.add_argument("--out", type=Path, metavar="DIR", help="results (default: runs/<name>)")
+    verb.add_argument(
+        "--workers", type=_count, metavar="N", help="processes (default: as the study says; 0: all)"
+    )
+    verb.add_argument(
+        "--executor",
+        choices=("processes", "serial", "dask"),
+        default="processes",
+        help="where simulations run: in worker processes (default), here one by one, or in Dask",
+    )
+    verb.add_argument(
+        "--scheduler",
+        metavar="ADDRESS",
+        help="with --executor dask: tcp://HOST:PORT or scheduler file (default: workers here)",
+    )
+
+
 def _count(text: str) -> int:
     """Type of --workers."""
     if not (text.isascii() and text.isdigit()):
@@ -107,23 +128,42 @@ def _say(line: str) -> None:
 def _run(arguments: argparse.Namespace) -> int:
     from calib.study.config import load_study
 
+    _check_executor(arguments)
     study = load_study(arguments.study)
-    workers = study.compute.workers if arguments.workers is None else arguments.workers
     out = arguments.out or Path("runs") / study.name
 
     if out.exists() and not out.is_dir():
         raise ValueError(f"--out: found the file {out}, expected a folder or a new name")
 
-    from calib.study.stages import run_study
+    from calib.study.stages import HowToRun, run_part, run_study
     from fe.campaign import CampaignFailed
     from fe.executors import WorkerDied
 
+    how = HowToRun(
+        workers=arguments.workers,
+        executor=arguments.executor,
+        scheduler=arguments.scheduler,
+        echo=_say,
+    )
     try:
-        result = run_study(study, out, workers=workers, echo=_say)
+        if arguments.until != "run":
+            return _failed(run_part(study, out, arguments.until, **how))
+        return _verdict(run_study(study, out, **how).summaries)
     except (CampaignFailed, WorkerDied) as error:
         print(f"calib: {error}", file=sys.stderr)
         return FAILED
-    return _verdict(result.summaries)
+
+
+def _check_executor(arguments: argparse.Namespace) -> None:
+    """Refuse options that contradict one another."""
+    if arguments.scheduler is not None and arguments.executor != "dask":
+        raise ValueError(
+            f"--scheduler: found {arguments.scheduler} with --executor {arguments.executor}, "
+            "expected --executor dask with it"
+        )
+    fixed = "serial is one process" if arguments.scheduler is None else "the cluster has its own"
+    if arguments.workers is not None and (arguments.executor == "serial" or arguments.scheduler):
+        raise ValueError(f"--workers: found {arguments.workers}, expected none: {fixed}")
 
 
 def _summary(arguments: argparse.Namespace) -> int:
@@ -140,7 +180,11 @@ def _summary(arguments: argparse.Namespace) -> int:
 
 def _verdict(summaries: Sequence[Summary]) -> int:
     """Say which diagnostics are outside their limits; returns the exit code."""
-    failures = [f"{s.hypothesis}: {failure}" for s in summaries for failure in s.failures]
+    return _failed([f"{s.hypothesis}: {failure}" for s in summaries for failure in s.failures])
+
+
+def _failed(failures: Sequence[str]) -> int:
+    """Say what is outside the limits of the study; returns the exit code."""
     for failure in failures:
         print(f"calib: {failure}", file=sys.stderr)
     return FAILED if failures else 0

@@ -1,27 +1,41 @@
 """Finite-element samples of specimens: material, contact, equilibrium, response, campaign."""
 
-from fe.campaign import Campaign, CampaignFailed, run_campaign
-from fe.dask_executor import dask_map
+from fe.campaign import (
+    CampaignFailed,
+    CampaignPlan,
+    load_campaign,
+    run_campaign,
+    run_campaigns,
+)
+from fe.campaign_parameters import RATIOS, Parameter
+from fe.campaign_result import Campaign
+from fe.dask_executor import dask_map, dask_workers
 from fe.executors import process_map, serial_map
 from fe.progress import StepReport
 from fe.response import Response, Status, load_response, save_response
 from fe.simulate import Specimen, simulate
 from fe.specimens.block_pin import BlockPin, BlockPinModel, Contact
+from fe.specimens.block_pin_family import FAMILY, BlockPinFamily
 from fe.specimens.cylinder import Cylinder, CylinderModel
 from fe.specimens.tensile import NotchedPlate, TensileModel
 from fe.specimens.uniaxial import Bar, UniaxialModel
 from fe.vtk_export import export_vtk
 
 __all__ = [
+    "FAMILY",
+    "RATIOS",
     "Bar",
     "BlockPin",
+    "BlockPinFamily",
     "BlockPinModel",
     "Campaign",
     "CampaignFailed",
+    "CampaignPlan",
     "Contact",
     "Cylinder",
     "CylinderModel",
     "NotchedPlate",
+    "Parameter",
     "Response",
     "Specimen",
     "Status",
@@ -29,10 +43,13 @@ __all__ = [
     "TensileModel",
     "UniaxialModel",
     "dask_map",
+    "dask_workers",
     "export_vtk",
+    "load_campaign",
     "load_response",
     "process_map",
     "run_campaign",
+    "run_campaigns",
     "save_response",
     "serial_map",
     "simulate",

@@ -1,65 +1,22 @@
-"""A campaign: one simulation for every point of a design, kept in one file each and resumable."""
+"""Campaigns: a simulation at every point of a design, each kept in one file and never lost."""
 
 from __future__ import annotations
 
-import hashlib
-import json
-import re
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 
-import numpy as np
-import numpy.typing as npt
-
-from fe.atomic_file import replacing
+from fe.campaign_parameters import RATIOS, Parameter, checked_theta
+from fe.campaign_result import Campaign, is_reached
 from fe.executors import MapFn, serial_map
-from fe.response import Array, Response, Status, load_response, save_response
+from fe.fingerprint import canonical_json
+from fe.fingerprint import fingerprint as fingerprint_of
+from fe.manifest import write_manifest
+from fe.response import Array, Response
+from fe.run_files import KeptRun, keep_run, load_run, run_files, run_key
 
 Simulate = Callable[[Array], Response]
 Progress = Callable[[int, int], None]
-
-RUN_FORMAT = 1
-_RUN_NAME = re.compile(r"run_\d{4,}_([0-9a-f]{16})\.npz")
-
-
-@dataclass(frozen=True)
-class Campaign:
-    """Results of all runs of a design, in the order of the design."""
-
-    ratios: Array
-    """(n, d) design points (r, s)"""
-    responses: tuple[Response, ...]
-    """n results, failed ones among them"""
-    n_reused: int
-    """runs that were found in the store"""
-
-    def __post_init__(self) -> None:
-        if self.ratios.ndim != 2 or len(self.ratios) != len(self.responses):
-            raise ValueError(
-                f"responses: expected one for each row of ratios {self.ratios.shape}, "
-                f"got {len(self.responses)}"
-            )
-
-    @property
-    def reached(self) -> npt.NDArray[np.bool_]:
-        """(n,) whether the run converged up to its last travel."""
-        return np.array([is_reached(response) for response in self.responses], dtype=bool)
-
-    @property
-    def n_failed(self) -> int:
-        """Runs that ended before their last travel."""
-        return int(np.count_nonzero(~self.reached))
-
-    @property
-    def force(self) -> Array:
-        """(n, n_step) forces of the whole sample at kappa = 1 MPa, N; NaN where not reached."""
-        return np.stack([response.force for response in self.responses])
-
-    @property
-    def displacement(self) -> Array:
-        """(n, n_step, n_point, 3) displacements of the front face, mm; NaN where not reached."""
-        return np.stack([response.displacement for response in self.responses])
 
 
 class CampaignFailed(RuntimeError):  # noqa: N818 - says what happened
@@ -75,187 +32,213 @@ class CampaignFailed(RuntimeError):  # noqa: N818 - says what happened
         return type(self), (str(self), self.n_failed, self.n_done, self.n_total)
 
 
-def is_reached(response: Response) -> bool:
-    """Whether a run converged and holds finite forces and displacements at every travel."""
-    return response.status is Status.CONVERGED and bool(
-        np.isfinite(response.force).all() and np.isfinite(response.displacement).all()
-    )
+@dataclass(frozen=True, eq=False)
+class CampaignPlan:
+    """What is to be run and where it is kept.
+
+    Raises ValueError for a design that `checked_theta` refuses and for a fingerprint that does not
+    consist of finite JSON values, TypeError where none is given for a model that is no dataclass.
+    """
+
+    simulate: Simulate
+    """takes a row of theta; picklable, to run in other processes"""
+    theta: Array
+    """(n, d) design in the units of the parameters; a factor as the index of its level"""
+    store: Path
+    """folder of the run files and their manifest"""
+    parameters: tuple[Parameter, ...] = RATIOS
+    """the d columns of theta"""
+    fingerprint: Mapping[str, object] = field(default_factory=dict)
+    """JSON values: all that a result depends on besides theta; default: the model's fields"""
+    design: Mapping[str, object] = field(default_factory=dict)
+    """JSON values: how theta was made, its seed among them; kept in the manifest"""
+    max_failure_rate: float = 0.2
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "theta", checked_theta(self.theta, self.parameters))
+        if not self.fingerprint:
+            object.__setattr__(self, "fingerprint", fingerprint_of(self.simulate))
+        canonical_json(self.fingerprint)
+
+    def keys(self) -> list[str]:
+        """Names of the n runs."""
+        return [run_key(row, self.parameters, self.fingerprint) for row in self.theta]
 
 
 def run_campaign(
     simulate: Simulate,
-    ratios: Array,
+    theta: Array,
     store: Path,
     *,
-    fingerprint: dict[str, object],
+    parameters: tuple[Parameter, ...] = RATIOS,
+    fingerprint: Mapping[str, object] | None = None,
+    design: Mapping[str, object] | None = None,
     map_fn: MapFn | None = None,
     progress: Progress | None = None,
     max_failure_rate: float = 0.2,
 ) -> Campaign:
-    """Run `simulate` for each row of `ratios` (n, d), reusing the runs that `store` holds.
+    """Run `simulate` for each row of `theta` (n, d), reusing the runs that `store` holds.
 
-    `fingerprint` (JSON values) must hold all that the result depends on besides the ratios. A run
-    is known by the hash of both, so a changed design reuses the points it shares with the old one.
-    Each result is written atomically as it arrives; a killed campaign goes on where it was.
-    `progress(done, total)` is called at the start and after each run.
-
-    Raises ValueError for ratios that are not finite or a file in `store` that is damaged or
-    foreign (naming it), CampaignFailed once more than `max_failure_rate` of all runs have failed,
-    and whatever `simulate` raises (numerical failure is a status, not an exception).
+    See `CampaignPlan` for the arguments and `run_campaigns` for what happens and is raised.
     """
-    ratios = _checked_ratios(ratios)
-    canonical = _canonical_json(fingerprint)
-    keys = [run_key(row, fingerprint) for row in ratios]
-    store.mkdir(parents=True, exist_ok=True)
-    paths = _known_files(store)
-    found = {key: _load_run(paths[key], key) for key in dict.fromkeys(keys) if key in paths}
-    n_reused = sum(key in found for key in keys)
-    missing = _first_rows(keys, found)
-    results = (map_fn or serial_map)(simulate, [ratios[index] for index in missing])
+    plan = CampaignPlan(
+        simulate, theta, store, parameters, fingerprint or {}, design or {}, max_failure_rate
+    )
+    [campaign] = run_campaigns([plan], map_fn, progress)
+    return campaign
+
+
+def run_campaigns(
+    plans: Sequence[CampaignPlan],
+    map_fn: MapFn | None = None,
+    progress: Progress | None = None,
+) -> list[Campaign]:
+    """Run what is missing of all plans in one map, so that no core waits between them.
+
+    Give the plans with the longest runs first, so that none waits at the end either. A run is
+    known by the hash of its parameters and the fingerprint, so a changed design reuses the points
+    that it shares with the old one. Each result is written atomically as it arrives: a campaign
+    that was killed goes on where it was, and ends with the same numbers. `progress(done, total)`
+    is called at the start and after each run, with the runs of all plans.
+
+    Raises ValueError for a file in a store that is damaged or foreign (naming it), CampaignFailed
+    once more than `max_failure_rate` of all runs of a plan have failed, and whatever a simulation
+    raises (numerical failure is a status, not an exception).
+    """
+    ledgers = [_Ledger.of(plan) for plan in plans]
+    items = [(which, row) for which, ledger in enumerate(ledgers) for row in ledger.missing()]
+    models = _OneOf(tuple(plan.simulate for plan in plans))
+    rows = [(which, plans[which].theta[row]) for which, row in items]
+    results = (map_fn or serial_map)(models, rows) if rows else iter(())
     try:
-        _report(keys, found, progress, max_failure_rate)
+        for ledger in ledgers:
+            ledger.write_manifest()
+            ledger.check_failures()
+        _tell(progress, ledgers)
         for position, response in results:
-            index = missing[position]
-            paths[keys[index]] = keep_run(store, index, ratios[index], fingerprint, response)
-            found[keys[index]] = response
-            _report(keys, found, progress, max_failure_rate)
+            which, row = items[position]
+            ledgers[which].keep(row, response)
+            _tell(progress, ledgers)
+            ledgers[which].check_failures()
     finally:
         # The traceback of an interrupt would keep the iterator, and so its workers, alive.
         close = getattr(results, "close", None)
         if close is not None:
             close()
-        _write_manifest(store, ratios, keys, canonical, found, paths)
-    return Campaign(ratios, tuple(found[key] for key in keys), n_reused)
+        for ledger in ledgers:
+            ledger.write_manifest()
+    return [ledger.campaign() for ledger in ledgers]
 
 
-def keep_run(
-    store: Path, index: int, ratios: Array, fingerprint: dict[str, object], response: Response
-) -> Path:
-    """Write the run at ratios (d,) where a campaign in `store` will find it; returns the file."""
-    path = store / f"run_{index:04d}_{run_key(ratios, fingerprint)}.npz"
-    canonical = np.asarray(_canonical_json(fingerprint))
-    save_response(path, response, ratios=ratios, fingerprint=canonical)
-    return path
+def load_campaign(plan: CampaignPlan) -> Campaign:
+    """A finished campaign; runs and writes nothing.
 
-
-def run_key(ratios: Array, fingerprint: dict[str, object]) -> str:
-    """Name of one run: 16 hex digits of the SHA-256 of the ratios (all bits) and the fingerprint.
-
-    Raises ValueError when the fingerprint does not consist of JSON values.
+    Raises ValueError when runs are missing, damaged or foreign.
     """
-    return _key(np.asarray(ratios, dtype=np.float64), _canonical_json(fingerprint))
-
-
-def _key(ratios: Array, canonical: str) -> str:
-    exact = [float(value + 0.0).hex() for value in ratios]  # + 0.0: -0.0 and 0.0 are one point
-    text = json.dumps([RUN_FORMAT, exact, canonical])
-    return hashlib.sha256(text.encode()).hexdigest()[:16]
-
-
-def _canonical_json(fingerprint: dict[str, object]) -> str:
-    try:
-        return json.dumps(fingerprint, sort_keys=True, allow_nan=False)
-    except (TypeError, ValueError) as error:
+    ledger = _Ledger.of(plan)
+    missing = ledger.missing()
+    if missing:
         raise ValueError(
-            f"fingerprint: must consist of finite JSON values ({error}); convert arrays to lists"
-        ) from error
+            f"{plan.store}: expected all {len(plan.theta)} runs of the campaign, found "
+            f"{len(missing)} missing; run the campaign first"
+        )
+    return ledger.campaign()
 
 
-def _checked_ratios(ratios: Array) -> Array:
-    ratios = np.array(ratios, dtype=np.float64)
-    if ratios.ndim != 2 or ratios.size == 0:
-        raise ValueError(f"ratios: must be a non-empty (n, d) array, got shape {ratios.shape}")
-    if not np.isfinite(ratios).all():
-        row = int(np.flatnonzero(~np.isfinite(ratios).all(axis=1))[0])
-        raise ValueError(f"ratios: must be finite, got {ratios[row].tolist()} in row {row}")
-    return ratios
+def load_response_at(plan: CampaignPlan, row: int = 0) -> Response | None:
+    """The result of one row of a plan when its store has it, else None."""
+    path = run_files(plan.store).get(plan.keys()[row])
+    return None if path is None else load_run(path).response
 
 
-def _known_files(store: Path) -> dict[str, Path]:
-    """Run files of the store by key; those of another design stay where they are, unread."""
-    paths: dict[str, Path] = {}
-    for path in sorted(store.glob("run_*.npz")):
-        match = _RUN_NAME.fullmatch(path.name)
-        if match is None:
-            raise ValueError(
-                f"{path}: not a file of a campaign (expected run_<index>_<hash>.npz); move it away"
+@dataclass(frozen=True)
+class _OneOf:
+    """Runs the model with the given index at the given row."""
+
+    models: tuple[Simulate, ...]
+
+    def __call__(self, item: tuple[int, Array]) -> Response:
+        which, row = item
+        return self.models[which](row)
+
+
+@dataclass(frozen=True, eq=False)
+class _Ledger:
+    """What a store holds of a plan; grows as results arrive."""
+
+    plan: CampaignPlan
+    keys: list[str]
+    runs: dict[str, tuple[Path, KeptRun]]
+    unused: list[Path]
+    n_reused: int
+
+    @classmethod
+    def of(cls, plan: CampaignPlan) -> _Ledger:
+        keys = plan.keys()
+        paths = run_files(plan.store)
+        runs = {key: (paths[key], load_run(paths[key])) for key in keys if key in paths}
+        unused = [path for key, path in paths.items() if key not in set(keys)]
+        return cls(plan, keys, runs, unused, sum(key in runs for key in keys))
+
+    def missing(self) -> list[int]:
+        """Rows to run: the first of each key that is not there (equal points are run once)."""
+        first: dict[str, int] = {}
+        for row, key in enumerate(self.keys):
+            if key not in self.runs:
+                first.setdefault(key, row)
+        return list(first.values())
+
+    def keep(self, row: int, response: Response) -> None:
+        plan = self.plan
+        self.runs[self.keys[row]] = keep_run(
+            plan.store, row, plan.theta[row], plan.parameters, plan.fingerprint, response
+        )
+
+    def done(self) -> list[Response]:
+        return [self.runs[key][1].response for key in self.keys if key in self.runs]
+
+    def check_failures(self) -> None:
+        """Stop as soon as too many have failed for the whole campaign.
+
+        Failures are held against the number of all runs, not of those done: whether a campaign
+        fails then does not depend on the order in which its runs end.
+        """
+        done, total, rate = self.done(), len(self.keys), self.plan.max_failure_rate
+        failed = [response for response in done if not is_reached(response)]
+        if len(failed) > rate * total:
+            names = ", ".join(parameter.name for parameter in self.plan.parameters)
+            raise CampaignFailed(
+                f"{self.plan.store.name}: {len(failed)} of {total} runs failed ({len(done)} done), "
+                f"more than the {rate:.0%} allowed; one stopped at {failed[0].reached:.3g} mm: "
+                f"{failed[0].message}; narrow the range of {names}, change the mesh or lower the "
+                "largest travel",
+                n_failed=len(failed),
+                n_done=len(done),
+                n_total=total,
             )
-        paths.setdefault(match[1], path)
-    return paths
 
-
-def _load_run(path: Path, key: str) -> Response:
-    try:
-        response = load_response(path)
-        with np.load(path, allow_pickle=False) as stored:
-            inside = _key(stored["ratios"], str(stored["fingerprint"]))
-    except Exception as error:  # zip, zlib and struct errors: a damaged file fails in many ways
-        raise ValueError(
-            f"{path}: damaged run of the campaign ({error}); delete it to run it again"
-        ) from error
-    if inside != key:
-        raise ValueError(
-            f"{path}: foreign run: its content belongs to {inside}, not to {key} as its name says; "
-            "delete it to run it again"
+    def write_manifest(self) -> None:
+        plan = self.plan
+        plan.store.mkdir(parents=True, exist_ok=True)
+        kept = [self.runs.get(key) for key in self.keys]
+        write_manifest(
+            plan.store,
+            plan.theta,
+            plan.parameters,
+            plan.fingerprint,
+            plan.design,
+            kept,
+            self.unused,
         )
-    return response
+
+    def campaign(self) -> Campaign:
+        plan = self.plan
+        return Campaign(
+            plan.theta, tuple(self.done()), self.n_reused, plan.parameters, tuple(self.unused)
+        )
 
 
-def _first_rows(keys: list[str], found: dict[str, Response]) -> list[int]:
-    """Rows to run: the first of each key that is not there (equal points are run once)."""
-    first: dict[str, int] = {}
-    for index, key in enumerate(keys):
-        if key not in found:
-            first.setdefault(key, index)
-    return list(first.values())
-
-
-def _report(
-    keys: list[str],
-    found: dict[str, Response],
-    progress: Progress | None,
-    max_failure_rate: float,
-) -> None:
-    """Tell the progress; stop as soon as too many have failed for the whole campaign.
-
-    Failures are held against the number of all runs, not of those done: whether a campaign
-    fails then does not depend on the order in which its runs end.
-    """
-    done = [key for key in keys if key in found]
+def _tell(progress: Progress | None, ledgers: Sequence[_Ledger]) -> None:
     if progress is not None:
-        progress(len(done), len(keys))
-    failed = [found[key] for key in done if not is_reached(found[key])]
-    if len(failed) > max_failure_rate * len(keys):
-        raise CampaignFailed(
-            f"{len(failed)} of {len(keys)} runs failed ({len(done)} done), more than the "
-            f"{max_failure_rate:.0%} allowed; one stopped at {failed[0].reached:.3g} mm: "
-            f"{failed[0].message}; narrow the range of the ratios, change the mesh or lower the "
-            "largest travel",
-            n_failed=len(failed),
-            n_done=len(done),
-            n_total=len(keys),
-        )
-
-
-def _write_manifest(
-    store: Path,
-    ratios: Array,
-    keys: list[str],
-    canonical: str,
-    found: dict[str, Response],
-    paths: dict[str, Path],
-) -> None:
-    """Table of contents for readers; written from the run files, never read back."""
-    runs = [
-        {
-            "index": index,
-            "ratios": [float(value) for value in ratios[index]],
-            "file": paths[key].name if key in found else None,
-            "status": str(found[key].status) if key in found else "missing",
-            "reached_mm": found[key].reached if key in found else None,
-        }
-        for index, key in enumerate(keys)
-    ]
-    content = {"format": RUN_FORMAT, "fingerprint": json.loads(canonical), "runs": runs}
-    with replacing(store / "manifest.json") as temporary:
-        temporary.write_text(json.dumps(content, indent=1))
+        done = sum(len(ledger.done()) for ledger in ledgers)
+        progress(done, sum(len(ledger.keys) for ledger in ledgers))

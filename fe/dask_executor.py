@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable, Generator, Iterator, Sequence
-from typing import TYPE_CHECKING, TypeVar
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
 
-from fe.executors import MapFn
+from fe.executors import SINGLE_THREAD, MapFn, WorkerDied, usable_cores
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -13,17 +15,23 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 R = TypeVar("R")
 
+CONNECT_SECONDS = 10.0
+"""how long a scheduler has to answer"""
+
 
 def dask_map(client: Client) -> MapFn:
     """Map over the workers of the cluster that `client` is connected to.
 
-    Results are yielded as they come. When the caller closes the iterator or is interrupted, what
-    has not begun is cancelled. An exception of `f` is raised here, and
-    `distributed.KilledWorker` when workers vanish. Start the workers with one thread each
+    Results are yielded as they come. An item whose worker vanishes is repeated by another; with no
+    worker left, the map waits for new ones. When the caller closes the iterator or is interrupted,
+    what has not begun is cancelled. An exception of `f` is raised here, and `WorkerDied` when an
+    item has ended several workers, or the cluster is closed. Start the workers with one thread each
     (`threads_per_worker=1`, OMP_NUM_THREADS=1) to get the results of `fe.executors.process_map`.
     Raises ImportError when the extra `dask` is not installed.
     """
-    from distributed import as_completed
+    from concurrent.futures import CancelledError
+
+    from distributed import KilledWorker, as_completed
 
     def mapped(f: Callable[[T], R], items: Sequence[T], /) -> Iterator[tuple[int, R]]:
         return results(f, items)
@@ -34,8 +42,71 @@ def dask_map(client: Client) -> MapFn:
         index = {future.key: i for i, future in enumerate(futures)}
         try:
             for future in as_completed(futures):
-                yield index[future.key], future.result()
+                result = future.result()
+                yield index.pop(future.key), result
+                # Dask would repeat a run that it keeps when the worker that has the result ends.
+                future.release()
+            if index:
+                raise WorkerDied(f"the Dask cluster ended with {len(index)} items to go")
+        except KilledWorker as error:
+            raise WorkerDied(
+                f"workers of the Dask cluster ended in the same item, one after another ({error}); "
+                "it may need more memory than they have"
+            ) from error
+        except CancelledError as error:
+            raise WorkerDied(f"the Dask cluster ended with {len(index)} items to go") from error
         finally:
-            client.cancel(futures)
+            if client.status == "running":
+                client.cancel(futures)
 
     return mapped
+
+
+@contextlib.contextmanager
+def dask_workers(scheduler: str | None = None, n_workers: int = 0) -> Iterator[MapFn]:
+    """The map of a running cluster, or of one started here that ends with the context.
+
+    `scheduler` is an address such as "tcp://node7:8786" or the file that the scheduler wrote;
+    without it, `n_workers` processes of one thread are started on this machine (0: one a core).
+    Raises ValueError when the extra `dask` is not installed or no scheduler answers.
+    """
+    try:
+        from distributed import Client
+    except ImportError as error:
+        raise ValueError(
+            "executor: found no package `distributed`, expected the extra dask: "
+            "pip install 'softcal[dask]'"
+        ) from error
+    with contextlib.ExitStack() as stack:
+        if scheduler is None:
+            client = Client(stack.enter_context(_local_cluster(n_workers or usable_cores())))
+        else:
+            client = _connected(Client, scheduler)
+        yield dask_map(stack.enter_context(client))
+
+
+def _local_cluster(n_workers: int) -> Any:
+    import dask
+    from distributed import LocalCluster
+
+    # Workers are spawned: libraries read these when they are first imported there.
+    environment = "distributed.nanny.pre-spawn-environ"
+    with dask.config.set({f"{environment}.{k}": v for k, v in SINGLE_THREAD.items()}):
+        return LocalCluster(
+            n_workers=n_workers,
+            threads_per_worker=1,
+            processes=True,
+            dashboard_address="127.0.0.1:0",
+        )
+
+
+def _connected(connect: Callable[..., Client], scheduler: str) -> Client:
+    is_file = Path(scheduler).is_file()  # Dask would wait for one that is not there
+    place = {"scheduler_file": scheduler} if is_file else {"address": scheduler}
+    try:
+        return connect(**place, timeout=CONNECT_SECONDS)
+    except (OSError, ValueError) as error:  # TimeoutError is an OSError
+        raise ValueError(
+            f"scheduler: found none that answers at {scheduler!r}, expected its address "
+            "(tcp://HOST:PORT) or scheduler file"
+        ) from error

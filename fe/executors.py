@@ -59,7 +59,7 @@ def process_map(n_workers: int = 0) -> MapFn:
     """
     if n_workers < 0:
         raise ValueError(f"n_workers: must be 0 (all cores) or more, got {n_workers}")
-    count = n_workers or _usable_cores()
+    count = n_workers or usable_cores()
 
     def mapped(f: Callable[[T], R], items: Sequence[T], /) -> Iterator[tuple[int, R]]:
         return _map_over_workers(f, items, count)
@@ -67,7 +67,8 @@ def process_map(n_workers: int = 0) -> MapFn:
     return mapped
 
 
-def _usable_cores() -> int:
+def usable_cores() -> int:
+    """Cores that this process may use."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1

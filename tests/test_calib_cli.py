@@ -26,9 +26,11 @@ class Recorder:
     def __init__(self, error: BaseException | None = None, failures: tuple[str, ...] = ()) -> None:
         self.summaries = (SimpleNamespace(hypothesis="stuck", failures=failures),)
         self.error = error
-        self.calls: list[tuple[Study, Path, int]] = []
+        self.calls: list[tuple[Study, Path, int | None]] = []
+        self.executors: list[tuple[str, str | None]] = []
 
-    def __call__(self, study, out, *, workers, echo):
+    def __call__(self, study, out, *, workers, executor, scheduler, echo):
+        self.executors.append((executor, scheduler))
         self.calls.append((study, out, workers))
         if self.error is not None:
             raise self.error
@@ -64,12 +66,13 @@ def test_without_a_verb_the_usage_is_shown(capsys):
     assert "usage: calib" in capsys.readouterr().err
 
 
-def test_run_takes_folder_and_workers_from_the_study(run_study, capsys):
+def test_run_leaves_folder_and_workers_to_the_study(run_study, capsys):
     recorder = run_study()
     assert cli.main(["run", "thesis-forces"]) == 0
     study, out, workers = recorder.calls[0]
     assert study == load_study("thesis-forces")
-    assert (out, workers) == (Path("runs/thesis-forces"), study.compute.workers)
+    assert (out, workers) == (Path("runs/thesis-forces"), None)
+    assert recorder.executors == [("processes", None)]
     assert capsys.readouterr().out == "done\n"
 
 
@@ -77,6 +80,73 @@ def test_run_takes_folder_and_workers_from_the_command_line(run_study, tmp_path)
     recorder = run_study()
     assert cli.main(["run", "virtual", "--out", str(tmp_path), "--workers", "2"]) == 0
     assert recorder.calls[0][1:] == (tmp_path, 2)
+
+
+class PartRecorder:
+    """Stands for `run_part`: notes how it was called."""
+
+    def __init__(self, failures: tuple[str, ...] = ()) -> None:
+        self.failures = failures
+        self.calls: list[tuple[str, Path, str]] = []
+
+    def __call__(self, study, out, until, *, workers, executor, scheduler, echo):
+        self.calls.append((study.name, out, until))
+        return self.failures
+
+
+@pytest.mark.parametrize("verb", ["simulate", "train"])
+def test_parts_of_a_study_are_verbs(verb, monkeypatch, capsys):
+    recorder = PartRecorder()
+    monkeypatch.setattr("calib.study.stages.run_part", recorder)
+    assert cli.main([verb, "thesis-forces"]) == 0
+    assert recorder.calls == [("thesis-forces", Path("runs/thesis-forces"), verb)]
+    monkeypatch.setattr("calib.study.stages.run_part", PartRecorder(("stuck: force error",)))
+    assert cli.main([verb, "thesis-forces"]) == cli.FAILED
+    assert capsys.readouterr().err == "calib: stuck: force error\n"
+
+
+@pytest.mark.parametrize("verb", ["run", "simulate", "train"])
+def test_every_verb_refuses_a_wrong_study_in_one_sentence(verb, tmp_path, capsys):
+    assert cli.main([verb, str(tmp_path / "none.toml")]) == cli.WRONG_INPUT
+    captured = capsys.readouterr()
+    assert "found no such file" in captured.err and captured.err.count("\n") == 1
+
+
+def test_the_executor_is_chosen_on_the_command_line(run_study):
+    recorder = run_study()
+    address = "tcp://node7:8786"
+    cli.main(["run", "virtual", "--executor", "dask", "--scheduler", address])
+    cli.main(["run", "virtual", "--executor", "serial"])
+    assert recorder.executors == [("dask", address), ("serial", None)]
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--scheduler", "tcp://h:1"], "--scheduler: found tcp://h:1 with --executor processes"),
+        (["--executor", "serial", "--workers", "2"], "--workers: found 2, expected none: serial"),
+        (
+            ["--executor", "dask", "--scheduler", "tcp://h:1", "--workers", "2"],
+            "--workers: found 2, expected none: the cluster has its own",
+        ),
+    ],
+)
+def test_executors_that_contradict_themselves_are_refused(run_study, options, message, capsys):
+    recorder = run_study()
+    assert cli.main(["run", "virtual", *options]) == cli.WRONG_INPUT
+    assert recorder.calls == []
+    error = capsys.readouterr().err
+    assert error.startswith(f"calib: {message}") and error.count("\n") == 1
+
+
+def test_a_scheduler_that_does_not_answer_is_one_sentence(monkeypatch, tmp_path, capsys):
+    pytest.importorskip("distributed")
+    monkeypatch.setattr("fe.dask_executor.CONNECT_SECONDS", 0.3)
+    options = ["--executor", "dask", "--scheduler", "tcp://127.0.0.1:9", "--out", str(tmp_path)]
+    assert cli.main(["simulate", "thesis-forces", *options]) == cli.WRONG_INPUT
+    error = capsys.readouterr().err
+    assert error.startswith("calib: scheduler: found none that answers at 'tcp://127.0.0.1:9'")
+    assert error.count("\n") == 1
 
 
 @pytest.mark.parametrize("workers", ["-1", "two", "1.5", ""])

@@ -14,16 +14,18 @@ from analytic_block import AnalyticBlock, analytic_block
 
 from calib.inference.coordinates import CONSTANTS
 from calib.study.config import Study, StudyError, load_study
-from calib.study.context import Context, fingerprint, stream
+from calib.study.context import Context, stream
 from calib.study.data_stage import at_increments, load_data
 from calib.study.mesh_error import MeshError, load_mesh_error
 from calib.study.posterior_setup import marginal
 from calib.study.sections import Cells, Hypothesis, ParameterPrior, Virtual
-from calib.study.stages import StudyResult, run_stages, run_study, stages_of
+from calib.study.stage_list import stages_of
+from calib.study.stages import StudyResult, run_stages, run_study
 from calib.study.summary import load_summary, to_json
 from calib.study.virtual_stage import run as run_virtual
 from fe.campaign import CampaignFailed
 from fe.executors import serial_map
+from fe.fingerprint import fingerprint
 
 
 def small(name: str) -> Study:

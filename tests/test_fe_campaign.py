@@ -12,8 +12,11 @@ import numpy as np
 import pytest
 from toy_simulation import FINGERPRINT, RATIOS, Raises, Toy, assert_same, files, run
 
-from fe.campaign import Campaign, CampaignFailed, run_campaign, run_key
+from fe.campaign import CampaignFailed, run_campaign
+from fe.campaign_parameters import RATIOS as R_AND_S
+from fe.campaign_result import Campaign
 from fe.response import Status
+from fe.run_files import run_key
 
 
 def test_results_follow_the_design_and_each_run_has_one_file(tmp_path: Path) -> None:
@@ -32,10 +35,10 @@ def test_a_finished_campaign_is_not_run_again(tmp_path: Path) -> None:
 
 
 def test_a_changed_design_runs_only_its_new_points(tmp_path: Path) -> None:
-    run(tmp_path / "store", ratios=RATIOS[:4])
+    run(tmp_path / "store", theta=RATIOS[:4])
     log = tmp_path / "log"
     changed = np.vstack([[0.9, 0.4], RATIOS[3], RATIOS[1]])
-    campaign = run(tmp_path / "store", Toy(log=str(log)), ratios=changed)
+    campaign = run(tmp_path / "store", Toy(log=str(log)), theta=changed)
     assert log.read_text().splitlines() == ["[0.9, 0.4]"]
     assert campaign.n_reused == 2
     np.testing.assert_array_equal(campaign.responses[1].force, Toy()(RATIOS[3]).force)
@@ -51,7 +54,7 @@ def test_a_changed_fingerprint_runs_everything_again(tmp_path: Path) -> None:
 def test_equal_points_are_run_once(tmp_path: Path) -> None:
     log = tmp_path / "log"
     ratios = np.array([[0.0, 0.2], [0.5, 0.2], [-0.0, 0.2]])
-    campaign = run(tmp_path / "store", Toy(log=str(log)), ratios=ratios)
+    campaign = run(tmp_path / "store", Toy(log=str(log)), theta=ratios)
     assert len(log.read_text().splitlines()) == 2
     np.testing.assert_array_equal(campaign.force[0], campaign.force[2])
 
@@ -59,9 +62,11 @@ def test_equal_points_are_run_once(tmp_path: Path) -> None:
 def test_the_key_depends_on_every_bit_of_the_ratios_and_on_the_fingerprint_alone() -> None:
     here = np.array([0.1, 0.2])
     reordered = dict(reversed(FINGERPRINT.items()))
-    assert run_key(here, FINGERPRINT) == run_key(here.copy(), reordered)
-    assert run_key(here, FINGERPRINT) != run_key(np.nextafter(here, 1.0), FINGERPRINT)
-    assert run_key(here, FINGERPRINT) != run_key(here[::-1], FINGERPRINT)
+    key = run_key(here, R_AND_S, FINGERPRINT)
+    assert key == run_key(here.copy(), R_AND_S, reordered)
+    assert key != run_key(np.nextafter(here, 1.0), R_AND_S, FINGERPRINT)
+    assert key != run_key(here[::-1], R_AND_S, FINGERPRINT)
+    assert key != run_key(here, R_AND_S[::-1], FINGERPRINT)
 
 
 def test_an_interrupt_in_the_parent_closes_the_map_and_keeps_what_arrived(tmp_path: Path) -> None:
@@ -97,7 +102,7 @@ def test_a_damaged_run_is_refused_by_name(tmp_path: Path, damage: str) -> None:
 
 def test_any_flipped_byte_of_a_run_is_either_harmless_or_refused_by_name(tmp_path: Path) -> None:
     one = RATIOS[:1]
-    reference = run(tmp_path, ratios=one)
+    reference = run(tmp_path, theta=one)
     path = next(tmp_path.glob("run_*.npz"))
     intact = path.read_bytes()
     n_refused = 0
@@ -106,7 +111,7 @@ def test_any_flipped_byte_of_a_run_is_either_harmless_or_refused_by_name(tmp_pat
         content[position] ^= 0xFF
         path.write_bytes(content)
         try:
-            campaign = run(tmp_path, ratios=one)
+            campaign = run(tmp_path, theta=one)
         except ValueError as error:
             assert path.name in str(error)
             n_refused += 1
@@ -132,11 +137,11 @@ def test_a_file_that_is_not_of_a_campaign_is_refused_by_name(tmp_path: Path) -> 
 def test_a_failed_run_is_kept_with_its_status_and_not_repeated(tmp_path: Path) -> None:
     simulate = Toy(fails_above=0.9)
     ratios = np.vstack([RATIOS[1], np.column_stack([np.linspace(0, 0.8, 6), np.full(6, 0.1)])])
-    campaign = run(tmp_path, simulate, ratios=ratios)
+    campaign = run(tmp_path, simulate, theta=ratios)
     assert campaign.n_failed == 1
     assert campaign.responses[0].status is Status.STOPPED
     np.testing.assert_array_equal(campaign.reached, [False] + [True] * 6)
-    again = run(tmp_path, Raises(), ratios=ratios)
+    again = run(tmp_path, Raises(), theta=ratios)
     assert again.n_failed == 1 and again.n_reused == 7
     runs = json.loads((tmp_path / "manifest.json").read_text())["runs"]
     assert runs[0]["status"] == "stopped" and runs[0]["reached_mm"] == 0.8
@@ -152,36 +157,34 @@ def test_a_converged_run_with_numbers_that_are_not_finite_does_not_count_as_reac
 def test_a_campaign_stops_as_soon_as_too_many_runs_have_failed(tmp_path: Path) -> None:
     ratios = np.column_stack([np.linspace(1.0, 0.0, 10), np.zeros(10)])
     with pytest.raises(CampaignFailed, match="3 of 10 runs failed") as caught:
-        run(tmp_path, Toy(fails_above=0.5), ratios=ratios)
+        run(tmp_path, Toy(fails_above=0.5), theta=ratios)
     assert (caught.value.n_failed, caught.value.n_done, caught.value.n_total) == (3, 3, 10)
     assert len(files(tmp_path)) == 3
 
 
 def test_a_fifth_of_failed_runs_is_still_accepted(tmp_path: Path) -> None:
     ratios = np.column_stack([np.linspace(1.0, 0.0, 10), np.zeros(10)])
-    assert run(tmp_path, Toy(fails_above=0.85), ratios=ratios).n_failed == 2
+    assert run(tmp_path, Toy(fails_above=0.85), theta=ratios).n_failed == 2
 
 
 def test_progress_counts_from_the_reused_runs_to_all(tmp_path: Path) -> None:
-    run(tmp_path, ratios=RATIOS[:2])
+    run(tmp_path, theta=RATIOS[:2])
     calls: list[tuple[int, int]] = []
     run(tmp_path, progress=lambda done, total: calls.append((done, total)))
     assert calls == [(2, 6), (3, 6), (4, 6), (5, 6), (6, 6)]
 
 
 @pytest.mark.parametrize(
-    ("ratios", "message"),
+    ("theta", "message"),
     [
-        (np.ones(3), r"ratios: must be a non-empty \(n, d\) array, got shape \(3,\)"),
+        (np.ones(3), r"theta: must be a non-empty \(n, d\) array, got shape \(3,\)"),
         (np.ones((0, 2)), r"got shape \(0, 2\)"),
-        (np.array([[0.1, 0.2], [np.nan, 0.2]]), "ratios: must be finite, got .* in row 1"),
+        (np.array([[0.1, 0.2], [np.nan, 0.2]]), "theta: must be finite, got .* in row 1"),
     ],
 )
-def test_ratios_that_are_no_design_are_refused(
-    tmp_path: Path, ratios: np.ndarray, message: str
-) -> None:
+def test_what_is_no_design_is_refused(tmp_path: Path, theta: np.ndarray, message: str) -> None:
     with pytest.raises(ValueError, match=message):
-        run(tmp_path, ratios=ratios)
+        run(tmp_path, theta=theta)
 
 
 @pytest.mark.parametrize("value", [np.ones(2), float("nan"), {1, 2}])

@@ -11,13 +11,12 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-import numpy as np
 import pytest
-from toy_simulation import FINGERPRINT, RATIOS, Toy, assert_same, files, run
+from toy_simulation import FINGERPRINT, MANY, RATIOS, Toy, assert_same, files, run
 
-from fe.campaign import run_key
+from fe.campaign_parameters import RATIOS as R_AND_S
 from fe.executors import process_map
-from fe.response import save_response
+from fe.run_files import keep_run
 
 
 def test_one_and_two_worker_processes_give_the_same_bits(tmp_path: Path) -> None:
@@ -37,6 +36,7 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 sys.path.insert(0, {tests!r})
 import toy_simulation as t
 from fe.campaign import run_campaign
+from fe.campaign_parameters import RATIOS as R_AND_S
 from fe.executors import process_map
 if __name__ == "__main__":
     simulate = t.Toy(seconds={seconds}, log={log!r})
@@ -46,6 +46,10 @@ if __name__ == "__main__":
         map_fn=process_map({n_workers}),
     )
 """
+
+
+def _environment() -> dict[str, str]:
+    return {**os.environ, "PYTHONPATH": str(Path(__file__).parents[1])}
 
 
 def _start_campaign(folder: Path, n_workers: int, seconds: float) -> subprocess.Popen[str]:
@@ -58,11 +62,9 @@ def _start_campaign(folder: Path, n_workers: int, seconds: float) -> subprocess.
             n_workers=n_workers,
         )
     )
-    root = str(Path(__file__).parents[1])
     return subprocess.Popen(
         [sys.executable, str(script), str(folder / "store")],
-        cwd=root,
-        env={**os.environ, "PYTHONPATH": root},
+        env=_environment(),
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
@@ -90,37 +92,35 @@ def _session_is_empty(session: int) -> bool:
     return False
 
 
-@pytest.mark.parametrize("n_workers", [1, 2])
-def test_a_killed_campaign_goes_on_where_it_was_with_the_same_bits(
-    tmp_path: Path, n_workers: int
+@pytest.mark.parametrize(("n_workers", "n_kills"), [(0, 20), (1, 5), (2, 5)])
+def test_a_campaign_killed_again_and_again_ends_with_the_same_bits(
+    tmp_path: Path, n_workers: int, n_kills: int
 ) -> None:
-    process = _start_campaign(tmp_path, n_workers, seconds=0.4)
+    # Kills fall anywhere: while workers start, within a run, within the writing of a file.
     store = tmp_path / "store"
-    _wait_until(lambda: len(files(store)) >= 2, "two finished runs")
-    process.kill()
-    process.communicate()
-    n_before = len(files(store))
-    assert 2 <= n_before < len(RATIOS)
-    _wait_until(lambda: _session_is_empty(process.pid), "workers gone with their parent")
+    program = Path(__file__).parent / "kill_again_and_again.py"
+    command = [sys.executable, str(program), str(store), str(n_workers), str(n_kills)]
+    result = subprocess.run(
+        command, capture_output=True, text=True, timeout=300, check=False, env=_environment()
+    )
+    assert result.returncode == 0, result.stderr
+    n_kept = int(result.stdout)
+    assert n_kills - 1 <= n_kept < len(MANY)
 
-    resumed = run(store, map_fn=process_map(n_workers))
-    undisturbed = run(tmp_path / "undisturbed", map_fn=process_map(1))
-    assert resumed.n_reused == n_before
+    resumed = run(store, theta=MANY)
+    undisturbed = run(tmp_path / "undisturbed", theta=MANY)
+    assert resumed.n_reused == n_kept
     assert_same(resumed, undisturbed)
     assert files(store) == files(tmp_path / "undisturbed")
+    manifests = [path / "manifest.json" for path in (store, tmp_path / "undisturbed")]
+    assert manifests[0].read_bytes() == manifests[1].read_bytes()
 
 
 def test_ctrl_c_ends_the_workers_at_once_and_keeps_the_finished_runs(tmp_path: Path) -> None:
     process = _start_campaign(tmp_path, n_workers=2, seconds=600.0)
     store = tmp_path / "store"
     store.mkdir()
-    response = Toy()(RATIOS[0])
-    save_response(
-        store / f"run_0000_{run_key(RATIOS[0], FINGERPRINT)}.npz",
-        response,
-        ratios=RATIOS[0],
-        fingerprint=np.asarray(json.dumps(FINGERPRINT, sort_keys=True)),
-    )
+    keep_run(store, 0, RATIOS[0], R_AND_S, FINGERPRINT, Toy()(RATIOS[0]))
     _wait_until(lambda: _n_started(tmp_path) >= 2, "two runs under way")
     os.killpg(process.pid, signal.SIGINT)  # what a terminal does: parent and workers get it
     # On a busy machine this may take a while, but never as long as a run.

@@ -1,17 +1,22 @@
-"""A campaign on a Dask cluster gives what it gives in worker processes."""
+"""A campaign on a Dask cluster gives what it gives in worker processes, whoever is killed."""
 
 from __future__ import annotations
 
+import os
+import signal
+import threading
 import time
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from toy_simulation import FINGERPRINT, RATIOS, Raises, Toy
+from toy_simulation import FINGERPRINT, RATIOS, Raises, Toy, assert_same, files, run
 
-from fe import dask_map, process_map, run_campaign
+from fe import Response, dask_map, dask_workers, process_map, run_campaign
+from fe.executors import SINGLE_THREAD, WorkerDied
 
 distributed = pytest.importorskip("distributed")
 
@@ -20,7 +25,7 @@ distributed = pytest.importorskip("distributed")
 def client() -> Iterator[Any]:
     with (
         distributed.LocalCluster(
-            n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None
+            n_workers=2, threads_per_worker=1, processes=True, dashboard_address="127.0.0.1:0"
         ) as cluster,
         distributed.Client(cluster) as connected,
     ):
@@ -48,7 +53,7 @@ def test_results_come_as_they_are_ready(client: Any) -> None:
 
 def test_closing_the_map_cancels_what_has_not_begun(client: Any) -> None:
     results = dask_map(client)(_wait, [0.0] + 50 * [1.0])
-    assert next(results) == (0, -0.0)
+    assert next(results) in [(0, -0.0), (1, -1.0)]  # the first may wait for its worker to import
     results.close()  # type: ignore[attr-defined]
     begin = time.monotonic()
     assert list(dask_map(client)(_wait, [0.1])) == [(0, -0.1)]
@@ -60,3 +65,111 @@ def test_an_exception_of_the_simulation_reaches_the_caller(client: Any, tmp_path
         run_campaign(
             Raises(), np.ones((1, 2)), tmp_path, fingerprint=FINGERPRINT, map_fn=dask_map(client)
         )
+
+
+@dataclass(frozen=True)
+class Noted:
+    """The toy, which notes in a file what it runs and in which process."""
+
+    log: str
+
+    def __call__(self, theta: np.ndarray) -> Response:
+        with open(self.log, "a") as stream:
+            stream.write(f"{os.getpid()} {theta.tolist()}\n")
+        return Toy(seconds=1.0)(theta)
+
+
+def _kill_fourth_of(log: Path, killed: list[str]) -> None:
+    """Kill the process of the fourth line, which has finished a run before, in its run."""
+    while not (log.exists() and len(log.read_text().splitlines()) >= 4):
+        time.sleep(0.01)
+    killed.append(log.read_text().splitlines()[3])
+    time.sleep(0.5)  # the result before has been handed over by then; a run takes 1 s
+    os.kill(int(killed[0].split()[0]), signal.SIGKILL)
+
+
+def test_a_run_whose_worker_is_killed_is_repeated_elsewhere_with_the_same_bits(
+    client: Any, tmp_path: Path
+) -> None:
+    log, killed = tmp_path / "log", list[str]()
+    killer = threading.Thread(target=_kill_fourth_of, args=(log, killed), daemon=True)
+    killer.start()
+    progress: list[tuple[int, int]] = []
+    campaign = run(
+        tmp_path / "dask",
+        Noted(str(log)),
+        map_fn=dask_map(client),
+        progress=lambda done, total: progress.append((done, total)),
+    )
+    killer.join(timeout=10.0)
+    [line] = killed
+    process, _, theta = line.partition(" ")
+    runs = [entry.partition(" ")[::2] for entry in log.read_text().splitlines()]
+    first, again = (found for found, what in runs if what == theta)
+    assert first == process != again
+    assert len(runs) == len(RATIOS) + 1, "nothing but the killed run was repeated"
+    undisturbed = run(tmp_path / "undisturbed", Toy())
+    assert_same(campaign, undisturbed)
+    assert files(tmp_path / "dask") == files(tmp_path / "undisturbed")
+    assert progress == [(done, len(RATIOS)) for done in range(len(RATIOS) + 1)]
+
+
+@dataclass(frozen=True)
+class Deadly:
+    """A simulation that ends whatever process it runs in."""
+
+    def __call__(self, theta: np.ndarray) -> Response:
+        os.kill(os.getpid(), signal.SIGKILL)
+        raise AssertionError
+
+
+@pytest.mark.slow
+def test_a_run_that_kills_every_worker_ends_the_campaign_and_says_so(tmp_path: Path) -> None:
+    with (
+        dask_workers(n_workers=2) as map_fn,
+        pytest.raises(WorkerDied, match="ended in the same item"),
+    ):
+        run(tmp_path, Deadly(), RATIOS[:1], map_fn=map_fn)
+
+
+def _environment(_: int) -> dict[str, str | None]:
+    return {name: os.environ.get(name) for name in SINGLE_THREAD}
+
+
+def test_workers_started_here_have_one_thread_each(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in SINGLE_THREAD:
+        monkeypatch.delenv(name, raising=False)
+    with dask_workers(n_workers=1) as map_fn:
+        [(_, found)] = map_fn(_environment, [0])
+    assert found == SINGLE_THREAD
+
+
+def test_a_running_scheduler_is_used_by_its_address(client: Any) -> None:
+    address = client.scheduler.address
+    with dask_workers(address) as map_fn:
+        assert sorted(map_fn(_wait, [0.0, 0.1])) == [(0, -0.0), (1, -0.1)]
+    assert client.run(os.getpid), "the cluster of others goes on"
+
+
+@pytest.mark.parametrize("scheduler", ["tcp://127.0.0.1:9", "nonsense://x", "none.json"])
+def test_a_scheduler_that_does_not_answer_is_named(
+    scheduler: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("fe.dask_executor.CONNECT_SECONDS", 0.3)
+    with (
+        pytest.raises(ValueError, match=f"scheduler: found none that answers at '{scheduler}'"),
+        dask_workers(scheduler),
+    ):
+        pass
+
+
+def test_a_cluster_that_is_closed_is_said_with_what_is_left() -> None:
+    with (
+        distributed.LocalCluster(
+            n_workers=1, threads_per_worker=1, processes=True, dashboard_address="127.0.0.1:0"
+        ) as cluster,
+        distributed.Client(cluster) as client,
+        pytest.raises(WorkerDied, match="the Dask cluster ended with 3 items to go"),
+    ):
+        for _ in dask_map(client)(_wait, [0.0, 30.0, 30.0, 30.0]):
+            cluster.close()

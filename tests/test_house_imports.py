@@ -87,6 +87,8 @@ def _unpickles(node: ast.AST) -> bool:
             return not (isinstance(value, ast.Constant) and value.value is False)
         case ast.Attribute(value=ast.Name(id="pickle"), attr="load" | "Unpickler"):
             return True
+        case ast.Attribute(attr="read_pickle"):
+            return True
         case ast.ImportFrom(module="pickle"):
             return True
     return False
@@ -96,9 +98,19 @@ def test_nothing_pickled_is_loaded_from_disk():
     assert [str(p.relative_to(ROOT)) for p in FILES if unpickles(ast.parse(p.read_text()))] == []
 
 
+def test_pickled_bytes_are_only_read_between_processes():
+    users = [str(p.relative_to(ROOT)) for p in FILES if "pickle.loads" in p.read_text()]
+    assert users == ["fe/executors.py"]
+
+
 @pytest.mark.parametrize(
     "code",
-    ["import joblib", "import pickle\npickle.load(f)", "np.load(p, allow_pickle=True)"],
+    [
+        "import joblib",
+        "import pickle\npickle.load(f)",
+        "np.load(p, allow_pickle=True)",
+        "pd.read_pickle(p)",
+    ],
 )
 def test_the_pickle_rule_sees_what_it_forbids(code):
     assert unpickles(ast.parse(code))

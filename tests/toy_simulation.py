@@ -9,12 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from fe.campaign import Campaign, run_campaign
+from fe.campaign import run_campaign
+from fe.campaign_result import Campaign
 from fe.response import Response, Status
 
 TRAVEL = np.array([0.6, 1.0, 1.4])
 FINGERPRINT: dict[str, object] = {"mesh": [4, 2, 4], "bulk_ratio": 200.0}
 RATIOS = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 0.5], [1.0, 0.5], [0.3, 0.2], [0.7, 0.1]])
+MANY = np.random.default_rng(5).random((80, 2))
 
 
 @dataclass(frozen=True)
@@ -24,6 +26,7 @@ class Toy:
     seconds: float = 0.0
     fails_above: float = np.inf
     log: str = ""
+    factor: float = 1.0
 
     def __call__(self, ratios: np.ndarray) -> Response:
         if self.log:
@@ -33,7 +36,7 @@ class Toy:
         matrix = np.outer(np.sin(np.arange(40.0)), np.cos(ratios[0] + np.arange(40.0)))
         field = (matrix @ matrix.T)[:30, :3] * (1.0 + ratios[1])
         failed = bool(ratios[0] > self.fails_above)
-        force = TRAVEL * (1.0 + ratios[0] + ratios[1] ** 2)
+        force = self.factor * TRAVEL * (1.0 + ratios[0] + ratios[1] ** 2)
         return Response(
             travel=TRAVEL,
             force=np.where([False, failed, failed], np.nan, force),
@@ -57,8 +60,8 @@ class Raises:
         raise ValueError(f"ratios: r must be below 1, got {ratios[0]}")
 
 
-def run(store: Path, simulate: Any = Toy(), ratios: np.ndarray = RATIOS, **kw: Any) -> Campaign:
-    return run_campaign(simulate, ratios, store, fingerprint=FINGERPRINT, **kw)
+def run(store: Path, simulate: Any = Toy(), theta: np.ndarray = RATIOS, **kw: Any) -> Campaign:
+    return run_campaign(simulate, theta, store, fingerprint=FINGERPRINT, **kw)
 
 
 def files(store: Path) -> dict[str, bytes]:
@@ -66,7 +69,7 @@ def files(store: Path) -> dict[str, bytes]:
 
 
 def assert_same(a: Campaign, b: Campaign) -> None:
-    assert a.ratios.tobytes() == b.ratios.tobytes()
+    assert a.theta.tobytes() == b.theta.tobytes()
     assert a.force.tobytes() == b.force.tobytes()
     assert a.displacement.tobytes() == b.displacement.tobytes()
     assert [r.status for r in a.responses] == [r.status for r in b.responses]

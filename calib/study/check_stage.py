@@ -9,8 +9,8 @@ from calib.study.mesh_error import check_folder, mesh_error, save_mesh_error
 from calib.study.progress import progress_bar
 from calib.study.refine_stage import CHECKED, check_sets, load_refinement
 from calib.study.simulate_stage import manifest_files
-from calib.study.simulations import run_together
-from fe.campaign import Campaign
+from fe.campaign import run_campaigns
+from fe.campaign_result import Campaign
 
 
 def run(context: Context) -> list[Path]:
@@ -20,12 +20,12 @@ def run(context: Context) -> list[Path]:
     the last increment.
     """
     with progress_bar("check mesh", "run", shown=context.show_progress) as progress:
-        fine = run_together(check_sets(context), context.map_fn, progress)
+        fine = run_campaigns(check_sets(context), context.map_fn, progress)
     paths = []
     for hypothesis, campaign in zip(context.study.hypotheses, fine, strict=True):
         runs = load_refinement(context, hypothesis)
         kept = tuple(runs.responses[i] for i in CHECKED)
-        coarse = Campaign(runs.ratios[CHECKED], kept, n_reused=len(kept))
+        coarse = Campaign(runs.theta[CHECKED], kept, n_reused=len(kept))
         error = mesh_error(campaign, coarse, context.study.mesh.refinement, hypothesis.name)
         paths += save_mesh_error(context.out, hypothesis, context.study, error)
         paths += manifest_files(check_folder(context.out, hypothesis))

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, is_dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
 import numpy as np
 
-from calib.study.artifacts import plain
 from calib.study.config import Study
 from calib.study.sections import Cells, Hypothesis
 from fe.executors import MapFn
@@ -72,16 +71,6 @@ def block_pin_model(study: Study, hypothesis: Hypothesis, cells: Cells) -> Simul
         travel=study.increments,
         bulk_ratio=study.material.bulk_ratio,
     )
-
-
-def fingerprint(simulate: Simulate) -> dict[str, object]:
-    """All that a run depends on besides its ratios, as JSON values: the model's name and fields.
-
-    Raises TypeError when the model is not a dataclass, whose fields would say what it is.
-    """
-    if not is_dataclass(simulate) or isinstance(simulate, type):
-        raise TypeError(f"simulate: expected a dataclass, found {type(simulate).__name__}")
-    return {"model": type(simulate).__qualname__, **plain(asdict(simulate))}
 
 
 def stream(study: Study, purpose: str) -> np.random.Generator:

@@ -48,14 +48,16 @@ def run(context: Context) -> list[Path]:
     """Search for all hypotheses at once, each in its own process; returns map.json and FE runs."""
     hypotheses = context.study.hypotheses
     samples = [load_samples(context.out, hypothesis) for hypothesis in hypotheses]
+    out = context.out.absolute()
     tasks = []
     for hypothesis, stored in zip(hypotheses, samples, strict=True):
         posterior = emulator_posterior(context, hypothesis)
         rng = stream(context.study, f"map {hypothesis.name}")
         simulate = StoredSimulate(
             context.sampling_model(hypothesis),
-            map_folder(context.out, hypothesis.name),
-            (campaign_folder(context.out, hypothesis), refine_folder(context.out, hypothesis)),
+            # A worker elsewhere on the same file system may have another current folder.
+            map_folder(out, hypothesis.name),
+            (campaign_folder(out, hypothesis), refine_folder(out, hypothesis)),
         )
         start = emulator_map(posterior, stored.sd, rng)
         with_field = posterior.likelihood.field is not None
@@ -114,7 +116,7 @@ def is_training_run(context: Context, hypothesis: Hypothesis, result: MapResult)
         return False
     runs = (load_design(context, hypothesis), load_refinement(context, hypothesis))
     ratios = np.concatenate(
-        [runs[0].ratios[: context.study.design.n_runs], *(run.ratios for run in runs[1:])]
+        [runs[0].theta[: context.study.design.n_runs], *(run.theta for run in runs[1:])]
     )
     return bool(np.isclose(ratios, result.direct.x[1:], rtol=0.0, atol=1e-9).all(axis=1).any())
 

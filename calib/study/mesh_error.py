@@ -11,7 +11,8 @@ from calib.inference.forward import MeshCorrection
 from calib.study.artifacts import read_json, write_json, write_npz
 from calib.study.config import Study
 from calib.study.sections import Hypothesis
-from fe.campaign import Campaign, CampaignFailed
+from fe.campaign import CampaignFailed
+from fe.campaign_result import Campaign
 from fe.response import Array
 
 SAFETY = 3.0
@@ -114,7 +115,7 @@ def mesh_error(fine: Campaign, coarse: Campaign, refinement: float, name: str) -
         )
     return MeshError(
         refinement=refinement,
-        ratios=fine.ratios[both],
+        ratios=fine.theta[both],
         signed_force=coarse.force[both] / fine.force[both] - 1.0,
         field=coarse.displacement[both] - fine.displacement[both],
     )

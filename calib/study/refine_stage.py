@@ -18,16 +18,16 @@ from calib.inference.posterior import Posterior
 from calib.inference.quadrature import Quadrature, integrate
 from calib.study.artifacts import read_json, write_json
 from calib.study.config import Study
-from calib.study.context import Context, fingerprint, stream
+from calib.study.context import Context, stream
 from calib.study.data_stage import load_data
 from calib.study.mesh_error import check_folder
 from calib.study.posterior_setup import noise_of, prior_of
 from calib.study.progress import progress_bar
 from calib.study.sections import Hypothesis
-from calib.study.simulate_stage import load_design, manifest_files, nothing_to_run
-from calib.study.simulations import RunSet, run_together
+from calib.study.simulate_stage import load_design, manifest_files
 from calib.study.train_stage import FIRST, fit_and_judge, has_field, load_emulator, split
-from fe.campaign import Campaign, run_campaign
+from fe.campaign import CampaignPlan, load_campaign, run_campaigns
+from fe.campaign_result import Campaign
 from fe.response import Array
 from surrogate import Emulator, ScaledEmulator, TrainingSet
 
@@ -74,44 +74,31 @@ def run(context: Context) -> list[Path]:
 
 def load_refinement(context: Context, hypothesis: Hypothesis) -> Campaign:
     """The runs at the posterior that `run` kept; runs nothing."""
-    model = context.sampling_model(hypothesis)
-    return run_campaign(
-        model,
-        _kept_points(context.out, hypothesis),
-        refine_folder(context.out, hypothesis),
-        fingerprint=fingerprint(model),
-        map_fn=nothing_to_run,
-        max_failure_rate=1.0,
-    )
+    return load_campaign(_kept_plan(context, hypothesis))
 
 
-def check_sets(context: Context) -> list[RunSet]:
+def check_sets(context: Context) -> list[CampaignPlan]:
     """The runs on the finer mesh at the posterior's means, one set a hypothesis."""
-    sets = [
-        RunSet(
-            context.sampling_model(hypothesis),
-            _kept_points(context.out, hypothesis),
-            refine_folder(context.out, hypothesis),
-        )
-        for hypothesis in context.study.hypotheses
-    ]
+    sets = [_kept_plan(context, hypothesis) for hypothesis in context.study.hypotheses]
     return _check_sets(context, sets, CHECKED)
 
 
 def _run_with_checks(
-    context: Context, sets: list[RunSet], checked: list[int], name: str
+    context: Context, sets: list[CampaignPlan], checked: list[int], name: str
 ) -> list[Campaign]:
     # The long runs on the finer mesh, which the next stage wants, go first in the same pool.
     checks = _check_sets(context, sets, checked)
     with progress_bar(name, "run", shown=context.show_progress) as progress:
-        return run_together([*checks, *sets], context.map_fn, progress)[len(checks) :]
+        return run_campaigns([*checks, *sets], context.map_fn, progress)[len(checks) :]
 
 
-def _check_sets(context: Context, sets: list[RunSet], checked: list[int]) -> list[RunSet]:
+def _check_sets(
+    context: Context, sets: list[CampaignPlan], checked: list[int]
+) -> list[CampaignPlan]:
     return [
-        RunSet(
+        CampaignPlan(
             context.model(hypothesis, context.study.mesh.check),
-            run_set.ratios[checked],
+            run_set.theta[checked],
             check_folder(context.out, hypothesis),
             max_failure_rate=1.0,
         )
@@ -119,8 +106,19 @@ def _check_sets(context: Context, sets: list[RunSet], checked: list[int]) -> lis
     ]
 
 
-def _kept_points(out: Path, hypothesis: Hypothesis) -> Array:
-    return np.asarray(read_json(out / REFINEMENT)[hypothesis.name]["ratios"], dtype=float)
+def _kept_plan(context: Context, hypothesis: Hypothesis) -> CampaignPlan:
+    kept = read_json(context.out / REFINEMENT)[hypothesis.name]
+    return _plan(context, hypothesis, np.asarray(kept["ratios"], dtype=float))
+
+
+def _plan(context: Context, hypothesis: Hypothesis, ratios: Array) -> CampaignPlan:
+    return CampaignPlan(
+        context.sampling_model(hypothesis),
+        ratios,
+        refine_folder(context.out, hypothesis),
+        design={"kind": "posterior", "seed": context.study.seed},
+        max_failure_rate=1.0,
+    )
 
 
 def refine_folder(out: Path, hypothesis: Hypothesis) -> Path:
@@ -149,21 +147,16 @@ def refinement_points(quadrature: Quadrature, n: int, *given: Array) -> Array:
     return np.array(chosen)
 
 
-def _first_round(context: Context, hypothesis: Hypothesis) -> RunSet:
+def _first_round(context: Context, hypothesis: Hypothesis) -> CampaignPlan:
     emulator = load_emulator(context.out / FIRST, hypothesis)
     first = integrate(_posterior(context.study, context.out, emulator, with_field=False))
     n = context.study.design.n_refine - _n_second(context.study)
-    return RunSet(
-        context.sampling_model(hypothesis),
-        refinement_points(first, n),
-        refine_folder(context.out, hypothesis),
-        max_failure_rate=1.0,
-    )
+    return _plan(context, hypothesis, refinement_points(first, n))
 
 
 def _second_round(
-    context: Context, hypothesis: Hypothesis, first: RunSet, added: Campaign
-) -> RunSet:
+    context: Context, hypothesis: Hypothesis, first: CampaignPlan, added: Campaign
+) -> CampaignPlan:
     """The runs of the first round, then those by the emulator with them: the mean comes last."""
     training, _ = _training(context, hypothesis, added)
     emulator = Emulator.fit(training, context.study.seed)
@@ -173,7 +166,7 @@ def _second_round(
     maximum = emulator_map(posterior, quadrature.sd, rng).x[1:]
     n = _n_second(context.study)
     points = np.array([maximum, *refinement_points(quadrature, n - 1, maximum)[::-1]])
-    return replace(first, ratios=np.concatenate([first.ratios, points]))
+    return replace(first, theta=np.concatenate([first.theta, points]))
 
 
 def _n_second(study: Study) -> int:
@@ -213,8 +206,8 @@ def _first_errors(context: Context, hypothesis: Hypothesis, added: Campaign) -> 
     ok = added.reached
     if not ok.any():
         context.echo(f"  {hypothesis.name}: no run at the posterior reached the last increment")
-        return {"ratios": added.ratios}
-    mean, covariance = emulator.unit_force(added.ratios[ok])
+        return {"ratios": added.theta}
+    mean, covariance = emulator.unit_force(added.theta[ok])
     relative = mean / added.force[ok] - 1.0
     std = np.sqrt(np.einsum("nii->ni", covariance))
     z = (mean - added.force[ok]) / std
@@ -224,7 +217,7 @@ def _first_errors(context: Context, hypothesis: Hypothesis, added: Campaign) -> 
         f"{np.sqrt(np.mean(z**2)):.2g} of its stated SDs"
     )
     return {
-        "ratios": added.ratios,
+        "ratios": added.theta,
         "relative_force_error": relative,
         "standardised_error": z,
         "units": {"relative_force_error": "relative", "standardised_error": "stated SD"},
@@ -241,9 +234,9 @@ def _joined(design: TrainingSet, added: Campaign) -> TrainingSet:
     ratios = list(design.ratios)
     new = []
     for index in np.flatnonzero(added.reached):
-        distance = np.abs((np.array(ratios) - added.ratios[index]) / span).max(axis=1)
+        distance = np.abs((np.array(ratios) - added.theta[index]) / span).max(axis=1)
         if distance.min() > SAME_POINT:
-            ratios.append(added.ratios[index])
+            ratios.append(added.theta[index])
             new.append(index)
     displacement = design.displacement
     if displacement is not None:

@@ -16,13 +16,7 @@ from calib.study.assumptions import assumptions_table
 from calib.study.config import Study
 from calib.study.context import Context
 from calib.study.figure_style import save_png
-from calib.study.force_figures import (
-    EmulatorErrors,
-    MeasuredForce,
-    PredictedForce,
-    emulator_errors,
-    force_travel,
-)
+from calib.study.force_figures import MeasuredForce, PredictedForce, force_travel
 from calib.study.mesh_error import check_folder
 from calib.study.posterior_figures import Chains, Samples, chains, marginals, pairs
 from calib.study.report import Picture, Section, render, versions_table
@@ -41,6 +35,7 @@ from calib.study.tables import (
     published_table,
     texts,
 )
+from calib.study.train_report import emulator_figure, limits_of
 from calib.study.train_stage import DIAGNOSTICS
 from fe.response import Array
 
@@ -127,10 +122,6 @@ def synthetic_sentence(data: dict[str, Any]) -> str:
 
 
 def _all_tables(findings: Findings, study: Study) -> list[Table | None]:
-    limits = {
-        "max_force_error": study.emulator.max_force_error,
-        "max_field_error": study.emulator.max_field_error,
-    }
     return [
         *(
             table
@@ -138,7 +129,7 @@ def _all_tables(findings: Findings, study: Study) -> list[Table | None]:
             for table in (constants_table(summary, summary.truth), points_table(summary))
         ),
         mesh_table(findings.mesh),
-        emulator_table(findings.diagnostics, limits),
+        emulator_table(findings.diagnostics, limits_of(study)),
         map_table(findings.maps),
         optimization_table(findings.data["published"]),
         published_table(findings.comparison),
@@ -200,7 +191,7 @@ def _draw(
             "Chains of every ensemble after burn-in; they should be indistinguishable.",
         ),
         "emulator": (
-            emulator_errors(_held_out(findings, study), np.asarray(data["travel"])),
+            emulator_figure(findings.diagnostics, study),
             "Error of the emulators' force on FE runs that were held out.",
         ),
     }
@@ -247,16 +238,3 @@ def _chains(name: str, stored: StoredSamples) -> Chains:
     walkers = theta.transpose(3, 0, 2, 1)
     labels = ("$\\kappa$ [MPa]", "$r$ [-]", "$s$ [-]")
     return Chains(name, dict(zip(labels, walkers, strict=True)))
-
-
-def _held_out(findings: Findings, study: Study) -> list[EmulatorErrors]:
-    n_step = len(study.increments)
-    return [
-        EmulatorErrors(
-            name,
-            np.asarray(found["held_out_relative_error"], dtype=float).reshape(-1, n_step),
-            np.asarray(found["held_out_standardised_error"], dtype=float).reshape(-1, n_step),
-            study.emulator.max_force_error,
-        )
-        for name, found in findings.diagnostics.items()
-    ]

@@ -2,24 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import TypeVar
+from typing import Any
 
 import numpy as np
 
 from calib.study.artifacts import read_json
+from calib.study.campaign_tables import campaign_table, design_figure, failures_table
 from calib.study.config import Study
-from calib.study.context import Context, fingerprint
+from calib.study.context import Context
+from calib.study.figure_style import save_png
 from calib.study.progress import progress_bar
 from calib.study.sections import Hypothesis
-from calib.study.simulations import RunSet, run_together
-from fe.campaign import Campaign, run_campaign
+from calib.study.tables import Table
+from fe.campaign import CampaignFailed, CampaignPlan, load_campaign, run_campaigns
+from fe.campaign_result import Campaign
+from fe.manifest import MANIFEST
 from fe.response import Array
 from surrogate.design import sobol_design
-
-T = TypeVar("T")
-R = TypeVar("R")
 
 
 def design_ratios(study: Study) -> Array:
@@ -38,33 +38,73 @@ def design_ratios(study: Study) -> Array:
 
 
 def run_design(context: Context) -> list[Path]:
-    """All hypotheses' runs in one pool of processes; returns the files kept."""
-    study = context.study
-    sets = [
-        RunSet(context.sampling_model(h), design_ratios(study), campaign_folder(context.out, h))
-        for h in study.hypotheses
-    ]
-    with progress_bar("simulate", "run", shown=context.show_progress) as progress:
-        campaigns = run_together(sets, context.map_fn, progress)
-    for hypothesis, campaign in zip(study.hypotheses, campaigns, strict=True):
-        if campaign.n_failed:
-            context.echo(
-                f"  {hypothesis.name}: {campaign.n_failed} of {len(campaign.ratios)} runs did not "
-                "reach the last increment and are left out"
-            )
-    return [path for run_set in sets for path in manifest_files(run_set.store)]
+    """All hypotheses' runs in one map; returns the files kept.
+
+    Runs that did not reach the last increment are listed, also when there are too many of them.
+    """
+    plans = [design_plan(context, hypothesis) for hypothesis in context.study.hypotheses]
+    try:
+        with progress_bar("simulate", "run", shown=context.show_progress) as progress:
+            run_campaigns(plans, context.map_fn, progress)
+    except CampaignFailed:
+        _tell_failures(context)
+        raise
+    _tell_failures(context)
+    return [path for plan in plans for path in manifest_files(plan.store)]
+
+
+def _tell_failures(context: Context) -> None:
+    for table in failure_tables(context.out, context.study):
+        context.echo(table.text())
 
 
 def load_design(context: Context, hypothesis: Hypothesis) -> Campaign:
     """The runs of one hypothesis that `run_design` kept; runs nothing."""
-    model = context.sampling_model(hypothesis)
-    return run_campaign(
-        model,
-        design_ratios(context.study),
+    return load_campaign(design_plan(context, hypothesis))
+
+
+def design_plan(context: Context, hypothesis: Hypothesis) -> CampaignPlan:
+    """The runs that train and judge the emulator of one hypothesis."""
+    study = context.study
+    return CampaignPlan(
+        context.sampling_model(hypothesis),
+        design_ratios(study),
         campaign_folder(context.out, hypothesis),
-        fingerprint=fingerprint(model),
-        map_fn=nothing_to_run,
+        design={
+            "kind": "corners, then scrambled Sobol",
+            "seed": study.seed,
+            "n_train": study.design.n_runs,
+            "n_held_out": study.design.n_held_out,
+        },
     )
+
+
+def failure_tables(out: Path, study: Study) -> list[Table]:
+    """Runs of each hypothesis that ended early, as the manifests say."""
+    found = [
+        failures_table(hypothesis.name, manifest)
+        for hypothesis in study.hypotheses
+        if (manifest := read_manifest(campaign_folder(out, hypothesis))) is not None
+    ]
+    return [table for table in found if table is not None]
+
+
+def closing_lines(out: Path, study: Study, told: bool) -> list[str]:
+    """What `calib simulate` prints at its end: tables, and where runs and figure are.
+
+    `told`: whether the failures have been printed by `run_design`.
+    """
+    folders = {h.name: campaign_folder(out, h) for h in study.hypotheses}
+    manifests = {name: read_json(folder / MANIFEST) for name, folder in folders.items()}
+    tables = [campaign_table(manifests), *([] if told else failure_tables(out, study))]
+    figure = out / "campaign" / "design.png"
+    save_png(design_figure(manifests), figure)
+    return [
+        "",
+        *(f"{table.text()}\n" for table in tables),
+        *(f"{'runs':<9} {folder}" for folder in folders.values()),
+        f"{'figure':<9} {figure}",
+    ]
 
 
 def campaign_folder(out: Path, hypothesis: Hypothesis) -> Path:
@@ -74,12 +114,12 @@ def campaign_folder(out: Path, hypothesis: Hypothesis) -> Path:
 
 def manifest_files(store: Path) -> list[Path]:
     """The runs that the manifest of a campaign lists."""
-    runs = read_json(store / "manifest.json")["runs"]
+    runs = read_json(store / MANIFEST)["runs"]
     return [store / run["file"] for run in runs if run["file"]]
 
 
-def nothing_to_run(_: Callable[[T], R], items: Sequence[T], /) -> Iterator[tuple[int, R]]:
-    """A map for loading a campaign: refuses to run what is missing."""
-    if items:
-        raise ValueError("campaign: runs are missing; run the stage simulate first")
-    return iter(())
+def read_manifest(store: Path) -> dict[str, Any] | None:
+    """The manifest of a campaign, None where none has begun."""
+    path = store / MANIFEST
+    found: dict[str, Any] | None = read_json(path) if path.is_file() else None
+    return found

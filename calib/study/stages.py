@@ -3,55 +3,22 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
-from dataclasses import dataclass, replace
-from operator import attrgetter
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal, TypedDict, Unpack
 
 from calib import __version__
-from calib.study import (
-    check_stage,
-    compare_stage,
-    map_stage,
-    posterior_stage,
-    refine_stage,
-    report_stage,
-    sample_stage,
-    simulate_stage,
-    train_stage,
-    virtual_stage,
-)
-from calib.study.artifacts import (
-    StageRecord,
-    hash_of,
-    hash_of_file,
-    plain,
-    why_stale,
-    write_record,
-)
-from calib.study.config import Study, StudyError
-from calib.study.context import Context, SimulateFactory, block_pin_model, fingerprint
-from calib.study.sections import Compute
+from calib.study import report_stage, simulate_stage, train_report
+from calib.study.artifacts import StageRecord, hash_of, hash_of_file, why_stale, write_record
+from calib.study.config import Study
+from calib.study.context import Context, SimulateFactory, block_pin_model
+from calib.study.executor_choice import chosen_map
+from calib.study.stage_list import Stage, stages_of
 from calib.study.study_file import write_study
 from calib.study.summary import Summary, load_summary
-from fe.executors import MapFn, process_map
-
-Settings = Callable[[Context], dict[str, object]]
-
-
-@dataclass(frozen=True)
-class Stage:
-    """One step of a study."""
-
-    name: str
-    title: str
-    """what it does, for the terminal"""
-    needs: tuple[str, ...]
-    """earlier stages whose artifacts it reads"""
-    settings: Settings
-    """what it depends on besides: parts of the study file, the forward models"""
-    run: Callable[[Context], list[Path]]
-    """does the work and returns the files written"""
+from fe.executors import MapFn
 
 
 @dataclass(frozen=True)
@@ -73,121 +40,27 @@ class StudyResult:
         return all(summary.passed for summary in self.summaries)
 
 
-def _sections(*names: str) -> Settings:
-    """Inputs that are sections or keys of the study file."""
+class HowToRun(TypedDict, total=False):
+    """How the work of a study is done; results depend on `simulate_factory` alone."""
 
-    def settings(context: Context) -> dict[str, object]:
-        return {name: plain(attrgetter(name)(context.study)) for name in names}
-
-    return settings
-
-
-def _data(context: Context) -> dict[str, object]:
-    """The data by what they are: a file by its content, not its name."""
-    settings = _sections("increments", "data", "virtual")(context)
-    source = Path(context.study.data.source)
-    if context.study.data.is_file and source.is_file():
-        settings["content"] = hash_of_file(source)
-    return settings
-
-
-def _models(*names: str) -> Settings:
-    """The forward models on the sampling mesh by all their fields, and sections."""
-
-    def settings(context: Context) -> dict[str, object]:
-        hypotheses = context.study.hypotheses
-        models = {h.name: fingerprint(context.sampling_model(h)) for h in hypotheses}
-        return {"forward model": models, **_sections(*names)(context)}
-
-    return settings
-
-
-def _whole_study(context: Context) -> dict[str, object]:
-    return {**_models()(context), "study": plain(replace(context.study, compute=Compute()))}
-
-
-_DESIGN = ("prior.r", "prior.s", "design", "seed")
-
-STAGES = (
-    Stage(
-        "virtual",
-        "make the synthetic experiment on a finer mesh",
-        (),
-        _models("virtual", "noise", "seed"),
-        virtual_stage.run,
-    ),
-    Stage("data", "read the data", ("virtual",), _data, virtual_stage.run_data),
-    Stage("simulate", "run the FE model", (), _models(*_DESIGN), simulate_stage.run_design),
-    Stage(
-        "train",
-        "train the emulators",
-        ("simulate",),
-        _sections("design", "emulator", "seed"),
-        train_stage.run,
-    ),
-    Stage(
-        "refine",
-        "add FE runs where the posterior is",
-        ("data", "simulate", "train"),
-        _models("design", "emulator", "noise", "prior", "seed"),
-        refine_stage.run,
-    ),
-    Stage(
-        "check",
-        "measure the error of the mesh at the posterior",
-        ("refine",),
-        _models("mesh.check"),
-        check_stage.run,
-    ),
-    Stage(
-        "sample",
-        "sample the posterior",
-        ("data", "check", "refine"),
-        _sections("noise", "prior", "sampler", "seed"),
-        sample_stage.run,
-    ),
-    Stage(
-        "map",
-        "find the maximum with emulator and FE model",
-        ("data", "check", "refine", "sample"),
-        _models("noise", "prior", "seed"),
-        map_stage.run,
-    ),
-    Stage(
-        "posterior",
-        "keep the posterior with its provenance",
-        ("data", "check", "refine", "sample", "map"),
-        _sections("name", "seed", "sampler", "emulator"),
-        posterior_stage.run,
-    ),
-    Stage(
-        "compare",
-        "compare the hypotheses",
-        ("data", "check", "refine", "sample", "map"),
-        _sections("noise", "prior", "hypotheses"),
-        compare_stage.run,
-    ),
-    Stage(
-        "report",
-        "draw the figures and write the report",
-        ("posterior", "compare", "check", "refine", "map"),
-        _whole_study,
-        report_stage.run,
-    ),
-)
-
-
-def stages_of(study: Study, until: str = "report") -> tuple[Stage, ...]:
-    """The stages of a study in order, up to and with `until`; raises StudyError when unknown."""
-    names = [stage.name for stage in STAGES]
-    if until not in names:
-        raise StudyError(f"stage: found {until!r}, expected one of {', '.join(names)}")
-    chosen = STAGES[: names.index(until) + 1]
-    return tuple(s for s in chosen if s.name != "virtual" or study.virtual is not None)
+    workers: int | None
+    """processes for the simulations (default: as the study says; 0: one a core)"""
+    executor: str
+    """one of `calib.study.executor_choice.EXECUTORS`; processes where it is not given"""
+    scheduler: str | None
+    """address or file of a Dask scheduler"""
+    echo: Callable[[str], None]
+    """is told every line; default `print`"""
+    show_progress: bool
+    """whether bars are drawn on the terminal; default True"""
+    simulate_factory: SimulateFactory
+    """builds the forward model of a hypothesis on a mesh; for other models and for tests"""
+    map_fn: MapFn | None
+    """replaces the executor; for tests"""
 
 
 def run_stages(context: Context, until: str = "report") -> tuple[str, ...]:
-    """Run what is not up to date, up to the stage `until`; returns the names of those that ran.
+    """Run what is not up to date of what `until` needs; returns the names of those that ran.
 
     Raises StudyError for a study that cannot be run.
     """
@@ -225,39 +98,19 @@ def _run_stage(context: Context, stage: Stage, inputs: dict[str, str]) -> StageR
     return record
 
 
-def run_study(
-    study: Study,
-    out: Path,
-    *,
-    workers: int | None = None,
-    echo: Callable[[str], None] = print,
-    show_progress: bool = True,
-    simulate_factory: SimulateFactory = block_pin_model,
-    map_fn: MapFn | None = None,
-) -> StudyResult:
+def run_study(study: Study, out: Path, **how: Unpack[HowToRun]) -> StudyResult:
     """Run a study into the folder `out`, going on where an earlier run stopped.
 
-    `workers` processes run the simulations (default: as the study says; 0: one a core); results do
-    not depend on it. `simulate_factory` builds the forward model of a hypothesis on a mesh, and
-    `map_fn` replaces the processes; both are for other models and for tests.
-    Raises StudyError for a study that cannot be run, `fe.campaign.CampaignFailed` when too many
-    simulations fail.
+    Raises StudyError for a study that cannot be run, ValueError for an executor that there is not,
+    `fe.campaign.CampaignFailed` when too many simulations fail, `fe.executors.WorkerDied` when a
+    worker does.
     """
-    out = Path(out)
-    out.mkdir(parents=True, exist_ok=True)
-    n_workers = study.compute.workers if workers is None else workers
-    context = Context(
-        study=study,
-        out=out,
-        simulate_factory=simulate_factory,
-        map_fn=map_fn or process_map(n_workers),
-        echo=echo,
-        show_progress=show_progress,
-    )
-    ran = run_stages(context)
+    with _context(study, Path(out), how) as context:
+        ran = run_stages(context)
+        out = context.out
     summaries = load_summary(out / "posterior.nc")
     for line in report_stage.closing_lines(out, study, summaries):
-        echo(line)
+        context.echo(line)
     return StudyResult(
         out=out,
         posterior=out / "posterior.nc",
@@ -266,3 +119,45 @@ def run_study(
         summaries=tuple(summaries),
         ran=ran,
     )
+
+
+def run_part(
+    study: Study, out: Path, until: Literal["simulate", "train"], **how: Unpack[HowToRun]
+) -> tuple[str, ...]:
+    """Run one stage and what it needs, and say what came out: tables and the paths of plots.
+
+    Returns the limits of the study that are violated, one sentence each. `run_study` goes on from
+    here. Raises what `run_study` raises.
+    """
+    with _context(study, Path(out), how) as context:
+        ran = run_stages(context, until)
+    failures: tuple[str, ...] = ()
+    if until == "simulate":
+        lines = simulate_stage.closing_lines(context.out, study, until in ran)
+    else:
+        lines, failures = train_report.closing_lines(context.out, study)
+    for line in lines:
+        context.echo(line)
+    return failures
+
+
+@contextmanager
+def _context(study: Study, out: Path, how: HowToRun) -> Iterator[Context]:
+    out.mkdir(parents=True, exist_ok=True)
+    workers = how.get("workers")
+    with ExitStack() as stack:
+        map_fn = how.get("map_fn") or stack.enter_context(
+            chosen_map(
+                how.get("executor", "processes"),
+                study.compute.workers if workers is None else workers,
+                how.get("scheduler"),
+            )
+        )
+        yield Context(
+            study=study,
+            out=out,
+            simulate_factory=how.get("simulate_factory", block_pin_model),
+            map_fn=map_fn,
+            echo=how.get("echo", print),
+            show_progress=how.get("show_progress", True),
+        )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -12,7 +13,7 @@ from calib.study.config import Study
 from calib.study.context import Context
 from calib.study.sections import EmulatorLimits, Hypothesis
 from calib.study.simulate_stage import load_design
-from fe.campaign import Campaign
+from fe.campaign_result import Campaign
 from fe.response import Array
 from surrogate import Emulator, EmulatorDiagnostics, TrainingSet, diagnose
 
@@ -80,7 +81,7 @@ def split(campaign: Campaign, n_train: int) -> tuple[TrainingSet, TrainingSet | 
     for rows in (slice(None, n_train), slice(n_train, None)):
         parts.append(
             TrainingSet.from_runs(
-                campaign.ratios[rows],
+                campaign.theta[rows],
                 campaign.force[rows],
                 campaign.displacement[rows],
                 campaign.reached[rows],
@@ -148,7 +149,7 @@ def load_emulator(out: Path, hypothesis: Hypothesis) -> Emulator:
     return Emulator.load(emulator_path(out, hypothesis))
 
 
-def load_diagnostics(out: Path) -> dict[str, dict[str, object]]:
+def load_diagnostics(out: Path) -> dict[str, dict[str, Any]]:
     """Read diagnostics.json: hypothesis -> what `describe` says."""
-    found: dict[str, dict[str, object]] = read_json(out / DIAGNOSTICS)
+    found: dict[str, dict[str, Any]] = read_json(out / DIAGNOSTICS)
     return found

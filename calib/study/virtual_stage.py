@@ -11,8 +11,8 @@ from calib.study.data_stage import StudyData, load_data, measured, save_data, wi
 from calib.study.progress import progress_bar
 from calib.study.sections import Virtual, is_finer
 from calib.study.simulate_stage import manifest_files
-from calib.study.simulations import RunSet, run_together
 from calib.virtual import VirtualNoise, virtual_experiment
+from fe.campaign import CampaignPlan, run_campaigns
 from fe.response import Array, Response
 
 FOLDER = "virtual"
@@ -60,11 +60,11 @@ def truth_model(context: Context) -> Simulate:
 def truth_run(context: Context) -> Response:
     """The truth at kappa = 1 MPa: from disk when it has been run."""
     ratios = truth_of(context.study)[None, 1:]
-    run_set = RunSet(
+    plan = CampaignPlan(
         truth_model(context), ratios, context.out / FOLDER / "run", max_failure_rate=1.0
     )
     with progress_bar("virtual", "run", shown=context.show_progress) as progress:
-        [campaign] = run_together([run_set], context.map_fn, progress)
+        [campaign] = run_campaigns([plan], context.map_fn, progress)
     return campaign.responses[0]
 
 

@@ -1,0 +1,161 @@
+"""The stages of a study in order: what each depends on, and what it runs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from operator import attrgetter
+from pathlib import Path
+
+from calib.study import (
+    check_stage,
+    compare_stage,
+    map_stage,
+    posterior_stage,
+    refine_stage,
+    report_stage,
+    sample_stage,
+    simulate_stage,
+    train_stage,
+    virtual_stage,
+)
+from calib.study.artifacts import hash_of_file, plain
+from calib.study.config import Study, StudyError
+from calib.study.context import Context
+from calib.study.sections import Compute
+from fe.fingerprint import fingerprint
+
+Settings = Callable[[Context], dict[str, object]]
+
+
+@dataclass(frozen=True)
+class Stage:
+    """One step of a study."""
+
+    name: str
+    title: str
+    """what it does, for the terminal"""
+    needs: tuple[str, ...]
+    """earlier stages whose artifacts it reads"""
+    settings: Settings
+    """what it depends on besides: parts of the study file, the forward models"""
+    run: Callable[[Context], list[Path]]
+    """does the work and returns the files written"""
+
+
+def _sections(*names: str) -> Settings:
+    """Inputs that are sections or keys of the study file."""
+
+    def settings(context: Context) -> dict[str, object]:
+        return {name: plain(attrgetter(name)(context.study)) for name in names}
+
+    return settings
+
+
+def _data(context: Context) -> dict[str, object]:
+    """The data by what they are: a file by its content, not its name."""
+    settings = _sections("increments", "data", "virtual")(context)
+    source = Path(context.study.data.source)
+    if context.study.data.is_file and source.is_file():
+        settings["content"] = hash_of_file(source)
+    return settings
+
+
+def _models(*names: str) -> Settings:
+    """The forward models on the sampling mesh by all their fields, and sections."""
+
+    def settings(context: Context) -> dict[str, object]:
+        hypotheses = context.study.hypotheses
+        models = {h.name: fingerprint(context.sampling_model(h)) for h in hypotheses}
+        return {"forward model": models, **_sections(*names)(context)}
+
+    return settings
+
+
+def _whole_study(context: Context) -> dict[str, object]:
+    return {**_models()(context), "study": plain(replace(context.study, compute=Compute()))}
+
+
+_DESIGN = ("prior.r", "prior.s", "design", "seed")
+
+STAGES = (
+    Stage(
+        "virtual",
+        "make the synthetic experiment on a finer mesh",
+        (),
+        _models("virtual", "noise", "seed"),
+        virtual_stage.run,
+    ),
+    Stage("data", "read the data", ("virtual",), _data, virtual_stage.run_data),
+    Stage("simulate", "run the FE model", (), _models(*_DESIGN), simulate_stage.run_design),
+    Stage(
+        "train",
+        "train the emulators",
+        ("simulate",),
+        _sections("design", "emulator", "seed"),
+        train_stage.run,
+    ),
+    Stage(
+        "refine",
+        "add FE runs where the posterior is",
+        ("data", "simulate", "train"),
+        _models("design", "emulator", "noise", "prior", "seed"),
+        refine_stage.run,
+    ),
+    Stage(
+        "check",
+        "measure the error of the mesh at the posterior",
+        ("refine",),
+        _models("mesh.check"),
+        check_stage.run,
+    ),
+    Stage(
+        "sample",
+        "sample the posterior",
+        ("data", "check", "refine"),
+        _sections("noise", "prior", "sampler", "seed"),
+        sample_stage.run,
+    ),
+    Stage(
+        "map",
+        "find the maximum with emulator and FE model",
+        ("data", "check", "refine", "sample"),
+        _models("noise", "prior", "seed"),
+        map_stage.run,
+    ),
+    Stage(
+        "posterior",
+        "keep the posterior with its provenance",
+        ("data", "check", "refine", "sample", "map"),
+        _sections("name", "seed", "sampler", "emulator"),
+        posterior_stage.run,
+    ),
+    Stage(
+        "compare",
+        "compare the hypotheses",
+        ("data", "check", "refine", "sample", "map"),
+        _sections("noise", "prior", "hypotheses"),
+        compare_stage.run,
+    ),
+    Stage(
+        "report",
+        "draw the figures and write the report",
+        ("posterior", "compare", "check", "refine", "map"),
+        _whole_study,
+        report_stage.run,
+    ),
+)
+
+
+def stages_of(study: Study, until: str = "report") -> tuple[Stage, ...]:
+    """The stages that `until` needs and itself, in order; raises StudyError when unknown."""
+    names = [stage.name for stage in STAGES]
+    if until not in names:
+        raise StudyError(f"stage: found {until!r}, expected one of {', '.join(names)}")
+    needed = {until}
+    for stage in reversed(STAGES):
+        if stage.name in needed:
+            needed |= set(stage.needs)
+    return tuple(
+        s for s in STAGES if s.name in needed and (s.name != "virtual" or study.virtual is not None)
+    )

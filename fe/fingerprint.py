@@ -1,0 +1,52 @@
+"""What a simulation depends on besides the row of its design, as JSON values."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, is_dataclass
+from pathlib import Path
+
+import numpy as np
+
+
+def fingerprint(simulate: object) -> dict[str, object]:
+    """All that a model's result depends on besides its argument: its name and fields.
+
+    Raises TypeError when the model is not a dataclass, whose fields would say what it is, or has a
+    field that JSON cannot hold.
+    """
+    if not is_dataclass(simulate) or isinstance(simulate, type):
+        raise TypeError(f"simulate: expected a dataclass, found {type(simulate).__name__}")
+    fields = {name: _plain(value) for name, value in asdict(simulate).items()}
+    return {"model": type(simulate).__qualname__, **fields}
+
+
+def canonical_json(values: Mapping[str, object]) -> str:
+    """One text for equal values, whatever the order of their keys.
+
+    Raises ValueError when they are not finite JSON values.
+    """
+    try:
+        return json.dumps(values, sort_keys=True, allow_nan=False)
+    except (TypeError, ValueError) as error:
+        raise ValueError(
+            f"fingerprint: must consist of finite JSON values ({error}); convert arrays to lists"
+        ) from error
+
+
+def _plain(value: object) -> object:
+    if isinstance(value, np.generic | np.ndarray):
+        return _plain(value.tolist())
+    if isinstance(value, float) and not math.isfinite(value):
+        return repr(value)
+    if value is None or isinstance(value, bool | int | float | str):
+        return value
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    if isinstance(value, Path):
+        return str(value)
+    raise TypeError(f"simulate: expected fields that JSON can hold, found {type(value).__name__}")

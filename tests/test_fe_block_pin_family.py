@@ -1,0 +1,140 @@
+"""A row of a design becomes block, pin and contact, and the solution of just that model."""
+
+from __future__ import annotations
+
+import pickle
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fe import FAMILY, BlockPin, BlockPinFamily, BlockPinModel, Contact, run_campaign
+
+TEMPLATE = BlockPinModel(
+    specimen=BlockPin(), contact=Contact("stick", "stick"), cells=(3, 2, 2), travel=(0.1, 0.2)
+)
+ALL = tuple(FAMILY.values())
+ROW = np.array([0.4, 0.1, 50.0, 0.3, 2.7, 0.4, 1.0, 1.0])
+
+
+def _of(*names: str, template: BlockPinModel = TEMPLATE) -> BlockPinFamily:
+    return BlockPinFamily(template, tuple(FAMILY[name] for name in names))
+
+
+def _but_for_gradients(model: BlockPinModel) -> BlockPinModel:
+    """The model without what it was asked to have gradients in, where that can be asked."""
+    return replace(model, sensitivities=None) if hasattr(model, "sensitivities") else model
+
+
+def test_every_parameter_goes_where_it_belongs() -> None:
+    assert [p.name for p in ALL] == [
+        "r", "s", "bulk", "friction", "height", "fillet", "pin", "contact",
+    ]  # fmt: skip
+    model = BlockPinFamily(TEMPLATE, ALL).model(ROW)
+    specimen = replace(TEMPLATE.specimen, height=2.7, pin_fillet=0.4, pin="round")
+    expected = replace(
+        TEMPLATE, specimen=specimen, contact=Contact(pin=0.3, base=0.3), bulk_ratio=50.0
+    )
+    assert _but_for_gradients(model) == expected
+
+
+def test_what_is_no_parameter_is_as_in_the_template() -> None:
+    template = replace(TEMPLATE, contact=Contact(pin="slide", base="stick"), bulk_ratio=77.0)
+    model = _of("height", template=template).model(np.array([2.6]))
+    expected = replace(template, specimen=replace(template.specimen, height=2.6))
+    assert _but_for_gradients(model) == expected
+
+
+@pytest.mark.parametrize(
+    ("names", "row", "contact"),
+    [
+        (("contact",), [0.0], Contact("stick", "stick")),
+        (("contact",), [1.0], Contact("slide", "slide")),
+        (("friction", "contact"), [0.3, 0.0], Contact("stick", "stick")),
+        (("friction", "contact"), [0.3, 1.0], Contact(0.3, 0.3)),
+        (("friction", "contact"), [0.0, 1.0], Contact(0.0, 0.0)),
+    ],
+)
+def test_contact_sticks_or_slides_with_the_friction_given(
+    names: tuple[str, ...], row: list[float], contact: Contact
+) -> None:
+    assert _of(*names).model(np.array(row)).contact == contact
+
+
+def test_friction_acts_where_the_template_slides() -> None:
+    template = replace(TEMPLATE, contact=Contact(pin="slide", base="stick"))
+    assert _of("friction", template=template).model(np.array([0.2])).contact == Contact(
+        0.2, "stick"
+    )
+
+
+def test_a_family_solves_what_its_model_solves(tmp_path: Path) -> None:
+    family = pickle.loads(pickle.dumps(_of("height", "s", "pin", "r")))
+    theta = np.array([[2.6, 0.1, 0.0, 0.4], [2.5, 0.1, 1.0, 0.4]])
+    campaign = run_campaign(family, theta, tmp_path, parameters=family.parameters)
+    assert campaign.reached.all() and {"s", "r"} <= set(campaign.gradient_parameters)
+    for row, force in zip(theta, campaign.force, strict=True):
+        model = replace(
+            TEMPLATE, specimen=BlockPin(height=row[0], pin="round" if row[2] else "bar")
+        )
+        np.testing.assert_array_equal(force, model(np.array([0.4, 0.1])).force)
+    bar, round_pin = campaign.force
+    assert (round_pin < bar).all(), "a round pin touches less"
+
+
+def test_a_parameter_that_is_not_of_the_family_is_named() -> None:
+    with pytest.raises(ValueError, match=r"parameters: expected r, s, bulk, .* found 'colour'"):
+        BlockPinFamily(TEMPLATE, (replace(FAMILY["r"], name="colour"),))
+
+
+@pytest.mark.parametrize(
+    "changed",
+    [
+        replace(FAMILY["height"], unit="m"),
+        replace(FAMILY["pin"], levels=("bar", "cone")),
+        replace(FAMILY["pin"], levels=()),
+        replace(FAMILY["height"], levels=("low", "high")),
+    ],
+)
+def test_units_and_levels_that_are_not_of_the_family_are_named(changed: object) -> None:
+    with pytest.raises(ValueError, match=r"parameters: expected (height|pin) in "):
+        BlockPinFamily(TEMPLATE, (changed,))  # type: ignore[arg-type]
+
+
+def test_levels_may_come_in_another_order() -> None:
+    family = BlockPinFamily(TEMPLATE, (replace(FAMILY["pin"], levels=("round", "bar")),))
+    assert family.model(np.array([0.0])).specimen.pin == "round"
+
+
+def test_friction_of_a_block_that_sticks_everywhere_is_refused() -> None:
+    with pytest.raises(ValueError, match="friction of a block that sticks to pin and base"):
+        _of("r", "friction")
+
+
+def test_a_row_that_is_no_block_is_refused() -> None:
+    with pytest.raises(ValueError, match="height: expected a length above 0 mm, found -1"):
+        _of("height")(np.array([-1.0]))
+
+
+needs_sensitivities = pytest.mark.skipif(
+    not hasattr(BlockPinModel, "parameter_names"), reason="the model has gradients in (r, s) only"
+)
+
+
+@needs_sensitivities
+@pytest.mark.parametrize("contact", ["slide", "stick"])
+def test_gradients_are_the_slopes_along_every_continuous_parameter(contact: str) -> None:
+    level = float(FAMILY["contact"].levels.index(contact))
+    family = BlockPinFamily(replace(TEMPLATE, travel=(0.2,)), ALL)
+    row = np.array([0.4, 0.1, 50.0, 0.3, 2.7, 0.4, 0.0, level])
+    response = family(row)
+    rubs = ("friction",) if contact == "slide" else ()
+    assert response.parameters == ("r", "s", "bulk", *rubs, "height", "fillet")
+    for j, name in enumerate(response.parameters):
+        column = [p.name for p in ALL].index(name)
+        step = np.zeros(len(ALL))
+        step[column] = 1e-5 * max(row[column], 1.0)
+        ends = [family(row + sign * step).force for sign in (1.0, -1.0)]
+        slope = (ends[0] - ends[1]) / (2.0 * step[column])
+        np.testing.assert_allclose(response.force_gradient[:, j], slope, rtol=2e-4, atol=1e-5)
