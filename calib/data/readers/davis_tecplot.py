@@ -36,8 +36,8 @@ def read(source: Source, mm_per_px: float | None = None) -> DicSeries:
     Raises WrongFile for anything else than one zone of points.
     """
     head = _header_lines(source)
-    line = next(i for i, text in enumerate(head) if text.lstrip().upper().startswith("VARIABLES"))
-    header = re.findall(r'"([^"]*)"', head[line])
+    line = next((i for i, t in enumerate(head) if t.lstrip().upper().startswith("VARIABLES")), 0)
+    header = re.findall(r'"([^"]*)"', head[line]) if line else []
     if not header:
         raise WrongFile(source.path, line + 1, 'names as VARIABLES = "x [mm]", ...', "none")
     settings = {

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass
 
 from calib.data.readers.number_table import cells
 from calib.data.readers.source import Source
 from calib.data.readers.wrong_file import WrongFile, shown
 
-_NAME_AND_UNIT = re.compile(r"(.*?)\s*(?:\[([^\]]*)\]|\(([^)]*)\))\s*")
+_BRACKETS = {"]": "[", ")": "("}
 
 
 @dataclass(frozen=True)
@@ -31,11 +30,12 @@ def columns_of(header: list[str]) -> list[Column]:
 
 
 def _column(index: int, text: str) -> Column:
-    match = _NAME_AND_UNIT.fullmatch(text)
-    if match is None:
+    """Name and what stands in the last brackets, if the text ends with them."""
+    opening = _BRACKETS.get(text[-1:])
+    start = text.rfind(opening) if opening else -1
+    if start < 0:
         return Column(index, text, None, text)
-    unit = match.group(2) if match.group(2) is not None else match.group(3)
-    return Column(index, match.group(1), unit.strip(), text)
+    return Column(index, text[:start].rstrip(), text[start + 1 : -1].strip(), text)
 
 
 class Names:

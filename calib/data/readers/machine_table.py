@@ -143,12 +143,13 @@ def read_machine_numbers(source: Source, layout: Layout, columns: list[int]) -> 
         return read_numbers(source, layout, columns)
     rows, lines = [], []
     width = len(layout.header)
+    allowed = {width, width - 1} if layout.header[-1] == "" else {width}
     for index in range(layout.start, len(source.lines)):
         text = source.lines[index]
         if not text.strip():
             continue
         row = next(csv.reader([text], delimiter=layout.separator or ","))
-        if len(row) != width:
+        if len(row) not in allowed:
             raise WrongFile(source.path, index + 1, f"{width} values", f"{len(row)}")
         rows.append([_quoted(source, index + 1, layout.header[c], row[c]) for c in columns])
         lines.append(index + 1)

@@ -26,8 +26,11 @@ def is_credible(element: bytes, order: str, depth: int = 0) -> bool:
         return True  # an empty array is a bare tag
     _, flags, position = _tag(element, start, order)
     array_class = struct.unpack_from(f"{order}I", element, flags)[0] & 0xFF
-    if array_class > _LARGEST_CLASS or array_class == _SPARSE:
-        return False  # functions, objects of classes and sparse arrays are none of ours
+    if array_class > _LARGEST_CLASS:
+        # functions and objects of classes, as Ncorr's regions of interest: texts and matrices
+        return _children(element[:end], _padded(position), order, depth)
+    if array_class == _SPARSE:
+        return False  # in none of our files
     _, dimensions, after = _tag(element, _padded(position), order)
     count = (after - dimensions) // 4
     shape = struct.unpack_from(f"{order}{count}i", element, dimensions)
@@ -43,9 +46,10 @@ def is_credible(element: bytes, order: str, depth: int = 0) -> bool:
 
 
 def _children(element: bytes, position: int, order: str, depth: int) -> bool:
+    """Whether all matrices from `position` on are credible."""
     while position + 8 <= len(element):
-        _, _, end = _tag(element, position, order)
-        if not is_credible(element[position:end], order, depth + 1):
+        kind, _, end = _tag(element, position, order)
+        if kind == _MATRIX and not is_credible(element[position:end], order, depth + 1):
             return False
         position = _padded(end)
     return True
