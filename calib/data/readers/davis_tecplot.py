@@ -81,6 +81,6 @@ def _time(source: Source, settings: dict[str, str]) -> float | None:
     text = settings.get("SOLUTIONTIME")
     if text is None:
         return None
-    if not re.fullmatch(r"[+-]?\d+\.?\d*([eE][+-]?\d{1,2})?", text, re.ASCII):
+    if not re.fullmatch(r"[+-]?\d{1,15}(\.\d{0,15})?([eE][+-]?\d{1,2})?", text, re.ASCII):
         raise WrongFile(source.path, None, "a number after SOLUTIONTIME=", shown(text))
     return float(text)

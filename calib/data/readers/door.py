@@ -141,22 +141,21 @@ def _read_folder(path: Path, mm_per_px: float | None) -> DicSeries:
     files = sorted((file for file in path.iterdir() if file.is_file()), key=_natural)
     if len(files) > MAX_FILES:
         raise WrongFile(path, None, f"at most {MAX_FILES:,} files", f"{len(files):,}")
-    sources = [Source(file) for file in files]
-    formats = [_recognised(source) for source in sources]
-    found = {form.name for form in formats if form is not None}
+    formats = {file: _recognised(Source(file)) for file in files}
+    found = {form.name for form in formats.values() if form is not None}
     if len(found) != 1:
         names = ", ".join(sorted(found)) or "none"
         raise WrongFile(path, None, "frames of one DIC format", names)
-    suffixes = {s.path.suffix for s, form in zip(sources, formats, strict=True) if form is not None}
+    suffixes = {file.suffix for file, form in formats.items() if form is not None}
     parts, left_out = [], []
-    for source, form in zip(sources, formats, strict=True):
+    for file, form in formats.items():
         if form is not None:
-            parts.append(form.read(source, mm_per_px))
-        elif source.path.suffix not in suffixes or _is_machine(source):
-            left_out.append(source.path.name)
+            parts.append(form.read(Source(file), mm_per_px))
+        elif file.suffix not in suffixes or _is_machine(Source(file)):
+            left_out.append(file.name)
         else:
             # a damaged frame must not vanish: all frames after it would be one too early
-            raise _unknown(source, "DIC points as in the files beside it", [min(found)])
+            raise _unknown(Source(file), "DIC points as in the files beside it", [min(found)])
     notes = dict.fromkeys(note for part in parts for note in part.notes)
     if left_out:
         notes[f"left out: {', '.join(left_out)}"] = None

@@ -25,6 +25,7 @@ NAME_MATCHID = "MatchID load csv"
 NO_TRAVEL = "the file has no travel of the machine"
 NO_SIGN = "the file does not say whether positive is tension or compression"
 SECONDS = "TimeStamp has no unit; s is taken"
+_LONGEST_NAME = 260
 _IMAGE = re.compile(r"(\d+)(?:_\d+)?\.\w+$", re.ASCII)
 
 
@@ -113,6 +114,6 @@ def _with_images(
     numbers = []
     for line in source.lines[layout.start :]:
         if line.strip():
-            match = _IMAGE.search(cells(line, ";")[image.index])
+            match = _IMAGE.search(cells(line, ";")[image.index][-_LONGEST_NAME:])
             numbers.append(float(match.group(1)) if match else np.nan)
     return replace(record, frame=np.array(numbers))

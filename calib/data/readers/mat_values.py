@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from calib.data.readers.matlab_file import Value
+from calib.data.readers.matlab5 import Value
 from calib.data.readers.wrong_file import WrongFile, shown
 from fe.response import Array
 

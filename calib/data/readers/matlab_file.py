@@ -1,23 +1,20 @@
-"""Variables of a MATLAB file, version 5 (SciPy) or 7.3 (HDF5), as plain dicts, lists and arrays.
+"""Variables of a MATLAB file, version 5 or 7.3 (HDF5), as plain dicts, lists and arrays.
 
 Sizes are checked before anything is read: a small damaged file may claim a large array.
 """
 
 from __future__ import annotations
 
-import io
 import math
 import struct
 import zlib
-from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, cast
 
 import h5py
 import numpy as np
-import scipy.io
 
-from calib.data.readers.matlab5_sizes import is_credible
+from calib.data.readers import matlab5
+from calib.data.readers.matlab5 import Value
 from calib.data.readers.source import MAX_CELLS, Source
 from calib.data.readers.wrong_file import WrongFile, shown
 
@@ -26,11 +23,6 @@ MAX_VARIABLE_BYTES = 8 * MAX_CELLS
 MAX_DEPTH = 6
 MAX_ITEMS = 100_000
 _HDF5 = b"\x89HDF\r\n\x1a\n"
-_COMPRESSED, _MATRIX = 15, 14
-_NAME_BYTES = 4096
-
-Value = Any
-"""dict (struct), list (cell or array of structs), numpy array, or str"""
 
 
 def is_matlab(source: Source) -> bool:
@@ -44,11 +36,13 @@ def variable_names(source: Source) -> set[str]:
         return set()
     try:
         if source.head.startswith(b"MATLAB 5.0"):
-            return {name for name, _ in _elements(source.path)}
+            _check_size(source.path)
+            return {name for name, _ in matlab5.variables(source.path.read_bytes())}
         with h5py.File(source.path, "r") as file:
-            return set(file.keys())
+            # a damaged name comes as bytes
+            return {name for name in file if isinstance(name, str)}
     except Exception:
-        # neither library says which exceptions a damaged file may raise
+        # h5py does not say which exceptions a damaged file may raise
         return set()
 
 
@@ -67,7 +61,7 @@ def read_variable(source: Source, name: str, fields: set[str]) -> Value:
     except WrongFile:
         raise
     except (Exception, MemoryError) as error:
-        # neither library says which exceptions a damaged file may raise
+        # h5py does not say which exceptions a damaged file may raise
         reason = shown(str(error).splitlines()[0] if str(error) else type(error).__name__)
         raise WrongFile(path, None, f"an intact MATLAB file with {name}", reason) from error
 
@@ -113,75 +107,16 @@ def _check_size(path: Path) -> None:
 
 def _version_5(path: Path, name: str, fields: set[str]) -> Value:
     data = path.read_bytes()
-    element = next((start for known, start in _elements(path) if known == name), None)
-    if element is None:
+    start = next((start for known, start in matlab5.variables(data) if known == name), None)
+    if start is None:
         raise WrongFile(path, None, f"a variable {name}", "none")
-    variable = _inflated(path, data, element)
-    if not is_credible(variable, _order(data)):
-        raise WrongFile(path, None, f"arrays as large as their bytes in {name}", "larger ones")
-    plain = io.BytesIO(data[:128] + variable)
-    found = scipy.io.loadmat(cast("Any", plain))
-    if name not in found:
-        raise WrongFile(path, None, f"a variable {name}", "none that can be read")
-    return _plain(found[name], fields, 0)
-
-
-def _elements(path: Path) -> Iterator[tuple[str, int]]:
-    """Name and position of each variable ("MAT-File Format", MathWorks, level 5)."""
-    _check_size(path)
-    data = path.read_bytes()
-    position = 128
-    while position + 8 <= len(data):
-        kind, size = struct.unpack_from(f"{_order(data)}II", data, position)
-        if kind not in (_COMPRESSED, _MATRIX) or position + 8 + size > len(data):
-            raise WrongFile(path, None, "whole MATLAB variables", f"a damaged one at {position}")
-        start = data[position + 8 : position + 8 + min(size, _NAME_BYTES)]
-        if kind == _COMPRESSED:
-            start = zlib.decompressobj().decompress(start, _NAME_BYTES)[8:]
-        yield _name(start, _order(data)), position
-        position += 8 + size
-
-
-def _name(start: bytes, order: str) -> str:
-    """Array flags and dimensions come first, then the name, short ones within their tag."""
-    n_dimension_bytes = struct.unpack_from(f"{order}I", start, 20)[0]
-    tag = 24 + -(-n_dimension_bytes // 8) * 8
-    kind = struct.unpack_from(f"{order}I", start, tag)[0]
-    if kind >> 16:
-        return start[tag + 4 : tag + 4 + (kind >> 16)].decode("ascii")
-    size = struct.unpack_from(f"{order}I", start, tag + 4)[0]
-    return start[tag + 8 : tag + 8 + size].decode("ascii")
-
-
-def _inflated(path: Path, data: bytes, position: int) -> bytes:
-    """One element without compression, within bounds, so that it is no bomb."""
-    kind, size = struct.unpack_from(f"{_order(data)}II", data, position)
-    if kind == _MATRIX:
-        return data[position : position + 8 + size]
+    order = matlab5.byte_order(data)
+    kind, size = struct.unpack_from(f"{order}II", data, start)
+    if kind == matlab5.MATRIX:
+        return matlab5.decode(data[start : start + 8 + size], order, fields)
     inflater = zlib.decompressobj()
-    element = inflater.decompress(data[position + 8 : position + 8 + size], MAX_VARIABLE_BYTES)
+    variable = inflater.decompress(data[start + 8 : start + 8 + size], MAX_VARIABLE_BYTES)
     if inflater.unconsumed_tail:
+        # a small file may swell to any size
         raise WrongFile(path, None, f"at most {MAX_VARIABLE_BYTES:,} bytes in a variable", "more")
-    return element
-
-
-def _order(data: bytes) -> str:
-    return "<" if data[126:128] == b"IM" else ">"
-
-
-def _plain(value: Value, fields: set[str], depth: int) -> Value:
-    """SciPy's object arrays as lists and dicts."""
-    if depth > 2 * MAX_DEPTH or not isinstance(value, np.ndarray):
-        return value
-    if value.dtype.names is not None:
-        wanted = [name for name in value.dtype.names if name in fields]
-        structs = [
-            {name: _plain(item[name], fields, depth + 1) for name in wanted}
-            for item in value.ravel(order="F")
-        ]
-        return structs[0] if len(structs) == 1 else structs
-    if value.dtype.kind == "O":
-        return [_plain(item, fields, depth + 1) for item in value.ravel(order="F")]
-    if value.dtype.kind in "US":
-        return "".join(str(part) for part in value.ravel())
-    return value
+    return matlab5.decode(variable, order, fields)

@@ -12,7 +12,8 @@ import numpy as np
 
 from calib.data.readers.frames import DicSeries, PointFrame, masked_frame
 from calib.data.readers.mat_values import as_list, as_matrix, as_number, field
-from calib.data.readers.matlab_file import Value, read_variable, variable_names
+from calib.data.readers.matlab5 import Value
+from calib.data.readers.matlab_file import read_variable, variable_names
 from calib.data.readers.point_table import UPWARDS
 from calib.data.readers.source import Source
 from calib.data.readers.units import LARGEST, LENGTH, scaled

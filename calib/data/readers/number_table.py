@@ -12,7 +12,7 @@ from calib.data.readers.source import Source
 from calib.data.readers.wrong_file import WrongFile, shown
 from fe.response import Array, IntArray
 
-_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eEdD][+-]?\d+)?", re.ASCII)
+_NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eEdD][+-]?\d+)?", re.ASCII)
 _NOT_FINITE = re.compile(r"[+-]?(nan|inf(inity)?|1\.#(ind|qnan|inf)0*)", re.IGNORECASE | re.ASCII)
 _ABSENT = {"", "n/a", "na", "nan", "-", "--"}
 
@@ -58,7 +58,7 @@ def read_numbers(source: Source, layout: Layout, columns: list[int]) -> NumberTa
     """
     body = source.lines[layout.start :]
     lines = np.arange(layout.start + 1, layout.start + 1 + len(body))
-    if any(not line.strip() for line in body):
+    if not all(map(str.strip, body)):
         filled = [bool(line.strip()) for line in body]
         body = [line for line in body if line.strip()]
         lines = lines[filled]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -13,18 +14,20 @@ MAX_LINES = 4_000_000
 MAX_LINE_LENGTH = 100_000
 MAX_CELLS = 40_000_000
 """values that one file may hold: 80 columns of 500,000 points"""
-HEAD_BYTES = 1024
+HEAD_BYTES = 200_000
+"""what a format is recognised by"""
+_BINARY_BYTES = 1024
 
 
 @dataclass(frozen=True)
 class Source:
-    """One file; read once, when its lines are asked for."""
+    """One file; its head is read for recognition, all of it once its lines are asked for."""
 
     path: Path
 
     @cached_property
     def head(self) -> bytes:
-        """The first bytes, enough to tell a binary format.
+        """The first bytes, enough to tell its format.
 
         Raises WrongFile where the file cannot be read.
         """
@@ -42,24 +45,35 @@ class Source:
         """
         data = self._bytes()
         _check_size(self.path, data)
-        text = _decoded(self.path, data)
-        lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
-        if lines[-1] == "":
-            lines.pop()
-        for number, line in enumerate(lines, start=1):
-            if len(line) > MAX_LINE_LENGTH:
-                expected = f"at most {MAX_LINE_LENGTH:,} characters in a line"
-                raise WrongFile(self.path, number, expected, f"{len(line):,}")
+        lines = _split(_decoded(self.path, data))
+        lengths = list(map(len, lines))
+        longest = max(lengths, default=0)
+        if longest > MAX_LINE_LENGTH:
+            expected = f"at most {MAX_LINE_LENGTH:,} characters in a line"
+            raise WrongFile(self.path, lengths.index(longest) + 1, expected, f"{longest:,}")
         return lines
 
     @cached_property
     def is_binary(self) -> bool:
         """Whether this is no text: a NUL byte near the start, and no mark of UTF-16."""
-        return b"\0" in self.head and not self.head.startswith((b"\xff\xfe", b"\xfe\xff"))
+        return b"\0" in self.head[:_BINARY_BYTES] and not self.head.startswith(
+            (b"\xff\xfe", b"\xfe\xff")
+        )
 
     def first(self, n: int) -> list[str]:
-        """Up to n lines from the start; none of a binary file."""
-        return [] if self.is_binary else self.lines[:n]
+        """Up to n lines from the head; none of a binary file."""
+        return [] if self.is_binary else self._head_lines[:n]
+
+    @cached_property
+    def _head_lines(self) -> list[str]:
+        """Lines of the head alone; the last may be cut."""
+        is_utf_16 = self.head.startswith((b"\xff\xfe", b"\xfe\xff"))
+        # incremental, as the head may end within a character
+        decoder = codecs.getincrementaldecoder("utf-16" if is_utf_16 else "utf-8-sig")()
+        try:
+            return _split(decoder.decode(self.head))
+        except UnicodeDecodeError:
+            return _split(self.head.decode("latin-1"))
 
     def _bytes(self) -> bytes:
         try:
@@ -72,17 +86,30 @@ class Source:
         return data
 
 
+def _split(text: str) -> list[str]:
+    """Lines of a text with any of the three ends of line."""
+    lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
+    if lines[-1] == "":
+        lines.pop()
+    return lines
+
+
 def _unreadable(path: Path, error: Exception) -> WrongFile:
     reason = error.strerror if isinstance(error, OSError) else str(error)
     return WrongFile(path, None, "a readable file", f"none ({reason})")
 
 
 def _check_size(path: Path, data: bytes) -> None:
-    """Before decoding: as many objects as lines and cells will be made."""
+    """Before decoding: as many objects as lines and cells will be made.
+
+    A line or value takes a byte at least, so that small files need no count.
+    """
+    if len(data) <= MAX_LINES:
+        return
     n_lines = data.count(b"\n") + data.count(b"\r")
-    if n_lines > 2 * MAX_LINES:
+    if n_lines > 2 * MAX_LINES:  # two marks may end one line
         raise WrongFile(path, None, f"at most {MAX_LINES:,} lines", f"{n_lines:,}")
-    for mark in (b",", b";", b"\t", b" "):
+    for mark in (b",", b";", b"\t", b" ") if len(data) > MAX_CELLS else ():
         n_cells = data.count(mark)
         if n_cells > MAX_CELLS:
             raise WrongFile(path, None, f"at most {MAX_CELLS:,} values", f"{n_cells:,}")
