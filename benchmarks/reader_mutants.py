@@ -1,7 +1,7 @@
 """Damage files in seeded ways and see that a reader answers with a result or with WrongFile.
 
 Each mutant is read twice: by the reader of its format, and through the door.  Counted are
-mutants, those still read, and tracebacks: any exception but WrongFile, or more than
+mutants, those still read, and tracebacks: any exception but WrongFile, any warning, or more than
 SECONDS_A_FILE of processor time for one file.  Seeds are the samples of `reader_samples` and,
 where they are there, the first lines of the real files.
 """
@@ -15,6 +15,7 @@ import signal
 import sys
 import time
 import traceback
+import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -213,7 +214,8 @@ def try_mutants(
     rng = np.random.default_rng([seed, *name.encode()])
     outcome = Outcome()
     readers = _readers(name)
-    with _memory_limit():
+    with _memory_limit(), warnings.catch_warnings():
+        warnings.simplefilter("error")
         for index in range(n):
             file_name, data = seeds[index % len(seeds)]
             path = folder / file_name

@@ -63,11 +63,12 @@ def _points(source: Source, name: str, arrays: list[Value], columns: int) -> lis
     if not 0 < len(arrays) <= MAX_FRAMES:
         raise WrongFile(path, None, f"1 to {MAX_FRAMES:,} images in {name}", f"{len(arrays):,}")
     points = [as_matrix(path, name, array, columns) for array in arrays]
+    points = [np.where(np.isfinite(array), array, np.nan) for array in points]
     for array in points:
         if array.shape != points[0].shape:
             found = f"{array.shape[0]}"
             raise WrongFile(path, None, f"{len(points[0])} points in all of {name}", found)
-        if np.any(np.isfinite(array) & (np.abs(array) > LARGEST["length"])):
+        if np.any(np.abs(array) > LARGEST["length"]):
             raise WrongFile(path, None, f"{name} below {LARGEST['length']:g}", "a larger one")
     return points
 

@@ -68,7 +68,9 @@ def read_numbers(source: Source, layout: Layout, columns: list[int]) -> NumberTa
         )
     _check_widths(source.path, layout, body, lines)
     body = _with_points(source.path, layout, body, lines)
-    return NumberTable(source.path, _numbers(source.path, layout, body, lines, columns), lines)
+    values = _numbers(source.path, layout, body, lines, columns)
+    values[np.isinf(values)] = np.nan  # neither is a measurement
+    return NumberTable(source.path, values, lines)
 
 
 def _check_widths(path: Path, layout: Layout, body: list[str], lines: IntArray) -> None:

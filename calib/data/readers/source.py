@@ -106,8 +106,8 @@ def _check_size(path: Path, data: bytes) -> None:
     """
     if len(data) <= MAX_LINES:
         return
-    n_lines = data.count(b"\n") + data.count(b"\r")
-    if n_lines > 2 * MAX_LINES:  # two marks may end one line
+    n_lines = max(data.count(b"\n"), data.count(b"\r"))
+    if n_lines > MAX_LINES:
         raise WrongFile(path, None, f"at most {MAX_LINES:,} lines", f"{n_lines:,}")
     for mark in (b",", b";", b"\t", b" ") if len(data) > MAX_CELLS else ():
         n_cells = data.count(mark)
