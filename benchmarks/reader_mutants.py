@@ -25,7 +25,8 @@ from types import FrameType
 
 import numpy as np
 
-from benchmarks.reader_samples import DIC_SAMPLES, MACHINE_SAMPLES, MM_PER_PX
+from benchmarks.reader_samples import DIC_SAMPLES, MACHINE_SAMPLES
+from benchmarks.sample_field import MM_PER_PX
 from calib.data.readers import DIC_FORMATS, MACHINE_FORMATS, WrongFile, read_dic, read_machine
 
 SECONDS_A_FILE = 5.0

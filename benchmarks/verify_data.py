@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.reader_mutants import seeds_of, try_mutants
-from benchmarks.reader_samples import MM_PER_PX
+from benchmarks.sample_field import MM_PER_PX
 from benchmarks.verify_fe import merge
 from calib.data.readers import (
     DIC_FORMATS,

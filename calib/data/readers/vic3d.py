@@ -24,6 +24,7 @@ from calib.data.readers.source import Source
 NAME = "VIC-3D csv"
 _NEEDED = {"X", "Y", "Z", "U", "V", "W"}
 NO_UNITS = "the header has no units; mm is taken"
+ONE_SIGMA = "sigma of the match in px times mm_per_px stands for all three displacements"
 NO_SIGMA = "sigma is in px and goes into the mask only; give mm_per_px to keep it in mm"
 
 
@@ -57,6 +58,7 @@ def read(source: Source, mm_per_px: float | None = None) -> DicSeries:
         sigma = ()
         if confidence is not None and mm_per_px is not None:
             sigma = (replace(confidence, unit="px"),)
+            notes = (*notes, ONE_SIGMA)
         elif confidence is not None:
             notes = (*notes, NO_SIGMA)
     flags = () if confidence is None else (confidence,)
