@@ -2,8 +2,8 @@
 
 The fields lie on a grid of every (spacing + 1)-th pixel of the reference image; their unit is
 `dispinfo.units`, `pixtounits` of them a pixel.  Outside the region of interest they are zero.
-Rows count downwards and are turned upwards (J. Blaber, ncorr_2D_matlab, `ncorr_alg_dicanalysis`
-and `ncorr_gui_formatdisp`).
+Rows count downwards and are turned upwards (J. Blaber, ncorr_2D_matlab, `ncorr.m`, callbacks dic
+and formatdisp).  Results that were not formatted yet have no units and are refused.
 """
 
 from __future__ import annotations
