@@ -11,7 +11,7 @@ PYTEST_ARGS ?=
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help study test test-all test-lowest lint types bench bench-fe verify-fe clean
+.PHONY: help study test test-all test-lowest lint types bench bench-fe verify-fe verify-data clean
 VERIFY_ARGS ?=
 
 # One thread a process: the runs are spread over processes, and sums come in one order.
@@ -54,6 +54,9 @@ bench-fe: $(INSTALLED)  ## time the FE model beside the thesis, FElupe and Calcu
 
 verify-fe: $(INSTALLED)  ## measure docs/verification/fe.json (hours; VERIFY_ARGS="--only gci" for a part)
 	$(BIN)/python -m benchmarks.verify_fe $(VERIFY_ARGS)
+
+verify-data: $(INSTALLED)  ## measure docs/verification/data.json (half an hour; SOFTCAL_DATA names the real files)
+	$(BIN)/python -m benchmarks.verify_data $(VERIFY_ARGS)
 
 $(LOWEST)/.installed: pyproject.toml $(INSTALLED)
 	$(BIN)/uv venv --quiet --clear --python 3.11 $(LOWEST)

@@ -1,4 +1,4 @@
-"""Settings of random tests; studies with the real FE model, run once for all tests."""
+"""Settings of random tests; files to be read; studies with the real FE model, run once."""
 
 from __future__ import annotations
 
@@ -32,3 +32,15 @@ def thesis_study(finished_studies: Path) -> StudyResult:
 
     out = finished_studies / "thesis-forces"
     return run_study(load_study("thesis-forces"), out, show_progress=False)
+
+
+@pytest.fixture
+def put(tmp_path):
+    """Writes content to a file of this test and gives its path."""
+
+    def write(content: bytes | str, name: str = "file.csv") -> Path:
+        path = tmp_path / name
+        path.write_bytes(content if isinstance(content, bytes) else content.encode())
+        return path
+
+    return write
