@@ -1,4 +1,4 @@
-"""FE runs behind the benchmark of emulators: stored one by one, reused, resumed where they stopped."""
+"""FE runs behind the benchmark of emulators: stored one by one, reused and resumed."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ import numpy as np
 from fe import BlockPin, BlockPinModel, Contact
 from fe.campaign import Campaign, run_campaign
 from fe.response import Array, Response
-from surrogate import TrainingSet
 from surrogate.design import sobol_design
 
 TRAVEL = (0.6, 0.8, 1.0, 1.2, 1.4)

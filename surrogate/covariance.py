@@ -28,14 +28,14 @@ FAMILIES = ("matern32", "matern52", "rbf")
 class Rows(NamedTuple):
     """Values and derivatives of n points as rows of a matrix: first all values."""
 
-    index: IntArray
+    of_point: IntArray
     """(n, 1 + d) row of the value, then of the derivative by each input; -1 where there is none"""
     n_rows: int
 
     @property
     def is_slope(self) -> npt.NDArray[np.bool_]:
         """(n_rows,) whether a row is a derivative."""
-        return np.arange(self.n_rows) >= len(self.index)
+        return np.arange(self.n_rows) >= len(self.of_point)
 
 
 def rows_of(usable: npt.NDArray[np.bool_]) -> Rows:
@@ -57,8 +57,8 @@ def prior_variance(family: int, length: Array, rows: Rows) -> Array:
     slope = -2.0 * _derivatives(0.0, family)[1] / length**2
     each = np.concatenate([[1.0], slope])
     variance = np.empty(rows.n_rows)
-    point, column = np.nonzero(rows.index >= 0)
-    variance[rows.index[point, column]] = each[column]
+    point, column = np.nonzero(rows.of_point >= 0)
+    variance[rows.of_point[point, column]] = each[column]
     return variance
 
 
@@ -67,7 +67,7 @@ def covariance(
 ) -> Array:
     """(n_rows, m_rows) covariance at unit amplitude of rows at x (n, d) and at other (m, d)."""
     filled = np.empty((x_rows.n_rows, other_rows.n_rows))
-    _fill(filled, family, length, x, x_rows.index, other, other_rows.index)
+    _fill(filled, family, length, x, x_rows.of_point, other, other_rows.of_point)
     return filled
 
 
@@ -76,14 +76,15 @@ def slopes_by_length(family: int, length: Array, x: Array, rows: Rows, weight: A
 
     `weight` (n_rows, n_rows) must be symmetric, as C is.
     """
-    slopes: Array = _slopes_by_length(family, length, x, rows.index, weight)
+    slopes: Array = _slopes_by_length(family, length, x, rows.of_point, weight)
     return slopes
 
 
-def mean_gradient(family: int, length: Array, x: Array, other: Array, rows: Rows, weights: Array
+def mean_gradient(
+    family: int, length: Array, x: Array, other: Array, rows: Rows, weights: Array
 ) -> Array:
     """(n, d, k) derivative by x (n, d) of covariance(x, other) @ weights (m_rows, k)."""
-    gradient: Array = _mean_gradient(family, length, x, other, rows.index, weights)
+    gradient: Array = _mean_gradient(family, length, x, other, rows.of_point, weights)
     return gradient
 
 

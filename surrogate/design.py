@@ -1,4 +1,4 @@
-"""Designs of experiments: corners and faces of the box, then a Sobol sequence or Latin hypercube."""
+"""Designs of experiments: corners and faces of a box, then Sobol points or a Latin hypercube."""
 
 from __future__ import annotations
 

@@ -8,8 +8,13 @@ from functools import cached_property
 
 import numpy as np
 
-from surrogate.gp import Array, GaussianProcesses, fit_processes, to_arrays
+from surrogate.coordinates import choose_strength
+from surrogate.gp import Array, GaussianProcesses, to_arrays
+from surrogate.gp_fit import Sharing, fit_processes
 from surrogate.pod import Pod, fit_pod
+
+N_LEADING = 3
+"""modes that choose the coordinates: the others may be little more than noise"""
 
 
 @dataclass(frozen=True)
@@ -60,13 +65,31 @@ def fit_modal(
     y: Array,
     seed: int,
     *,
+    slopes: Array | None = None,
     tolerance: float = 0.0,
     max_modes: int = 12,
-    n_restarts: int = 6,
+    n_restarts: int = 2,
+    sharing: Sharing = "auto",
 ) -> ModalEmulator:
-    """Fit to y (n, n_obs) over x (n, d); see `fit_pod` and `fit_processes` for the arguments."""
+    """Fit to y (n, n_obs) over x (n, d) and its derivatives `slopes` (n, n_obs, d), if any.
+
+    The inputs are stretched as the leading modes want it. See `fit_pod` and `fit_processes` for
+    the other arguments.
+    """
     pod = fit_pod(y, tolerance=tolerance, max_modes=max_modes)
-    processes = fit_processes(x, pod.weights(y), seed, n_restarts=n_restarts)
+    weights = pod.weights(y)
+    by_input = None if slopes is None else np.matmul(pod.modes.T, slopes)
+    leading = None if by_input is None else by_input[:, :N_LEADING]
+    strength = choose_strength(x, weights[:, :N_LEADING], leading).strength
+    processes = fit_processes(
+        x,
+        weights,
+        seed,
+        slopes=by_input,
+        strength=strength,
+        n_restarts=n_restarts,
+        sharing=sharing,
+    )
     return ModalEmulator(pod, processes)
 
 
