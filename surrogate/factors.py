@@ -79,7 +79,7 @@ def design(
     n_corners: int | None = 0,
     n_faces: int = 0,
 ) -> Design:
-    """n points over the factors, nested: the first n of a larger design are this one.
+    """Points over the factors, nested: the first n of a larger design are this one.
 
     The combinations of levels take turns, and the points of each are a nested design of their own
     in the continuous factors (with another scrambling), so that every combination is covered from

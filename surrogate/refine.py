@@ -150,10 +150,9 @@ class _Uncertainty:
 def _force_weight(emulator: Emulator, noise: float) -> Array:
     """(k,) weight of each mode's variance: relative variance over that of the noise."""
     modes = emulator.force.pod.modes
-    if emulator.force_scale.log:
-        relative = modes
-    else:
-        relative = modes / emulator.force.pod.offset[:, None]
+    # On the logarithmic scale errors are relative as they are.
+    mean = 1.0 if emulator.force_scale.log else emulator.force.pod.offset[:, None]
+    relative = modes / mean
     weight: Array = np.sum(relative**2, axis=0) / noise**2
     return weight
 
