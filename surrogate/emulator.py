@@ -256,5 +256,13 @@ def _fit_force(
     if runs.force_gradient is not None:
         slopes = scale.slopes(runs.force, runs.force_gradient)
     y = scale.values(runs.force)
-    modal = fit_modal(runs.ratios, y, seed, slopes=slopes, n_restarts=n_restarts, sharing=sharing)
+    modal = fit_modal(
+        runs.ratios,
+        y,
+        seed,
+        slopes=slopes,
+        n_restarts=n_restarts,
+        sharing=sharing,
+        stretch=True,
+    )
     return modal, scale

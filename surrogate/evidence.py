@@ -21,8 +21,12 @@ Array = npt.NDArray[np.float64]
 LENGTH_BOUNDS = (0.05, 20.0)
 """correlation lengths, in extents of the training inputs"""
 NUGGET_BOUNDS = (1e-10, 1.0)
-"""nuggets as shares of the amplitude: from exact data to as much noise as signal"""
-_STARTING_LENGTH, _STARTING_NUGGET = 1.0, 1e-6
+"""nugget as a share of the amplitude: from exact data to as much noise as signal"""
+ROUGHNESS_BOUNDS = (10.0, 1e9)
+"""share of noise in the derivatives over that in the values. What a smooth covariance takes for
+noise is a roughness of short length, whose derivatives are larger by the ratio of the lengths: a
+run's derivatives are never to be trusted more than its values."""
+_STARTING_LENGTH, _STARTING_NUGGET, _STARTING_ROUGHNESS = 1.0, 1e-6, 1e3
 _COARSE_ROWS = 400
 """rows of the part of the runs on which the search starts"""
 _FINE_ITERATIONS = 8
@@ -137,9 +141,9 @@ def bounds_reached(parameters: Hyperparameters, has_slopes: bool) -> list[str]:
     bounds = [LENGTH_BOUNDS] * len(names) + [NUGGET_BOUNDS]
     names.append("nugget")
     if has_slopes:
-        names.append("slope nugget")
-        values.append(parameters.slope_nugget)
-        bounds.append(NUGGET_BOUNDS)
+        names.append("slope nugget over nugget")
+        values.append(parameters.slope_nugget / parameters.nugget)
+        bounds.append(ROUGHNESS_BOUNDS)
     reached = []
     for name, value, (low, high) in zip(names, values, bounds, strict=True):
         if value <= low * 1.001:
@@ -160,10 +164,10 @@ def _thinned(usable: npt.NDArray[np.bool_], y: Array) -> tuple[npt.NDArray[np.in
 
 
 def _starts(d: int, rng: np.random.Generator, n_restarts: int) -> list[Array]:
-    fixed = np.log([*[_STARTING_LENGTH] * d, _STARTING_NUGGET, _STARTING_NUGGET])
+    fixed = np.log([*[_STARTING_LENGTH] * d, _STARTING_NUGGET, _STARTING_ROUGHNESS])
     random = [
-        np.concatenate([rng.uniform(np.log(0.2), np.log(5.0), d), np.log(10.0) * nuggets])
-        for nuggets in rng.uniform(-9.0, -2.0, (n_restarts, 2))
+        np.concatenate([rng.uniform(np.log(0.2), np.log(5.0), d), np.log(10.0) * noise])
+        for noise in rng.uniform([-9.0, 1.0], [-3.0, 5.0], (n_restarts, 2))
     ]
     return [fixed, *random]
 
@@ -175,9 +179,11 @@ def _search(
         value, slope = log_evidence(family, _unpacked(packed), x, rows, y)
         if not np.isfinite(value):
             return _NO_EVIDENCE, slope
-        return -value, -slope
+        # From ln of both nuggets to ln of the nugget and of the ratio of the two.
+        by_nugget = slope[-2] + slope[-1]
+        return -value, -np.array([*slope[:-2], by_nugget, slope[-1]])
 
-    limits = [LENGTH_BOUNDS] * x.shape[1] + [NUGGET_BOUNDS] * 2
+    limits = [LENGTH_BOUNDS] * x.shape[1] + [NUGGET_BOUNDS, ROUGHNESS_BOUNDS]
     result = minimize(
         negative,
         start,
@@ -191,4 +197,4 @@ def _search(
 
 def _unpacked(packed: Array) -> Hyperparameters:
     values = np.exp(packed)
-    return Hyperparameters(values[:-2], float(values[-2]), float(values[-1]))
+    return Hyperparameters(values[:-2], float(values[-2]), float(values[-2] * values[-1]))

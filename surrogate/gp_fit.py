@@ -26,13 +26,17 @@ from surrogate.gp import GaussianProcesses
 from surrogate.warp import warp_slope, warped
 
 Array = npt.NDArray[np.float64]
-Sharing = Literal["auto", "all", "none"]
-"""whether all outputs share a covariance or each has its own; by default the runs decide"""
+Sharing = Literal["auto", "all", "leading", "none"]
+"""whether all outputs share a covariance, all but the first four, or none; "auto": see `_groups`"""
 
 AMPLITUDE_BOUNDS = (1e-2, 1e4)
 """variance of a process over that of its outputs, in the search of scikit-learn"""
+_N_LEADING = 4
+_FEW_OUTPUTS = 6
 _MANY_RUNS = 40
-"""runs above which covariances are shared unless asked otherwise: what a search costs is cubic"""
+"""runs without derivatives above which covariances are shared: what a search costs is cubic"""
+_MANY_ROWS = 300
+"""rows above which runs with derivatives have one covariance for all outputs"""
 _MATERN_NU = {"matern32": 1.5, "matern52": 2.5}
 
 
@@ -81,10 +85,7 @@ def fit_processes(
         raise ValueError(f"families: expected some of {FAMILIES}, found {families}")
     scaled = scale_runs(x, y, slopes, strength)
     k = len(scaled.targets)
-    if sharing == "auto":
-        # With derivatives, one covariance of all outputs was measured to be as good as many.
-        sharing = "all" if scaled.usable.any() or len(x) > _MANY_RUNS else "none"
-    groups = [np.arange(k)] if sharing == "all" else [np.array([j]) for j in range(k)]
+    groups = _groups(k, scaled.usable, sharing)
     places = tuple(FAMILIES.index(family) for family in families)
     fitted = [
         _fit_group(scaled, members, places, child, n_restarts)
@@ -93,6 +94,24 @@ def fit_processes(
         )
     ]
     return posterior(scaled, groups, fitted)
+
+
+def _groups(k: int, usable: npt.NDArray[np.bool_], sharing: Sharing) -> list[npt.NDArray[np.int64]]:
+    """Outputs that share a covariance.
+
+    By default, measured on FE runs: with derivatives few outputs share one covariance, many have
+    one for each of the leading modes and one for the rest, as the weak ones are rough where the
+    leading ones are smooth. Without, each has its own until there are many runs.
+    """
+    if sharing == "auto":
+        n_rows = usable.shape[0] + np.count_nonzero(usable)
+        if usable.any():
+            sharing = "all" if k <= _FEW_OUTPUTS or n_rows > _MANY_ROWS else "leading"
+        else:
+            sharing = "none" if len(usable) <= _MANY_RUNS else "leading"
+    n_own = {"all": 0, "leading": min(_N_LEADING, k), "none": k}[sharing]
+    groups = [np.array([j]) for j in range(n_own)]
+    return groups if n_own == k else [*groups, np.arange(n_own, k)]
 
 
 def scale_runs(

@@ -70,17 +70,20 @@ def fit_modal(
     max_modes: int = 12,
     n_restarts: int = 2,
     sharing: Sharing = "auto",
+    stretch: bool = False,
 ) -> ModalEmulator:
     """Fit to y (n, n_obs) over x (n, d) and its derivatives `slopes` (n, n_obs, d), if any.
 
-    The inputs are stretched as the leading modes want it. See `fit_pod` and `fit_processes` for
+    With `stretch` the inputs are stretched as the leading modes want it. See `fit_pod` and `fit_processes` for
     the other arguments.
     """
     pod = fit_pod(y, tolerance=tolerance, max_modes=max_modes)
     weights = pod.weights(y)
     by_input = None if slopes is None else np.matmul(pod.modes.T, slopes)
-    leading = None if by_input is None else by_input[:, :N_LEADING]
-    strength = choose_strength(x, weights[:, :N_LEADING], leading).strength
+    strength = None
+    if stretch:
+        leading = None if by_input is None else by_input[:, :N_LEADING]
+        strength = choose_strength(x, weights[:, :N_LEADING], leading).strength
     processes = fit_processes(
         x,
         weights,
