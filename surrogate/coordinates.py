@@ -15,6 +15,8 @@ from surrogate.warp import STRENGTHS, warp_slope
 Array = npt.NDArray[np.float64]
 
 _FAMILY = FAMILIES.index("matern52")
+_ROWS = 150
+"""rows on which the choice is made"""
 _MIN_GAIN = 2.0
 """gain of the log evidence below which an input is left as it is"""
 
@@ -55,7 +57,7 @@ def _evidence(x: Array, y: Array, slopes: Array | None, strength: Array) -> Stre
     targets = np.ascontiguousarray(scaled.targets.T)
     rng = np.random.default_rng(0)  # not used without restarts
     found = maximise_evidence(
-        (_FAMILY,), scaled.inputs, scaled.usable, targets, rng, 0, coarse=True
+        (_FAMILY,), scaled.inputs, scaled.usable, targets, rng, 0, coarse_rows=_ROWS
     )
     part, n_rows = found.part, found.n_rows
     unit = (x - scaled.low) / scaled.span

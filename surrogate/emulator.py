@@ -60,7 +60,7 @@ class Emulator:
         training_set: TrainingSet,
         seed: int,
         *,
-        n_restarts: int = 2,
+        n_restarts: int = 1,
         sharing: Sharing = "auto",
     ) -> Emulator:
         """Fit to the training runs; the same set and seed give the same bits.

@@ -29,7 +29,7 @@ class GaussianProcessModes(MultiOutputMixin, RegressorMixin, BaseEstimator):  # 
         *,
         families: tuple[str, ...] = FAMILIES,
         sharing: Sharing = "auto",
-        n_restarts: int = 2,
+        n_restarts: int = 1,
         random_state: int = 0,
     ) -> None:
         self.families = families

@@ -27,9 +27,9 @@ ROUGHNESS_BOUNDS = (10.0, 1e9)
 noise is a roughness of short length, whose derivatives are larger by the ratio of the lengths: a
 run's derivatives are never to be trusted more than its values."""
 _STARTING_LENGTH, _STARTING_NUGGET, _STARTING_ROUGHNESS = 1.0, 1e-6, 1e3
-_COARSE_ROWS = 400
+_COARSE_ROWS = 280
 """rows of the part of the runs on which the search starts"""
-_FINE_ITERATIONS = 8
+_COARSE_ITERATIONS, _FINE_ITERATIONS = 60, 6
 _NO_EVIDENCE = 1e25
 
 
@@ -80,7 +80,7 @@ def log_evidence(
     """
     n, k = y.shape
     matrix = noisy_covariance(family, parameters, x, rows)
-    factor, failed = lapack.dpotrf(matrix, lower=1, clean=0)
+    factor, failed = lapack.dpotrf(matrix, lower=1, clean=1)
     if failed:
         return -np.inf, np.zeros(len(parameters.length) + 2)
     alpha = lapack.dpotrs(factor, y, lower=1)[0]
@@ -88,7 +88,8 @@ def log_evidence(
     half_logdet = np.sum(np.log(np.diag(factor)))
     value = -0.5 * n * np.sum(np.log(2.0 * np.pi * amplitude) + 1.0) - k * half_logdet
     inverse = lapack.dpotri(factor, lower=1)[0]
-    inverse = np.tril(inverse) + np.tril(inverse, -1).T
+    inverse = inverse + inverse.T  # LAPACK gives the lower half
+    inverse[np.diag_indices_from(inverse)] *= 0.5
     weight = 0.5 * ((alpha / amplitude) @ alpha.T - k * inverse)
     by_length = slopes_by_length(family, parameters.length, x, rows, weight)
     by_noise = np.diag(weight) * noise_variance(family, parameters, rows)
@@ -109,26 +110,27 @@ def maximise_evidence(
     rng: np.random.Generator,
     n_restarts: int,
     *,
-    coarse: bool = False,
+    coarse_rows: int | None = None,
 ) -> Fitted:
     """Family and parameters of the largest evidence of outputs y (n_rows, k).
 
     `usable` (n, d) marks the derivatives among the rows. Each family is searched from a fixed
-    point and `n_restarts` random ones, on a part of the runs where all have more than 400 rows;
-    the best family is then followed on all of them unless `coarse`.
+    point and `n_restarts` random ones, on a part of the runs where all have more than 280 rows;
+    the best family is then followed on all of them.  `coarse_rows` takes as many rows instead, and
+    stays with them.
     Raises ValueError when no covariance is positive definite.
     """
-    part, part_rows, part_y = _thinned(usable, y)
+    part, part_rows, part_y = _thinned(usable, y, coarse_rows or _COARSE_ROWS)
     starts = _starts(x.shape[1], rng, n_restarts)
     found = [
-        (family, *_search(family, x[part], part_rows, part_y, start, 200))
+        (family, *_search(family, x[part], part_rows, part_y, start, _COARSE_ITERATIONS))
         for family in families
         for start in starts
     ]
     family, best, value = max(found, key=lambda entry: entry[2])
     if not np.isfinite(value):
         raise ValueError("y: no covariance of the runs is positive definite; are points the same?")
-    if len(part) < len(x) and not coarse:
+    if len(part) < len(x) and coarse_rows is None:
         part, part_rows = np.arange(len(x)), rows_of(usable)
         best, value = _search(family, x, part_rows, y, best, _FINE_ITERATIONS)
     return Fitted(family, _unpacked(best), value, part, part_rows.n_rows)
@@ -153,10 +155,12 @@ def bounds_reached(parameters: Hyperparameters, has_slopes: bool) -> list[str]:
     return reached
 
 
-def _thinned(usable: npt.NDArray[np.bool_], y: Array) -> tuple[npt.NDArray[np.int64], Rows, Array]:
-    """Every so manieth run, so that about 400 rows are left, and its rows."""
+def _thinned(
+    usable: npt.NDArray[np.bool_], y: Array, n_rows: int
+) -> tuple[npt.NDArray[np.int64], Rows, Array]:
+    """Every so manieth run, so that no more than about `n_rows` rows are left, and its rows."""
     rows = rows_of(usable)
-    step = -(-rows.n_rows // _COARSE_ROWS)
+    step = -(-rows.n_rows // n_rows)
     part = np.arange(0, len(usable), step)
     kept = rows.of_point[part]
     order = np.concatenate([kept[:, 0], kept[:, 1:][kept[:, 1:] >= 0]])

@@ -27,11 +27,11 @@ from surrogate.warp import warp_slope, warped
 
 Array = npt.NDArray[np.float64]
 Sharing = Literal["auto", "all", "leading", "none"]
-"""whether all outputs share a covariance, all but the first four, or none; "auto": see `_groups`"""
+"""whether all outputs share a covariance, all but the first two, or none; "auto": see `_groups`"""
 
 AMPLITUDE_BOUNDS = (1e-2, 1e4)
 """variance of a process over that of its outputs, in the search of scikit-learn"""
-_N_LEADING = 4
+_N_LEADING = 2
 _FEW_OUTPUTS = 6
 _MANY_RUNS = 40
 """runs without derivatives above which covariances are shared: what a search costs is cubic"""
@@ -63,7 +63,7 @@ def fit_processes(
     *,
     slopes: Array | None = None,
     strength: Array | None = None,
-    n_restarts: int = 2,
+    n_restarts: int = 1,
     sharing: Sharing = "auto",
     families: tuple[str, ...] = FAMILIES,
 ) -> GaussianProcesses:
@@ -210,11 +210,15 @@ def _fit_group(
         return maximise_evidence(families, scaled.inputs, scaled.usable, targets, rng, n_restarts)
     number = int(seed.generate_state(1)[0])
     fits = [
-        fit_regressor(scaled.inputs, targets, number, FAMILIES[family], n_restarts=n_restarts)
+        fit_regressor(scaled.inputs, targets, number, FAMILIES[family], n_restarts=0)
         for family in families
     ]
     best = int(np.argmax([fit.log_marginal_likelihood_value_ for fit in fits]))
-    return from_regressor(fits[best], families[best])
+    if not n_restarts:
+        return from_regressor(fits[best], families[best])
+    family = families[best]
+    again = fit_regressor(scaled.inputs, targets, number, FAMILIES[family], n_restarts=n_restarts)
+    return from_regressor(again, family)
 
 
 def fit_regressor(

@@ -68,14 +68,14 @@ def fit_modal(
     slopes: Array | None = None,
     tolerance: float = 0.0,
     max_modes: int = 12,
-    n_restarts: int = 2,
+    n_restarts: int = 1,
     sharing: Sharing = "auto",
     stretch: bool = False,
 ) -> ModalEmulator:
     """Fit to y (n, n_obs) over x (n, d) and its derivatives `slopes` (n, n_obs, d), if any.
 
-    With `stretch` the inputs are stretched as the leading modes want it. See `fit_pod` and `fit_processes` for
-    the other arguments.
+    With `stretch` the inputs are stretched as the leading modes want it. See `fit_pod` and
+    `fit_processes` for the other arguments.
     """
     pod = fit_pod(y, tolerance=tolerance, max_modes=max_modes)
     weights = pod.weights(y)

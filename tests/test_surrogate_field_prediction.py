@@ -1,4 +1,4 @@
-"""Fields with a covariance of low rank: that of the dense formula, at any subset, in linear memory."""
+"""Fields with a covariance of low rank: the dense one at any subset, in linear memory."""
 
 from __future__ import annotations
 

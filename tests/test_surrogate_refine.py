@@ -92,7 +92,7 @@ def test_runs_proposed_lower_the_error_where_the_posterior_is() -> None:
 def test_the_predicted_shift_falls_with_runs_and_then_says_stop() -> None:
     rng = np.random.default_rng(0)
     shifts = []
-    for n in (6, 40):
+    for n in (6, 72):
         emulator = _emulator(n)
         grid = np.random.default_rng(3).uniform(size=(4000, 2))
         log = _log_likelihood(emulator.unit_force(grid)[0], None)
