@@ -41,8 +41,10 @@ def main(arguments: list[str] | None = None) -> None:
     options = _parser().parse_args(arguments)
     figures: dict[str, Any] = {"cells": options.cells, "designs": []}
     for number in options.designs:
-        for contact in options.contact:
-            figures["designs"].append(_design(DESIGNS[number - 1], contact, options))
+        design = DESIGNS[number - 1]
+        # Where friction is a factor, it is the contact.
+        for contact in ("friction",) if "friction" in design.names else options.contact:
+            figures["designs"].append(_design(design, contact, options))
     figures |= refinement_run_ratio()
     print(f"Refinement: {figures['refinement_run_ratio']:.2f} of the runs of a fixed design")
     if options.json:

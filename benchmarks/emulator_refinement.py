@@ -15,6 +15,7 @@ N_FIRST, N_ADDED, N_MOST = 8, 2, 96
 TOLERANCE = 0.05
 """error of the posterior mean, in posterior SDs, to be reached"""
 _GRID = 121
+_WAVES = 12.0
 
 
 def refinement_run_ratio() -> dict[str, float]:
@@ -36,11 +37,11 @@ def _model(x: Array) -> tuple[Array, Array]:
     """
     r, s = x[:, :1], x[:, 1:]
     curve = r + 3.0 * (s - 0.5) ** 2
-    ripple = 0.1 * np.sin(9.0 * r * s + TRAVEL)
+    ripple = 0.1 * np.sin(_WAVES * (r + s**2) + TRAVEL)
     log = 0.8 * TRAVEL * curve + 0.1 * TRAVEL**2 * s + ripple
-    slope = 0.9 * np.cos(9.0 * r * s + TRAVEL)
-    by_r = 0.8 * TRAVEL + slope * s
-    by_s = 0.8 * TRAVEL * 6.0 * (s - 0.5) + 0.1 * TRAVEL**2 + slope * r
+    slope = 0.1 * _WAVES * np.cos(_WAVES * (r + s**2) + TRAVEL)
+    by_r = 0.8 * TRAVEL + slope
+    by_s = 0.8 * TRAVEL * 6.0 * (s - 0.5) + 0.1 * TRAVEL**2 + slope * 2.0 * s
     force = 20.0 * np.exp(log)
     return force, force[:, :, None] * np.stack([by_r, by_s], axis=2)
 
