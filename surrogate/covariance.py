@@ -149,46 +149,45 @@ def _fill(
 def _slopes_by_length(
     family: int, length: Array, x: Array, index: IntArray, weight: Array
 ) -> Array:
-    """As documented above; pairs of points once, those off the diagonal count twice."""
+    """Each pair of points once; those off the diagonal of the matrix count twice."""
     n, d = x.shape
-    total = np.zeros(d)
-    a = np.empty(d)
+    total, own, a = np.zeros(d), np.empty(d), np.empty(d)
     for p in range(n):
         for q in range(p + 1):
-            twice = 1.0 if p == q else 2.0
             s = 0.0
             for i in range(d):
                 a[i] = (x[p, i] - x[q, i]) / length[i]
                 s += a[i] * a[i]
             _, first, second, third = _derivatives(s, family)
-            # The part by s, which all lengths share: ds / d ln l_m = -2 a_m^2.
+            own[:] = 0.0
+            # The part by s, which depends on all lengths: ds / d ln l_m = -2 a_m^2.
             by_s = weight[index[p, 0], index[q, 0]] * first
             for j in range(d):
-                column = index[q, 1 + j]
                 row = index[p, 1 + j]
-                w = 0.0
-                if column >= 0:
-                    w -= weight[index[p, 0], column]
+                cross = 0.0
+                if index[q, 1 + j] >= 0:
+                    cross -= weight[index[p, 0], index[q, 1 + j]]
                 if row >= 0:
-                    w += weight[row, index[q, 0]]
-                w *= 2.0 * a[j] / length[j] * twice
-                by_s += w * second / twice
-                total[j] -= 2.0 * w * first  # a_j / l_j falls as l_j^-2
+                    cross += weight[row, index[q, 0]]
+                cross *= 2.0 * a[j] / length[j]
+                by_s += cross * second
+                own[j] -= 2.0 * cross * first  # a_j / l_j falls as l_j^-2
                 if row < 0:
                     continue
                 for i in range(d):
                     column = index[q, 1 + i]
                     if column < 0:
                         continue
-                    w = twice * weight[row, column] / (length[i] * length[j])
-                    by_s -= w / twice * 4.0 * third * a[i] * a[j]
+                    both = weight[row, column] / (length[i] * length[j])
+                    by_s -= 4.0 * both * third * a[i] * a[j]
+                    own[i] += 8.0 * both * second * a[i] * a[j]
+                    own[j] += 8.0 * both * second * a[i] * a[j]
                     if i == j:
-                        by_s -= w / twice * 2.0 * second
-                        total[j] += 4.0 * w * first
-                    total[i] += 8.0 * w * second * a[i] * a[j]
-                    total[j] += 8.0 * w * second * a[i] * a[j]
+                        by_s -= 2.0 * both * second
+                        own[j] += 4.0 * both * first
+            times = 1.0 if p == q else 2.0
             for m in range(d):
-                total[m] -= 2.0 * twice * a[m] * a[m] * by_s
+                total[m] += times * (own[m] - 2.0 * a[m] * a[m] * by_s)
     return total
 
 

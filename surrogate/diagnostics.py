@@ -215,7 +215,7 @@ def leave_one_out_residuals(emulator: Emulator, runs: TrainingSet) -> Residuals:
         left_out = pod.truncation.reshape(len(runs.ratios), *_field(runs).shape[1:])
         weights = (mean - pod.weights(_field(runs).reshape(len(mean), -1))) @ pod.modes.T
         error = weights.reshape(left_out.shape) - left_out
-        std = np.sqrt(variance @ (pod.modes**2).T + pod.truncation_variance).reshape(error.shape)
+        std = np.sqrt(variance @ (pod.modes**2).T + pod.left_out_variance).reshape(error.shape)
     return Residuals(runs.force, force - runs.force, covariance, error, std)
 
 

@@ -77,7 +77,7 @@ def fit_modal(
     With `stretch` the inputs are stretched as the leading modes want it. See `fit_pod` and
     `fit_processes` for the other arguments.
     """
-    pod = fit_pod(y, tolerance=tolerance, max_modes=max_modes)
+    pod = fit_pod(y, tolerance=tolerance, max_modes=max_modes, weight=_inside(x))
     weights = pod.weights(y)
     by_input = None if slopes is None else np.matmul(pod.modes.T, slopes)
     strength = None
@@ -96,12 +96,26 @@ def fit_modal(
     return ModalEmulator(pod, processes)
 
 
+def _inside(x: Array) -> Array:
+    """(n,) 1 for runs inside the box of all, 0 for its corners; all 1 where few are inside.
+
+    Modes fitted without a corner are asked to extrapolate to it. A prediction never asks that of
+    them, as the corner is among the runs: it would take the truncation several times too large.
+    """
+    inside = ((x > x.min(axis=0)) & (x < x.max(axis=0))).any(axis=1)
+    if np.count_nonzero(inside) < len(x) / 2:
+        return np.ones(len(x))
+    weight: Array = inside.astype(np.float64)
+    return weight
+
+
 def modal_to_arrays(modal: ModalEmulator, prefix: str) -> dict[str, Array]:
     """All arrays under names with a prefix; `modal_from_arrays` is the inverse."""
     pod = {
         "pod_offset": modal.pod.offset,
         "pod_modes": modal.pod.modes,
         "pod_truncation": modal.pod.truncation,
+        "pod_weight": modal.pod.weight,
     }
     return {f"{prefix}{name}": value for name, value in (pod | to_arrays(modal.processes)).items()}
 
@@ -113,7 +127,12 @@ def modal_from_arrays(arrays: Mapping[str, Array], prefix: str) -> ModalEmulator
         for name, value in arrays.items()
         if name.startswith(prefix)
     }
-    pod = Pod(own.pop("pod_offset"), own.pop("pod_modes"), own.pop("pod_truncation"))
+    pod = Pod(
+        own.pop("pod_offset"),
+        own.pop("pod_modes"),
+        own.pop("pod_truncation"),
+        own.pop("pod_weight"),
+    )
     try:
         return ModalEmulator(pod, GaussianProcesses(**own))
     except TypeError as error:  # an array too few or too many
