@@ -1,17 +1,43 @@
 """Surrogates of the FE model: designs, training sets, POD-GP emulators and their diagnostics."""
 
-from surrogate.design import sobol_design
-from surrogate.diagnostics import EmulatorDiagnostics, Errors, diagnose
+from surrogate.design import maximin_design, sobol_design, unit_design
+from surrogate.diagnostics import (
+    EmulatorDiagnostics,
+    Errors,
+    Residuals,
+    diagnose,
+    held_out_residuals,
+    leave_one_out_residuals,
+)
 from surrogate.emulator import Emulator
+from surrogate.estimator import GaussianProcessModes
+from surrogate.factors import Design, Factor, Levels, design
+from surrogate.field_prediction import FieldPrediction
+from surrogate.refine import PredictedShift, predicted_shift, propose
 from surrogate.symmetry import ScaledEmulator
-from surrogate.training_set import TrainingSet
+from surrogate.training_set import TrainingSet, named_gradient
 
 __all__ = [
+    "Design",
     "Emulator",
     "EmulatorDiagnostics",
     "Errors",
+    "Factor",
+    "FieldPrediction",
+    "GaussianProcessModes",
+    "Levels",
+    "PredictedShift",
+    "Residuals",
     "ScaledEmulator",
     "TrainingSet",
+    "design",
     "diagnose",
+    "held_out_residuals",
+    "leave_one_out_residuals",
+    "maximin_design",
+    "named_gradient",
+    "predicted_shift",
+    "propose",
     "sobol_design",
+    "unit_design",
 ]

@@ -1,24 +1,49 @@
-"""Designs of experiments: the corners of the box, then a scrambled Sobol sequence."""
+"""Designs of experiments: corners and faces of a box, then Sobol points or a Latin hypercube."""
 
 from __future__ import annotations
 
 import itertools
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 from scipy.stats import qmc
 
+from surrogate.latin_hypercube import farthest_order, latin_hypercube
+
 Array = npt.NDArray[np.float64]
+Sequence = Literal["sobol", "latin"]
 
 
-def sobol_design(n: int, bounds: Array, seed: int) -> Array:
+def sobol_design(
+    n: int, bounds: Array, seed: int, *, n_corners: int | None = None, n_faces: int = 0
+) -> Array:
     """(n, d) points of the box `bounds` (d, 2): its 2^d corners first, then Sobol points.
 
-    The corners come first because a Gaussian process errs most where it extrapolates. The rest
-    is a Sobol sequence with Owen's scrambling (Owen 1998, J. Complexity 14, 466). Designs are
-    nested: the first n points of a larger design with the same bounds and seed are this design.
-    Raises ValueError for n < 1 or bounds that are not finite pairs low < high.
+    The corners come first because a Gaussian process errs most where it extrapolates; where there
+    are many, `n_corners` takes a well-spread part of them (0: none), and `n_faces` adds as many
+    centres of faces. The rest is a Sobol sequence with Owen's scrambling (Owen 1998, J. Complexity
+    14, 466). Designs are nested: the first n points of a larger design with the same other
+    arguments are this design.
+    Raises ValueError for n < 1, bounds that are not finite pairs low < high, or more corners or
+    faces than the box has.
     """
+    return _boxed(n, bounds, seed, "sobol", n_corners, n_faces)
+
+
+def maximin_design(
+    n: int, bounds: Array, seed: int, *, n_corners: int | None = None, n_faces: int = 0
+) -> Array:
+    """As `sobol_design`, with a nested maximin Latin hypercube after corners and faces.
+
+    Of the points after corners and faces, the first 8, 16, 32, ... are Latin hypercubes.
+    """
+    return _boxed(n, bounds, seed, "latin", n_corners, n_faces)
+
+
+def _boxed(
+    n: int, bounds: Array, seed: int, sequence: Sequence, n_corners: int | None, n_faces: int
+) -> Array:
     bounds = np.asarray(bounds, dtype=np.float64)
     if n < 1:
         raise ValueError(f"n: must be at least 1, got {n}")
@@ -26,12 +51,58 @@ def sobol_design(n: int, bounds: Array, seed: int) -> Array:
         raise ValueError(f"bounds: must be (d, 2) pairs low, high, got shape {bounds.shape}")
     if not np.isfinite(bounds).all() or not (bounds[:, 0] < bounds[:, 1]).all():
         raise ValueError(f"bounds: must be finite with low < high, got {bounds.tolist()}")
-    corners = np.array(list(itertools.product(*bounds)))[:n]
-    n_inside = n - len(corners)
+    low, high = bounds.T
+    first = np.vstack([_corners(bounds, n_corners), _face_centres(bounds, n_faces)])[:n]
+    n_inside = n - len(first)
     if n_inside == 0:
-        return corners
-    sequence = qmc.Sobol(len(bounds), scramble=True, seed=np.random.default_rng(seed))
+        return first
+    return np.vstack([first, low + (high - low) * _inside(n_inside, len(bounds), seed, sequence)])
+
+
+def unit_design(
+    n: int,
+    d: int,
+    seed: int,
+    *,
+    sequence: Sequence = "sobol",
+    n_corners: int | None = None,
+    n_faces: int = 0,
+) -> Array:
+    """(n, d) points of the unit box: `sobol_design` or `maximin_design` by name of sequence.
+
+    Raises ValueError for an unknown sequence and as these do.
+    """
+    if sequence not in ("sobol", "latin"):
+        raise ValueError(f"sequence: expected 'sobol' or 'latin', found {sequence!r}")
+    box = np.tile([0.0, 1.0], (d, 1))
+    return _boxed(n, box, seed, sequence, n_corners, n_faces)
+
+
+def _inside(n: int, d: int, seed: int, sequence: Sequence) -> Array:
+    if sequence == "latin":
+        return latin_hypercube(n, d, seed)
+    sobol = qmc.Sobol(d, scramble=True, seed=np.random.default_rng(seed))
     # A whole power of two, cut: the same sequence without a warning about its balance.
-    unit = sequence.random_base2((n_inside - 1).bit_length())[:n_inside]
-    inside = bounds[:, 0] + (bounds[:, 1] - bounds[:, 0]) * unit
-    return np.vstack([corners, inside])
+    points: Array = sobol.random_base2((n - 1).bit_length())[:n]
+    return points
+
+
+def _corners(bounds: Array, n_corners: int | None) -> Array:
+    """All corners in the order of counting, or the given number of them far from each other."""
+    corners = np.array(list(itertools.product(*bounds)))
+    if n_corners is None:
+        return corners
+    if not 0 <= n_corners <= len(corners):
+        raise ValueError(f"n_corners: expected 0 to {len(corners)}, found {n_corners}")
+    unit = np.array(list(itertools.product((0.0, 1.0), repeat=len(bounds))))
+    return corners[farthest_order(unit, np.zeros((0, len(bounds))))[:n_corners]]
+
+
+def _face_centres(bounds: Array, n_faces: int) -> Array:
+    """The first centres of faces, in the order low, high of each axis."""
+    d = len(bounds)
+    if not 0 <= n_faces <= 2 * d:
+        raise ValueError(f"n_faces: expected 0 to {2 * d}, found {n_faces}")
+    centres = np.tile(bounds.mean(axis=1), (2 * d, 1))
+    centres[np.arange(2 * d), np.arange(2 * d) // 2] = bounds.ravel()
+    return centres[:n_faces]

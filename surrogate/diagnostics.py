@@ -6,12 +6,25 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
+from surrogate.coverage import Coverage, coverage
 from surrogate.emulator import Emulator
+from surrogate.field_prediction import FieldPrediction
 from surrogate.gp import Array
 from surrogate.training_set import TrainingSet
 
 NORMAL_68 = 0.994457883209753
 NORMAL_95 = 1.959963984540054
+N_WORST = 10
+
+
+@dataclass(frozen=True)
+class WorstPoint:
+    """A place on the front face where the emulated field errs most."""
+
+    step: int
+    point: int
+    error: float
+    """largest error of any run and component, mm"""
 
 
 @dataclass(frozen=True)
@@ -28,12 +41,24 @@ class Errors:
     force_coverage_68: float
     """share of forces within the central 68 % of their prediction"""
     force_coverage_95: float
+    force_coverage: Coverage
     field_rms: tuple[float, ...] | None
     """(n_step,) root mean square over runs, points and components, mm"""
     field_max: float | None
     """largest displacement error of any run, mm"""
     field_rms_z: float | None
     """field error over its predicted SD, truncation included, both as root mean squares"""
+    field_coverage: Coverage | None
+    worst_points: tuple[WorstPoint, ...] | None
+    """worst first, each point once"""
+
+
+@dataclass(frozen=True)
+class ErrorShare:
+    """Emulator error as a share of the measurement noise, root mean squares, worst step."""
+
+    force: float
+    field: float | None
 
 
 @dataclass(frozen=True)
@@ -51,6 +76,8 @@ class EmulatorDiagnostics:
     leave_one_out: Errors
     """closed form: hyperparameters and modes are those of all runs"""
     held_out: Errors | None
+    notes: tuple[str, ...] = ()
+    """hyperparameters at a bound of their search"""
 
     @property
     def judged(self) -> Errors:
@@ -105,65 +132,112 @@ def diagnose(
         n_held_out_excluded=0 if held_out is None else held_out.n_excluded,
         n_field_modes=0 if emulator.field is None else emulator.field_modes.shape[1],
         field_truncation_std=truncation,
-        leave_one_out=_leave_one_out_errors(emulator, training_set),
-        held_out=None if held_out is None else _held_out_errors(emulator, held_out),
+        leave_one_out=leave_one_out_residuals(emulator, training_set).errors(),
+        held_out=None if held_out is None else held_out_residuals(emulator, held_out).errors(),
+        notes=tuple(emulator.notes),
     )
 
 
-def _leave_one_out_errors(emulator: Emulator, runs: TrainingSet) -> Errors:
+@dataclass(frozen=True)
+class Residuals:
+    """Emulator minus runs it has not seen, and the SD it stated."""
+
+    force: Array
+    """(n, n_step) FE force, N"""
+    force_error: Array
+    """(n, n_step) N"""
+    force_covariance: Array
+    """(n, n_step, n_step) N^2"""
+    field_error: Array | None
+    """(n, n_step, n_point, 3) mm"""
+    field_std: Array | None
+    """(n, n_step, n_point, 3) mm, truncation included"""
+
+    @property
+    def force_z(self) -> Array:
+        """(n, n_step) standardised errors of the force."""
+        z: Array = self.force_error / np.sqrt(np.einsum("nii->ni", self.force_covariance))
+        return z
+
+    @property
+    def field_rms_by_point(self) -> Array | None:
+        """(n_step, n_point) root mean square over runs and components, mm: a map of the error."""
+        if self.field_error is None:
+            return None
+        rms: Array = np.sqrt(np.mean(self.field_error**2, axis=(0, 3)))
+        return rms
+
+    def share_of_noise(self, force_noise: Array, field_noise: float) -> ErrorShare:
+        """Errors over noise SDs of the force (n_step,) N and of a displacement, mm."""
+        force = np.sqrt(np.mean(self.force_error**2, axis=0)) / force_noise
+        field = None
+        if self.field_error is not None:
+            rms = np.sqrt(np.mean(self.field_error**2, axis=(0, 2, 3)))
+            field = float(rms.max()) / field_noise
+        return ErrorShare(float(force.max()), field)
+
+    def errors(self) -> Errors:
+        """All errors in numbers."""
+        relative, z = self.force_error / self.force, np.abs(self.force_z)
+        error, std = self.field_error, self.field_std
+        rms, largest, ratio, covered, worst = None, None, None, None, None
+        if error is not None and std is not None:
+            rms = tuple(np.sqrt(np.mean(error**2, axis=(0, 2, 3))).tolist())
+            largest = float(np.abs(error).max())
+            ratio = float(np.sqrt(np.mean(error**2) / np.mean(std**2)))
+            # A value that is the same in all runs has no error and no SD: it is covered.
+            covered = coverage(np.abs(error) / np.maximum(std, np.finfo(float).tiny))
+            worst = _worst(error)
+        return Errors(
+            n_runs=len(relative),
+            force_rms=tuple(np.sqrt(np.mean(relative**2, axis=0)).tolist()),
+            force_max=float(np.abs(relative).max()),
+            force_rms_z=float(np.sqrt(np.mean(z**2))),
+            force_coverage_68=float(np.mean(z < NORMAL_68)),
+            force_coverage_95=float(np.mean(z < NORMAL_95)),
+            force_coverage=coverage(z, self.force_error, self.force_covariance),
+            field_rms=rms,
+            field_max=largest,
+            field_rms_z=ratio,
+            field_coverage=covered,
+            worst_points=worst,
+        )
+
+
+def leave_one_out_residuals(emulator: Emulator, runs: TrainingSet) -> Residuals:
+    """Of the emulator's own training runs, each left out in turn, in closed form."""
     force, covariance = emulator.unit_force_leave_one_out()
-    field = None
+    error, std = None, None
     if emulator.field is not None:
         pod = emulator.field.pod
         mean, variance = emulator.field.processes.leave_one_out()
-        weights = (pod.weights(_flat(runs)) - mean) @ pod.modes.T
         # The residual of a run on modes fitted with it flatters; the one without it does not.
-        field = weights + pod.truncation, variance
-    return _errors(emulator, runs, force, covariance, field)
+        left_out = pod.truncation.reshape(len(runs.ratios), *_field(runs).shape[1:])
+        weights = (mean - pod.weights(_field(runs).reshape(len(mean), -1))) @ pod.modes.T
+        error = weights.reshape(left_out.shape) - left_out
+        std = np.sqrt(variance @ (pod.modes**2).T + pod.left_out_variance).reshape(error.shape)
+    return Residuals(runs.force, force - runs.force, covariance, error, std)
 
 
-def _held_out_errors(emulator: Emulator, runs: TrainingSet) -> Errors:
+def held_out_residuals(emulator: Emulator, runs: TrainingSet) -> Residuals:
+    """Of runs that the emulator was not trained on."""
     force, covariance = emulator.unit_force(runs.ratios)
-    field = None
+    error, std = None, None
     if emulator.field is not None:
-        mean, variance = emulator.field_weights(runs.ratios)
-        field = _flat(runs) - emulator.field.pod.reconstruct(mean), variance
-    return _errors(emulator, runs, force, covariance, field)
+        field: FieldPrediction = emulator.predict_field(runs.ratios, n_truncation=0)
+        error, std = field.mean - _field(runs), field.std
+    return Residuals(runs.force, force - runs.force, covariance, error, std)
 
 
-def _flat(runs: TrainingSet) -> Array:
+def _worst(error: Array) -> tuple[WorstPoint, ...]:
+    by_place = np.abs(error).max(axis=(0, 3))
+    step = by_place.argmax(axis=0)
+    largest = by_place.max(axis=0)
+    points = np.argsort(-largest, kind="stable")[:N_WORST]
+    return tuple(WorstPoint(int(step[p]), int(p), float(largest[p])) for p in points)
+
+
+def _field(runs: TrainingSet) -> Array:
     if runs.displacement is None:
         raise ValueError("displacement: the emulator has a field, these runs have none")
-    return runs.displacement.reshape(len(runs.ratios), -1)
-
-
-def _errors(
-    emulator: Emulator,
-    runs: TrainingSet,
-    force: Array,
-    covariance: Array,
-    field: tuple[Array, Array] | None,
-) -> Errors:
-    """Errors from predicted forces [N] and, of the field, errors (n, n_obs), variances (n, k)."""
-    relative = force / runs.force - 1.0
-    z = np.abs(force - runs.force) / np.sqrt(np.einsum("nii->ni", covariance))
-    rms, largest, ratio = None, None, None
-    if field is not None and emulator.field is not None:
-        error, variance = field
-        by_step = error.reshape(len(error), emulator.n_step, -1)
-        rms = tuple(np.sqrt(np.mean(by_step**2, axis=(0, 2))).tolist())
-        largest = float(np.abs(error).max())
-        # Modes are orthonormal: the variance summed over the field is that of the weights.
-        predicted = variance.sum() / error.size + emulator.field.pod.truncation_variance.mean()
-        ratio = float(np.sqrt(np.mean(error**2) / predicted))
-    return Errors(
-        n_runs=len(relative),
-        force_rms=tuple(np.sqrt(np.mean(relative**2, axis=0)).tolist()),
-        force_max=float(np.abs(relative).max()),
-        force_rms_z=float(np.sqrt(np.mean(z**2))),
-        force_coverage_68=float(np.mean(z < NORMAL_68)),
-        force_coverage_95=float(np.mean(z < NORMAL_95)),
-        field_rms=rms,
-        field_max=largest,
-        field_rms_z=ratio,
-    )
+    return runs.displacement

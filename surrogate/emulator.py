@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -9,31 +10,33 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from surrogate.emulator_file import Header, read_arrays, write_arrays
+from surrogate.field_prediction import FieldPrediction, compress, select
+from surrogate.force_scale import ForceScale, choose_scale
 from surrogate.gp import Array
+from surrogate.gp_fit import Sharing, at_bounds
 from surrogate.modal import ModalEmulator, fit_modal, modal_from_arrays, modal_to_arrays
 from surrogate.training_set import TrainingSet
 
 FIELD_TOLERANCE = 1e-3
 """Share of the field's variation (root mean square) that its modes may leave out"""
-MAX_FIELD_MODES = 12
+MAX_FIELD_MODES = 20
 
 
 @dataclass(frozen=True)
 class Emulator:
     """Predictions of a new FE run at ratios x (m, d), each with the emulator's own uncertainty.
 
-    The force itself is emulated, not its logarithm: the law is linear in its constants, which
-    leaves the force nearly linear in the ratios. Each step is divided by its mean training force,
-    so that the small forces of the first steps count as much as the large ones of the last; all
-    modes are kept. The field keeps few: what they leave out is described by `field_truncation_std`
-    (or in full by `field_truncation_factor`) and is not part of the weights' variance. Field
-    values are flattened in the order (step, point, component).
+    The force is emulated itself or by its logarithm, whichever makes the training forces more
+    probable. Each step is divided by its mean training force, so that the small forces of the first
+    steps count as much as the large ones of the last; all modes are kept. The field keeps few: what
+    they leave out is described by `field_truncation_std` (or in full by `field_truncation_factor`)
+    and is not part of the weights' variance. Field values are flattened in the order (step, point,
+    component).
     """
 
     force: ModalEmulator
-    """force at kappa = 1 MPa over `force_scale`, n_obs = n_step"""
-    force_scale: Array
-    """(n_step,) mean training force at kappa = 1 MPa, N"""
+    """force at kappa = 1 MPa on its scale, n_obs = n_step"""
+    force_scale: ForceScale
     field: ModalEmulator | None
     """displacement [mm], n_obs = n_step * n_point * 3; None when trained on forces only"""
     field_shape: tuple[int, int, int] | None
@@ -41,10 +44,9 @@ class Emulator:
     header: Header
 
     def __post_init__(self) -> None:
-        if self.force_scale.shape != (self.n_step,) or not (self.force_scale > 0.0).all():
-            raise ValueError(
-                f"force_scale: expected {self.n_step} positive forces, got {self.force_scale}"
-            )
+        mean = self.force_scale.mean
+        if mean.shape != (self.n_step,) or not (mean > 0.0).all():
+            raise ValueError(f"force_scale: expected {self.n_step} positive forces, got {mean}")
         if (self.field is None) != (self.field_shape is None):
             raise ValueError("field_shape: must be given with a field and only with one")
         if self.field is not None and self.field_shape is not None:
@@ -53,32 +55,46 @@ class Emulator:
                 raise ValueError(f"field_shape: {self.field_shape} does not hold {n_obs} values")
 
     @classmethod
-    def fit(cls, training_set: TrainingSet, seed: int, *, n_restarts: int = 6) -> Emulator:
+    def fit(
+        cls,
+        training_set: TrainingSet,
+        seed: int,
+        *,
+        n_restarts: int = 1,
+        sharing: Sharing = "auto",
+    ) -> Emulator:
         """Fit to the training runs; the same set and seed give the same bits.
 
+        Derivatives that the training set holds are used; `training_set.without_gradients` fits to
+        the values alone. See `fit_processes` for the other arguments.
         Raises ValueError for fewer than 3 runs or runs that do not vary.
         """
         x, displacement = training_set.ratios, training_set.displacement
         # One thread: sums in another order would change last bits, and the matrices are small.
         with threadpool_limits(limits=1):
-            scale: Array = training_set.force.mean(axis=0)
-            force = fit_modal(x, training_set.force / scale, seed, n_restarts=n_restarts)
+            force, scale = _fit_force(training_set, seed, n_restarts, sharing)
             field = None
             if displacement is not None:
+                slopes = training_set.displacement_gradient
                 field = fit_modal(
                     x,
                     displacement.reshape(len(x), -1),
                     seed,
+                    slopes=None if slopes is None else slopes.reshape(len(x), -1, x.shape[1]),
                     tolerance=FIELD_TOLERANCE,
                     max_modes=MAX_FIELD_MODES,
                     n_restarts=n_restarts,
+                    sharing=sharing,
                 )
         header = Header(training_set.fingerprint, seed, len(x), training_set.n_excluded)
         return cls(force, scale, field, _field_shape(displacement), header)
 
     def save(self, path: Path) -> None:
         """Write one npz file with a JSON header, atomically."""
-        arrays = modal_to_arrays(self.force, "force_") | {"scale": self.force_scale}
+        arrays = modal_to_arrays(self.force, "force_") | {
+            "scale": self.force_scale.mean,
+            "log": np.array(float(self.force_scale.log)),
+        }
         if self.field is not None and self.field_shape is not None:
             arrays |= modal_to_arrays(self.field, "field_")
             arrays["shape"] = np.array(self.field_shape, dtype=np.float64)
@@ -94,7 +110,8 @@ class Emulator:
         header, arrays = read_arrays(path, fingerprint)
         shape = arrays.pop("shape", None)
         try:
-            force, scale = modal_from_arrays(arrays, "force_"), arrays["scale"]
+            scale = ForceScale(arrays.pop("scale"), bool(arrays.pop("log")))
+            force = modal_from_arrays(arrays, "force_")
             if shape is None:
                 return cls(force, scale, None, None, header)
             n_step, n_point, n_dim = (int(value) for value in shape)
@@ -117,19 +134,21 @@ class Emulator:
     def unit_force(self, ratios: Array) -> tuple[Array, Array]:
         """Mean (m, n_step) N and covariance (m, n_step, n_step) N^2 of the force at 1 MPa.
 
-        Nothing keeps the mean positive where the emulator is bad or extrapolates: check it before
-        taking its logarithm.
+        On a logarithmic scale the mean is the median (see `ForceScale.force`). On the other nothing
+        keeps it positive where the emulator is bad or extrapolates: check it before taking its
+        logarithm.
         """
-        return self._in_newton(*self.force.predict(self._checked(ratios)))
+        return self.force_scale.force(*self.force.predict(self._checked(ratios)))
 
     def unit_force_gradient(self, ratios: Array) -> Array:
         """(m, n_step, d) derivative of the mean force at 1 MPa by the ratios, N."""
-        gradient: Array = self.force_scale[:, None] * self.force.gradient(self._checked(ratios))
-        return gradient
+        ratios = self._checked(ratios)
+        mean = self.force.pod.reconstruct(self.force.processes.mean(ratios))
+        return self.force_scale.gradient(mean, self.force.gradient(ratios))
 
     def unit_force_leave_one_out(self) -> tuple[Array, Array]:
         """As `unit_force` at each training point given the other runs only."""
-        return self._in_newton(*self.force.leave_one_out())
+        return self.force_scale.force(*self.force.leave_one_out())
 
     def field_weights(self, ratios: Array) -> tuple[Array, Array]:
         """Mean (m, k) and variance (m, k) of the weights of the field's modes, mm and mm^2."""
@@ -143,6 +162,43 @@ class Emulator:
         """(m, n_step, n_point, 3) mean displacement of the front face, mm."""
         mean, _ = self.field_weights(ratios)
         return self._modal_field.pod.reconstruct(mean).reshape(len(mean), *self._shape)
+
+    def predict_field(
+        self,
+        ratios: Array,
+        *,
+        steps: Sequence[int] | None = None,
+        points: Sequence[int] | None = None,
+        n_truncation: int = 8,
+    ) -> FieldPrediction:
+        """Mean and covariance of a new run's field at some steps and points (default: all).
+
+        The covariance is that of the modes' weights, exactly, plus that of what they leave out, of
+        which `n_truncation` directions are kept with their correlations and the rest as variances.
+        Memory is linear in the number of points.
+        """
+        mean, variance = self.field_weights(ratios)
+        pod, kept = self._modal_field.pod, select(self._shape, steps, points)
+        factor, rest = compress(pod.truncation_factor[kept.rows], n_truncation)
+        return FieldPrediction(
+            shape=kept.shape,
+            mean=(pod.offset[kept.rows] + mean @ pod.modes[kept.rows].T).reshape(-1, *kept.shape),
+            modes=pod.modes[kept.rows],
+            weight_variance=variance,
+            truncation=factor,
+            rest=rest,
+        )
+
+    @property
+    def notes(self) -> list[str]:
+        """Hyperparameters that a fit left at a bound of its search, one sentence each."""
+        parts = {"force": self.force, "field": self.field}
+        return [
+            f"{name} emulator: {what}"
+            for name, part in parts.items()
+            if part is not None
+            for what in at_bounds(part.processes)
+        ]
 
     @property
     def field_offset(self) -> Array:
@@ -177,10 +233,6 @@ class Emulator:
         assert self.field_shape is not None
         return self.field_shape
 
-    def _in_newton(self, mean: Array, covariance: Array) -> tuple[Array, Array]:
-        scale = self.force_scale
-        return scale * mean, scale[:, None] * scale * covariance
-
     def _checked(self, ratios: Array) -> Array:
         ratios = np.asarray(ratios, dtype=np.float64)
         d = len(self.force.processes.low)
@@ -194,3 +246,23 @@ def _field_shape(displacement: Array | None) -> tuple[int, int, int] | None:
         return None
     _, n_step, n_point, n_dim = displacement.shape
     return n_step, n_point, n_dim
+
+
+def _fit_force(
+    runs: TrainingSet, seed: int, n_restarts: int, sharing: Sharing
+) -> tuple[ModalEmulator, ForceScale]:
+    scale = choose_scale(runs.ratios, runs.force, runs.force_gradient)
+    slopes = None
+    if runs.force_gradient is not None:
+        slopes = scale.slopes(runs.force, runs.force_gradient)
+    y = scale.values(runs.force)
+    modal = fit_modal(
+        runs.ratios,
+        y,
+        seed,
+        slopes=slopes,
+        n_restarts=n_restarts,
+        sharing=sharing,
+        stretch=True,
+    )
+    return modal, scale

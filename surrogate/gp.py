@@ -1,78 +1,105 @@
-"""Independent Gaussian processes over the same inputs: fitted one by one, evaluated together."""
+"""Gaussian processes of values and derivatives over the same inputs, evaluated together."""
 
 from __future__ import annotations
 
-import warnings
-from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
 from scipy.linalg import solve_triangular
-from sklearn.exceptions import ConvergenceWarning
-from sklearn.gaussian_process import GaussianProcessRegressor
-from sklearn.gaussian_process.kernels import ConstantKernel, Matern, WhiteKernel
+
+from surrogate.covariance import FAMILIES, Rows, covariance, mean_gradient, rows_of, values_only
+from surrogate.evidence import Hyperparameters
+from surrogate.warp import warp_slope, warped
 
 Array = npt.NDArray[np.float64]
-
-AMPLITUDE_BOUNDS = (1e-2, 1e2)
-"""Variance of a process over that of its outputs; more would only add rounding to exact data"""
-LENGTH_BOUNDS = (0.05, 20.0)
-NUGGET_BOUNDS = (1e-10, 2.0)
-"""Nugget, as a share of the variance of the outputs: from exact data to nothing but noise."""
 
 _CHUNK = 4096
 
 
 @dataclass(frozen=True)
 class GaussianProcesses:
-    """k posterior processes with a Matern-5/2 covariance, one length for each input, and a nugget.
+    """k posterior processes in g groups; those of a group share all but their amplitude.
 
-    Inputs are scaled to the unit box of the training points, outputs to mean 0 and variance 1.
+    Inputs are scaled to the unit box of the training points and stretched there, outputs scaled to
+    mean 0 and variance 1.
+    Training rows are the values of all runs, then the derivatives that are usable, run by run.
     The predicted variance holds the nugget: it is that of a new run, numerical noise included.
     It is that of the fitted process times `inflation`, which stands for the hyperparameters
-    having been estimated from the same few runs (see `fit_processes`).
+    having been estimated from the same few runs (see `surrogate.gp_fit`).
     """
 
     low: Array
     """(d,) lowest training input"""
     span: Array
     """(d,) extent of the training inputs"""
+    strength: Array
+    """(d,) how much each input is stretched near its low edge, see `surrogate.warp`"""
     inputs: Array
-    """(n, d) training inputs in the unit box"""
+    """(n, d) training inputs in the unit box, stretched"""
+    usable: Array
+    """(n, d) 1 where the derivative of a run by an input is a training row, else 0"""
     offset: Array
     """(k,) mean of the training outputs"""
     scale: Array
     """(k,) standard deviation of the training outputs"""
     targets: Array
-    """(k, n) scaled training outputs"""
+    """(k, n_rows) scaled training outputs and derivatives"""
+    group: Array
+    """(k,) group of each process"""
     amplitude: Array
     """(k,) variance of each process, scaled outputs"""
-    length: Array
-    """(k, d) correlation lengths, unit box"""
-    nugget: Array
-    """(k,) noise variance, scaled outputs"""
-    alpha: Array
-    """(k, n) inverse covariance times targets"""
-    cholesky: Array
-    """(k, n, n) lower Cholesky factor of the training covariance"""
     inflation: Array
     """(k,) factor of the predicted variance, 1 for known hyperparameters"""
+    family: Array
+    """(g,) place of the covariance in `FAMILIES`"""
+    length: Array
+    """(g, d) correlation lengths, stretched unit box"""
+    nugget: Array
+    """(g,) noise variance of values over the amplitude"""
+    slope_nugget: Array
+    """(g,) noise variance of derivatives over their prior variance"""
+    alpha: Array
+    """(k, n_rows) inverse covariance at unit amplitude times targets"""
+    cholesky: Array
+    """(g, n_rows, n_rows) lower Cholesky factor of the covariance at unit amplitude"""
 
     def __post_init__(self) -> None:
-        n, d, k = *self.inputs.shape, len(self.offset)
+        n, d, k, g = *self.inputs.shape, len(self.offset), len(self.family)
+        n_rows = n + int(np.count_nonzero(self.usable))
         shapes = {
-            **dict.fromkeys(("low", "span"), (d,)),
-            **dict.fromkeys(("offset", "scale", "amplitude", "nugget", "inflation"), (k,)),
-            **dict.fromkeys(("targets", "alpha"), (k, n)),
-            "length": (k, d),
-            "cholesky": (k, n, n),
+            **dict.fromkeys(("low", "span", "strength"), (d,)),
+            "usable": (n, d),
+            **dict.fromkeys(("offset", "scale", "group", "amplitude", "inflation"), (k,)),
+            **dict.fromkeys(("targets", "alpha"), (k, n_rows)),
+            **dict.fromkeys(("nugget", "slope_nugget"), (g,)),
+            "length": (g, d),
+            "cholesky": (g, n_rows, n_rows),
         }
         for name, shape in shapes.items():
             found = getattr(self, name).shape
             if found != shape:
                 raise ValueError(f"{name}: expected shape {shape}, got {found}")
+        if not np.isin(self.group, np.arange(g)).all():
+            raise ValueError(f"group: expected places among {g} groups, got {self.group}")
+        if not np.isin(self.family, np.arange(len(FAMILIES))).all():
+            raise ValueError(f"family: expected places in {FAMILIES}, got {self.family}")
+
+    @property
+    def rows(self) -> Rows:
+        """Which training rows are values and which derivatives."""
+        return self._rows
+
+    def hyperparameters(self, group: int) -> Hyperparameters:
+        """Lengths and nuggets of a group."""
+        return Hyperparameters(
+            self.length[group], float(self.nugget[group]), float(self.slope_nugget[group])
+        )
+
+    def members(self, group: int) -> npt.NDArray[np.int64]:
+        """Processes of a group."""
+        return np.flatnonzero(self.group == group)
 
     def predict(self, x: Array) -> tuple[Array, Array]:
         """Mean (m, k) and variance (m, k) of new runs at inputs x (m, d), in output units."""
@@ -81,157 +108,129 @@ class GaussianProcesses:
         parts = [self._predict(x[i : i + _CHUNK]) for i in range(0, len(x), _CHUNK)]
         return np.concatenate([p[0] for p in parts]), np.concatenate([p[1] for p in parts])
 
+    def mean(self, x: Array) -> Array:
+        """(m, k) mean at inputs x (m, d), in output units: `predict` without its variance."""
+        scaled, mean = self.scaled(x), np.empty((len(x), len(self.offset)))
+        for group, (members, weights) in enumerate(self._weights):
+            mean[:, members] = self._cross(group, scaled) @ weights
+        found: Array = self.offset + self.scale * mean
+        return found
+
     def gradient(self, x: Array) -> Array:
         """(m, k, d) derivative of the mean by the inputs at x (m, d), in output per input units."""
-        distance = self._distance(x)
-        slope = (1.0 + distance) * np.exp(-distance) * self._weights[:, None, :]
-        difference = self._scaled(x)[:, None, :] - self.inputs
-        summed = np.einsum("kmn,mnd->mkd", slope, difference)
-        factor = -5.0 / 3.0 * self.scale[:, None] / self.length**2 / self.span
-        gradient: Array = summed * factor
+        gradient = np.empty((len(x), len(self.offset), x.shape[1]))
+        scaled = self.scaled(x)
+        for group, (members, weights) in enumerate(self._weights):
+            gradient[:, members] = mean_gradient(
+                int(self.family[group]),
+                self.length[group],
+                scaled,
+                self.inputs,
+                self._rows,
+                weights,
+            ).transpose(0, 2, 1)
+        by_unit = warp_slope((x - self.low) / self.span, self.strength)
+        gradient *= by_unit[:, None, :] * (self.scale[:, None] / self.span)
         return gradient
+
+    def covariance(self, x: Array, other: Array) -> Array:
+        """(k, m, q) covariance of the processes at x (m, d) and other (q, d), output units.
+
+        Of the processes themselves: the noise of a new run is not in it.
+        """
+        joint = np.empty((len(self.offset), len(x), len(other)))
+        for group in range(len(self.family)):
+            here, there = self.whitened(group, x), self.whitened(group, other)
+            prior = self.prior(group, x, other)
+            joint[self.members(group)] = prior - here @ there.T
+        return joint * self.variance_scale[:, None, None]
+
+    def prior(self, group: int, x: Array, other: Array) -> Array:
+        """(m, q) prior covariance at unit amplitude of a group at x (m, d) and other (q, d)."""
+        d = x.shape[1]
+        return covariance(
+            int(self.family[group]),
+            self.length[group],
+            self.scaled(x),
+            values_only(len(x), d),
+            self.scaled(other),
+            values_only(len(other), d),
+        )
+
+    def whitened(self, group: int, x: Array) -> Array:
+        """(m, n_rows) W with W @ W.T what the runs explain of the covariance at x (m, d)."""
+        explained: Array = self._cross(group, self.scaled(x)) @ self._inverse_factor[group].T
+        return explained
 
     def leave_one_out(self) -> tuple[Array, Array]:
         """Mean (n, k) and variance (n, k) at each training input given the other runs only.
 
-        Closed form with the hyperparameters held (Rasmussen & Williams 2006, eqs 5.10-5.12).
+        A run is left out with its value and all its derivatives. Closed form with the
+        hyperparameters held (Rasmussen & Williams 2006, eqs 5.10-5.12; in blocks: Dubrule 1983,
+        Math. Geol. 15, 687).
         """
-        precision = np.sum(self._inverse_factor**2, axis=1)
-        mean = self.targets - self.alpha / precision
-        variance = self._variance_scale[:, None] / precision
+        n, k = len(self.inputs), len(self.offset)
+        mean, variance = np.empty((k, n)), np.empty((k, n))
+        for group in range(len(self.family)):
+            members, inverse = self.members(group), self._inverse_factor[group]
+            for run, rows in enumerate(self._rows.of_point):
+                own = rows[rows >= 0]
+                left_out = np.linalg.inv(inverse[:, own].T @ inverse[:, own])
+                error = left_out[0] @ self.alpha[np.ix_(members, own)].T
+                mean[members, run] = self.targets[members, run] - error
+                variance[members, run] = left_out[0, 0]
+        variance *= self.variance_scale[:, None]
         return (self.offset[:, None] + self.scale[:, None] * mean).T, variance.T
 
-    def _predict(self, x: Array) -> tuple[Array, Array]:
-        q = self._distance(x)
-        correlation = np.exp(-q)
-        polynomial = q / 3.0
-        polynomial += 1.0
-        polynomial *= q
-        polynomial += 1.0
-        correlation *= polynomial
-        mean = np.matmul(correlation, self._weights[:, :, None])[:, :, 0]
-        explained = np.matmul(correlation, self._explaining)
-        rest = self.amplitude[:, None] - np.einsum("kmn,kmn->km", explained, explained)
-        # Rounding may take the rest below its least value, zero, near the training points.
-        variance = np.maximum(rest, 0.0) + self.nugget[:, None]
-        variance *= self._variance_scale[:, None]
-        return (self.offset[:, None] + self.scale[:, None] * mean).T, variance.T
-
-    def _scaled(self, x: Array) -> Array:
-        scaled: Array = (x - self.low) / self.span
-        return scaled
-
-    def _distance(self, x: Array) -> Array:
-        """(k, m, n) sqrt(5) times the scaled distance from x to each training input."""
-        # Differences first: the expanded square would cancel next to the training points.
-        difference = self._scaled(x).T[:, :, None] - self.inputs.T[:, None, :]
-        difference *= difference
-        squared = self._inverse_square_length @ difference.reshape(len(difference), -1)
-        np.sqrt(squared, out=squared)
-        return squared.reshape(len(self.offset), len(x), len(self.inputs))
+    def scaled(self, x: Array) -> Array:
+        """Inputs x (m, d) in the stretched unit box of the training points."""
+        return np.ascontiguousarray(warped((x - self.low) / self.span, self.strength))
 
     @cached_property
-    def _inverse_square_length(self) -> Array:
-        scaled: Array = 5.0 / self.length**2
-        return scaled
-
-    @cached_property
-    def _variance_scale(self) -> Array:
-        scale: Array = self.inflation * self.scale**2
+    def variance_scale(self) -> Array:
+        """(k,) variance of each process in output units, inflation included."""
+        scale: Array = self.inflation * self.amplitude * self.scale**2
         return scale
 
-    @cached_property
-    def _weights(self) -> Array:
-        weights: Array = self.amplitude[:, None] * self.alpha
-        return weights
+    def _predict(self, x: Array) -> tuple[Array, Array]:
+        scaled = self.scaled(x)
+        mean, variance = np.empty((len(x), len(self.offset))), np.empty((len(self.offset), len(x)))
+        for group, (members, weights) in enumerate(self._weights):
+            cross = self._cross(group, scaled)
+            mean[:, members] = cross @ weights
+            explained = cross @ self._inverse_factor[group].T
+            rest = 1.0 - np.einsum("mn,mn->m", explained, explained)
+            # Rounding may take the rest below its least value, zero, near the training points.
+            variance[members] = np.maximum(rest, 0.0) + self.nugget[group]
+        variance *= self.variance_scale[:, None]
+        return self.offset + self.scale * mean, variance.T
+
+    def _cross(self, group: int, scaled: Array) -> Array:
+        """(m, n_rows) covariance at unit amplitude of values at scaled (m, d) and training rows."""
+        return covariance(
+            int(self.family[group]),
+            self.length[group],
+            scaled,
+            values_only(*scaled.shape),
+            self.inputs,
+            self._rows,
+        )
 
     @cached_property
-    def _inverse_factor(self) -> Array:
-        """(k, n, n) inverse of the lower Cholesky factors."""
-        identity = np.eye(len(self.inputs))
-        return np.array([solve_triangular(c, identity, lower=True) for c in self.cholesky])
+    def _rows(self) -> Rows:
+        return rows_of(self.usable.astype(np.bool_))
 
     @cached_property
-    def _explaining(self) -> Array:
-        explaining: Array = self.amplitude[:, None, None] * self._inverse_factor.transpose(0, 2, 1)
-        return np.ascontiguousarray(explaining)
+    def _weights(self) -> list[tuple[npt.NDArray[np.int64], Array]]:
+        """Members of each group and their weights (n_rows, k_g)."""
+        groups = [self.members(group) for group in range(len(self.family))]
+        return [(members, np.ascontiguousarray(self.alpha[members].T)) for members in groups]
 
-
-def fit_processes(x: Array, y: Array, seed: int, *, n_restarts: int = 6) -> GaussianProcesses:
-    """Fit one process to each column of y (n, k) over x (n, d) by maximum marginal likelihood.
-
-    Each process starts its optimiser from a fixed point and `n_restarts` points drawn with its
-    own seed, spawned from `seed`, so it does not depend on the other columns. Maximum likelihood
-    takes a variance too small, as in regression, so variances are inflated by n / (n - p) with
-    the p = d + 3 fitted numbers of a process: mean, amplitude, lengths and nugget.
-    Raises ValueError for fewer than 3 runs, inputs that do not vary, or constant outputs.
-    """
-    low, span = x.min(axis=0), np.ptp(x, axis=0)
-    outputs = np.ascontiguousarray(y.T)  # rows are summed alike however many there are
-    offset, scale = outputs.mean(axis=1), outputs.std(axis=1)
-    if len(x) < 3 or not (span > 0.0).all():
-        raise ValueError(f"x: need at least 3 runs that vary in every input, got {x.shape}")
-    if not (scale > 0.0).all():
-        raise ValueError(f"y: column {int(np.argmin(scale))} is constant; leave it out")
-    unit = (x - low) / span
-    targets = (outputs - offset[:, None]) / scale[:, None]
-    seeds = [
-        int(child.generate_state(1)[0])
-        for child in np.random.SeedSequence(seed).spawn(len(targets))
-    ]
-    regressors = [
-        fit_regressor(unit, target, child, n_restarts=n_restarts)
-        for target, child in zip(targets, seeds, strict=True)
-    ]
-    inflation = len(x) / max(len(x) - x.shape[1] - 3, 1)
-    return from_regressors(
-        regressors, low=low, span=span, offset=offset, scale=scale, inflation=inflation
-    )
-
-
-def fit_regressor(x: Array, y: Array, seed: int, *, n_restarts: int) -> GaussianProcessRegressor:
-    """Scikit-learn's regressor of scaled outputs y (n,) over inputs x (n, d) of the unit box."""
-    kernel = ConstantKernel(1.0, AMPLITUDE_BOUNDS) * Matern(
-        np.full(x.shape[1], 1.0), LENGTH_BOUNDS, nu=2.5
-    ) + WhiteKernel(1e-4, NUGGET_BOUNDS)
-    regressor = GaussianProcessRegressor(
-        kernel, alpha=0.0, n_restarts_optimizer=n_restarts, random_state=seed
-    )
-    with warnings.catch_warnings():
-        # A nugget at its lower bound (exact data) or a length at its upper bound (an input
-        # without influence) is an answer, not a failure.
-        warnings.simplefilter("ignore", ConvergenceWarning)
-        regressor.fit(x, y)
-    return regressor
-
-
-def from_regressors(
-    regressors: Sequence[GaussianProcessRegressor],
-    *,
-    low: Array,
-    span: Array,
-    offset: Array,
-    scale: Array,
-    inflation: float = 1.0,
-) -> GaussianProcesses:
-    """Take the arrays of fitted regressors (Constant * Matern-5/2 + White over the unit box)."""
-    kernels = [regressor.kernel_ for regressor in regressors]
-    inputs = np.array(regressors[0].X_train_, dtype=np.float64)
-    d = inputs.shape[1]
-    return GaussianProcesses(
-        low=low,
-        span=span,
-        inputs=inputs,
-        offset=offset,
-        scale=scale,
-        targets=np.array([r.y_train_ for r in regressors]),
-        amplitude=np.array([k.k1.k1.constant_value for k in kernels]),
-        length=np.array([np.broadcast_to(k.k1.k2.length_scale, d) for k in kernels]),
-        nugget=np.array([k.k2.noise_level for k in kernels]),
-        alpha=np.array([r.alpha_ for r in regressors]),
-        cholesky=np.array([r.L_ for r in regressors]),
-        inflation=np.full(len(regressors), inflation),
-    )
+    @cached_property
+    def _inverse_factor(self) -> list[Array]:
+        """(n_rows, n_rows) inverse of the lower Cholesky factor of each group."""
+        identity = np.eye(self._rows.n_rows)
+        return [solve_triangular(c, identity, lower=True) for c in self.cholesky]
 
 
 def to_arrays(processes: GaussianProcesses) -> dict[str, Array]:

@@ -8,8 +8,13 @@ from functools import cached_property
 
 import numpy as np
 
-from surrogate.gp import Array, GaussianProcesses, fit_processes, to_arrays
+from surrogate.coordinates import choose_strength
+from surrogate.gp import Array, GaussianProcesses, to_arrays
+from surrogate.gp_fit import Sharing, fit_processes
 from surrogate.pod import Pod, fit_pod
+
+N_LEADING = 3
+"""modes that choose the coordinates: the others may be little more than noise"""
 
 
 @dataclass(frozen=True)
@@ -60,14 +65,48 @@ def fit_modal(
     y: Array,
     seed: int,
     *,
+    slopes: Array | None = None,
     tolerance: float = 0.0,
     max_modes: int = 12,
-    n_restarts: int = 6,
+    n_restarts: int = 1,
+    sharing: Sharing = "auto",
+    stretch: bool = False,
 ) -> ModalEmulator:
-    """Fit to y (n, n_obs) over x (n, d); see `fit_pod` and `fit_processes` for the arguments."""
-    pod = fit_pod(y, tolerance=tolerance, max_modes=max_modes)
-    processes = fit_processes(x, pod.weights(y), seed, n_restarts=n_restarts)
+    """Fit to y (n, n_obs) over x (n, d) and its derivatives `slopes` (n, n_obs, d), if any.
+
+    With `stretch` the inputs are stretched as the leading modes want it. See `fit_pod` and
+    `fit_processes` for the other arguments.
+    """
+    pod = fit_pod(y, tolerance=tolerance, max_modes=max_modes, weight=_inside(x))
+    weights = pod.weights(y)
+    by_input = None if slopes is None else np.matmul(pod.modes.T, slopes)
+    strength = None
+    if stretch:
+        leading = None if by_input is None else by_input[:, :N_LEADING]
+        strength = choose_strength(x, weights[:, :N_LEADING], leading).strength
+    processes = fit_processes(
+        x,
+        weights,
+        seed,
+        slopes=by_input,
+        strength=strength,
+        n_restarts=n_restarts,
+        sharing=sharing,
+    )
     return ModalEmulator(pod, processes)
+
+
+def _inside(x: Array) -> Array:
+    """(n,) 1 for runs inside the box of all, 0 for its corners; all 1 where few are inside.
+
+    Modes fitted without a corner are asked to extrapolate to it. A prediction never asks that of
+    them, as the corner is among the runs: it would take the truncation several times too large.
+    """
+    inside = ((x > x.min(axis=0)) & (x < x.max(axis=0))).any(axis=1)
+    if np.count_nonzero(inside) < len(x) / 2:
+        return np.ones(len(x))
+    weight: Array = inside.astype(np.float64)
+    return weight
 
 
 def modal_to_arrays(modal: ModalEmulator, prefix: str) -> dict[str, Array]:
@@ -76,6 +115,7 @@ def modal_to_arrays(modal: ModalEmulator, prefix: str) -> dict[str, Array]:
         "pod_offset": modal.pod.offset,
         "pod_modes": modal.pod.modes,
         "pod_truncation": modal.pod.truncation,
+        "pod_weight": modal.pod.weight,
     }
     return {f"{prefix}{name}": value for name, value in (pod | to_arrays(modal.processes)).items()}
 
@@ -87,7 +127,12 @@ def modal_from_arrays(arrays: Mapping[str, Array], prefix: str) -> ModalEmulator
         for name, value in arrays.items()
         if name.startswith(prefix)
     }
-    pod = Pod(own.pop("pod_offset"), own.pop("pod_modes"), own.pop("pod_truncation"))
+    pod = Pod(
+        own.pop("pod_offset"),
+        own.pop("pod_modes"),
+        own.pop("pod_truncation"),
+        own.pop("pod_weight"),
+    )
     try:
         return ModalEmulator(pod, GaussianProcesses(**own))
     except TypeError as error:  # an array too few or too many

@@ -20,16 +20,24 @@ class Pod:
     """(n_obs, k) orthonormal modes, strongest first"""
     truncation: Array
     """(n, n_obs) what the modes of the other runs leave out of each run"""
+    weight: Array
+    """(n,) share of each run in the truncation covariance, sums to 1"""
 
     @property
     def truncation_factor(self) -> Array:
         """(n_obs, n) factor L of the truncation covariance L @ L.T."""
-        factor: Array = self.truncation.T / np.sqrt(len(self.truncation))
+        factor: Array = self.truncation.T * np.sqrt(self.weight)
         return factor
 
     @property
     def truncation_variance(self) -> Array:
         """(n_obs,) diagonal of the truncation covariance."""
+        variance: Array = self.weight @ self.truncation**2
+        return variance
+
+    @property
+    def left_out_variance(self) -> Array:
+        """(n_obs,) mean over all runs of what is left out of them, squared."""
         variance: Array = np.mean(self.truncation**2, axis=0)
         return variance
 
@@ -44,14 +52,17 @@ class Pod:
         return snapshots
 
 
-def fit_pod(snapshots: Array, *, tolerance: float, max_modes: int) -> Pod:
+def fit_pod(
+    snapshots: Array, *, tolerance: float, max_modes: int, weight: Array | None = None
+) -> Pod:
     """Decompose snapshots (n, n_obs), n >= 2, by a thin singular value decomposition.
 
     Keeps the fewest modes that leave out less than the share `tolerance` of the root mean square
     of the snapshots about their mean, at most `max_modes`; tolerance 0 keeps every mode. The
     signs are fixed by the largest entry of each mode. The truncation is measured run by run on
     modes fitted without that run (Sirovich 1987 for the decomposition; leaving a run out because
-    the residual of a fitted run flatters the basis). Raises ValueError for fewer than 2 snapshots
+    the residual of a fitted run flatters the basis); `weight` (n,) says how much each run counts in
+    its covariance, by default as much as any other. Raises ValueError for fewer than 2 snapshots
     or snapshots that are all the same.
     """
     n = len(snapshots)
@@ -70,7 +81,8 @@ def fit_pod(snapshots: Array, *, tolerance: float, max_modes: int) -> Pod:
         truncation = np.zeros_like(snapshots)
     else:
         truncation = _left_out(coordinates, k) @ right[:rank]
-    return Pod(offset, (right[:k] * sign[:, None]).T, truncation)
+    counts = np.ones(n) if weight is None else weight
+    return Pod(offset, (right[:k] * sign[:, None]).T, truncation, counts / counts.sum())
 
 
 def _count(values: Array, tolerance: float) -> int:

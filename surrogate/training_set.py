@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,6 +28,14 @@ class TrainingSet:
     """(n, n_step, n_point, 3) front-face displacement, mm; None without fields"""
     n_excluded: int = 0
     """runs of the design that are not here because they did not reach every travel"""
+    force_gradient: Array | None = None
+    """(n, n_step, d) derivative of the force by the ratios, N per unit; None without"""
+    displacement_gradient: Array | None = None
+    """(n, n_step, n_point, 3, d) derivative of the displacement, mm per unit; None without.
+
+    In both, NaN marks what cannot be used: the derivative of a run by an input teaches nothing
+    unless it is finite at all steps and points.
+    """
 
     def __post_init__(self) -> None:
         n = len(self.ratios)
@@ -51,6 +60,18 @@ class TrainingSet:
             )
         if len(np.unique(self.ratios, axis=0)) != n:
             raise ValueError("ratios: must differ between runs, found a point twice")
+        self._check_gradients()
+
+    def _check_gradients(self) -> None:
+        for name in ("force", "displacement"):
+            value, gradient = getattr(self, name), getattr(self, f"{name}_gradient")
+            if gradient is None:
+                continue
+            expected = None if value is None else (*value.shape, self.ratios.shape[1])
+            if gradient.shape != expected:
+                raise ValueError(
+                    f"{name}_gradient: expected shape {expected}, found {gradient.shape}"
+                )
 
     @classmethod
     def from_runs(
@@ -59,32 +80,97 @@ class TrainingSet:
         force: Array,
         displacement: Array | None,
         reached: npt.NDArray[np.bool_],
+        *,
+        force_gradient: Array | None = None,
+        displacement_gradient: Array | None = None,
+        smooth: npt.NDArray[np.bool_] | None = None,
     ) -> TrainingSet:
         """Keep the runs that reached every travel and count the others.
 
         `ratios` (n, d), `force` (n, n_step) N at kappa = 1 MPa, `displacement` (n, n_step,
-        n_point, 3) mm or None, `reached` (n,). Raises ValueError as the class does.
+        n_point, 3) mm or None, `reached` (n,); gradients as in the class, see `named_gradient`.
+        `smooth` (n,) tells runs with derivatives that hold along the design, not those of an
+        unstable equilibrium, from others, whose values alone are used. Raises ValueError as the
+        class does.
         """
         keep = np.asarray(reached, dtype=bool)
-        if keep.shape != (len(ratios),):
-            raise ValueError(f"reached: expected {len(ratios)} values, got shape {keep.shape}")
+        good = (
+            np.ones(len(ratios), dtype=bool) if smooth is None else np.asarray(smooth, dtype=bool)
+        )
+        for name, mask in (("reached", keep), ("smooth", good)):
+            if mask.shape != (len(ratios),):
+                raise ValueError(f"{name}: expected {len(ratios)} values, got shape {mask.shape}")
+
+        def kept(values: Array | None) -> Array | None:
+            return None if values is None else np.asarray(values, dtype=np.float64)[keep]
+
+        def kept_smooth(gradient: Array | None) -> Array | None:
+            slopes = kept(gradient)
+            if slopes is not None and not good[keep].all():
+                slopes[~good[keep]] = np.nan
+            return slopes
+
         return cls(
             ratios=np.asarray(ratios, dtype=np.float64)[keep],
             force=np.asarray(force, dtype=np.float64)[keep],
-            displacement=(
-                None if displacement is None else np.asarray(displacement, dtype=np.float64)[keep]
-            ),
+            displacement=kept(displacement),
             n_excluded=int(np.count_nonzero(~keep)),
+            force_gradient=kept_smooth(force_gradient),
+            displacement_gradient=kept_smooth(displacement_gradient),
         )
+
+    def subset(self, rows: npt.NDArray[np.int64] | slice) -> TrainingSet:
+        """The runs of these rows; the count of those left out is kept."""
+
+        def part(values: Array | None) -> Array | None:
+            return None if values is None else values[rows]
+
+        return TrainingSet(
+            self.ratios[rows],
+            self.force[rows],
+            part(self.displacement),
+            self.n_excluded,
+            part(self.force_gradient),
+            part(self.displacement_gradient),
+        )
+
+    @property
+    def without_gradients(self) -> TrainingSet:
+        """The same runs, values alone."""
+        return TrainingSet(self.ratios, self.force, self.displacement, self.n_excluded)
 
     @property
     def fingerprint(self) -> str:
         """SHA-256 (hex) of all numbers and shapes: equal sets, and only they, agree."""
         digest = hashlib.sha256()
         for value in (self.ratios, self.force, self.displacement):
-            if value is None:
-                digest.update(b"none")
-            else:
-                digest.update(repr(value.shape).encode())
-                digest.update(np.ascontiguousarray(value, dtype="<f8").tobytes())
+            _update(digest, value)
+        if self.force_gradient is not None or self.displacement_gradient is not None:
+            _update(digest, self.force_gradient)
+            _update(digest, self.displacement_gradient)
         return digest.hexdigest()
+
+
+def named_gradient(gradient: Array, found: Sequence[str], wanted: Sequence[str]) -> Array:
+    """(..., len(wanted)) columns of a gradient (..., len(found)) by name; NaN where there is none.
+
+    Raises ValueError when `found` does not name the columns.
+    """
+    if gradient.shape[-1] != len(found):
+        raise ValueError(
+            f"gradient: expected {len(found)} columns ({', '.join(found)}), "
+            f"found {gradient.shape[-1]}"
+        )
+    columns = np.full((*gradient.shape[:-1], len(wanted)), np.nan)
+    for place, name in enumerate(wanted):
+        if name in found:
+            columns[..., place] = gradient[..., list(found).index(name)]
+    return columns
+
+
+def _update(digest: hashlib._Hash, value: Array | None) -> None:
+    if value is None:
+        digest.update(b"none")
+    else:
+        digest.update(repr(value.shape).encode())
+        digest.update(np.ascontiguousarray(value, dtype="<f8").tobytes())

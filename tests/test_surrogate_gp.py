@@ -1,4 +1,4 @@
-"""Gaussian processes: the algebra of scikit-learn, exact gradients and leave-one-out, coverage."""
+"""Gaussian processes: the algebra of scikit-learn, derivatives, leave-one-out, coverage."""
 
 from __future__ import annotations
 
@@ -6,109 +6,223 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.stats import chi2
+from scipy.stats import binom, chi2
 from sklearn.gaussian_process import GaussianProcessRegressor
-from sklearn.gaussian_process.kernels import ConstantKernel, Matern, WhiteKernel
+from sklearn.gaussian_process.kernels import RBF, ConstantKernel, Matern, WhiteKernel
 
+from surrogate.covariance import FAMILIES, covariance, rows_of
 from surrogate.design import sobol_design
-from surrogate.gp import GaussianProcesses, fit_processes, fit_regressor, from_regressors
+from surrogate.evidence import Fitted, Hyperparameters, log_evidence
+from surrogate.gp import GaussianProcesses
+from surrogate.gp_fit import at_bounds, fit_processes, posterior, scale_runs
 
 BOX = np.array([[0.0, 1.0], [0.0, 0.5]])
+UNIT = np.array([[0.0, 1.0], [0.0, 1.0]])
+
+
+def _outputs(x: np.ndarray) -> np.ndarray:
+    a, b = x.T
+    return np.stack([np.sin(3 * a) + b, np.exp(a * b), 5 + np.cos(4 * b) + 0.1 * a], axis=1)
+
+
+def _slopes(x: np.ndarray) -> np.ndarray:
+    """(n, 3, 2) derivatives of `_outputs`."""
+    a, b = x.T
+    by_a = [3 * np.cos(3 * a), b * np.exp(a * b), np.full(len(x), 0.1)]
+    by_b = [np.ones(len(x)), a * np.exp(a * b), -4 * np.sin(4 * b)]
+    return np.stack([np.stack(by_a, axis=1), np.stack(by_b, axis=1)], axis=2)
 
 
 def _runs(n: int = 20, noise: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
     x = sobol_design(n, BOX, seed=4)
-    y = np.stack(
-        [np.sin(3 * x[:, 0]) + x[:, 1], np.exp(x[:, 0] * x[:, 1]), 5 + np.cos(4 * x[:, 1])], axis=1
-    )
+    y = _outputs(x)
     return x, y + noise * np.random.default_rng(0).normal(size=y.shape)
 
 
-def _known(x: np.ndarray, y: np.ndarray, length: list[float], nugget: float) -> GaussianProcesses:
-    """Processes with given hyperparameters, amplitude 1, outputs taken as they are."""
-    kernel = ConstantKernel(1.0) * Matern(length, nu=2.5) + WhiteKernel(nugget)
-    regressors = [
-        GaussianProcessRegressor(kernel, alpha=0.0, optimizer=None).fit(x, column) for column in y.T
-    ]
-    d, k = x.shape[1], y.shape[1]
-    return from_regressors(
-        regressors, low=np.zeros(d), span=np.ones(d), offset=np.zeros(k), scale=np.ones(k)
+def _known(
+    x: np.ndarray,
+    y: np.ndarray,
+    length: list[float],
+    nugget: float,
+    slopes: np.ndarray | None = None,
+    family: str = "matern52",
+) -> GaussianProcesses:
+    """Processes with given hyperparameters, amplitude 1, inputs and outputs taken as they are."""
+    k, d = y.shape[1], x.shape[1]
+    scaled = scale_runs(x, y, slopes)._replace(
+        low=np.zeros(d), span=np.ones(d), offset=np.zeros(k), scale=np.ones(k), inputs=x
     )
+    targets = y.T
+    if slopes is not None:
+        targets = np.hstack([targets, slopes.transpose(0, 2, 1)[scaled.usable].T])
+    parameters = Hyperparameters(np.array(length), nugget, 1e-8)
+    fitted = Fitted(FAMILIES.index(family), parameters, 0.0, np.arange(len(x)), len(x))
+    processes = posterior(scaled._replace(targets=targets), [np.arange(k)], [fitted])
+    return replace(processes, amplitude=np.ones(k), inflation=np.ones(k))
 
 
-@pytest.mark.parametrize("noise", [0.0, 1e-3, 0.05])
-def test_prediction_is_that_of_scikit_learn(noise: float) -> None:
-    """Mean to 1e-10, and SD to 1e-10 where the runs are noisy.
-
-    For (nearly) exact runs the variance is a small difference of numbers as large as the
-    amplitude, in either program, and agrees to 1e-13 of that: SD of 1e-4 then to some 1e-9.
-    """
-    x, y = _runs(noise=noise)
-    unit, offset, scale = x / BOX[:, 1], y.mean(axis=0), y.std(axis=0)
-    regressors = [
-        fit_regressor(unit, column, 1, n_restarts=2) for column in ((y - offset) / scale).T
-    ]
-    processes = from_regressors(
-        regressors, low=BOX[:, 0], span=BOX[:, 1], offset=offset, scale=scale
-    )
-    new = np.random.default_rng(1).uniform(-0.1, 1.1, (200, 2))
-    mean, variance = processes.predict(new * BOX[:, 1])
-    for column, regressor in enumerate(regressors):
-        expected, std = regressor.predict(new, return_std=True)
-        scaled = (mean[:, column] - offset[column]) / scale[column]
-        np.testing.assert_allclose(scaled, expected, atol=1e-10, rtol=0.0)
-        own = variance[:, column] / scale[column] ** 2
-        rounding = 1e-13 * processes.amplitude[column]
-        np.testing.assert_allclose(own, std**2, atol=rounding, rtol=0.0)
-        if noise >= 0.05:
-            np.testing.assert_allclose(np.sqrt(own), std, atol=1e-10, rtol=0.0)
-
-
-def test_large_batches_are_predicted_as_small_ones() -> None:
-    x, y = _runs()
-    processes = fit_processes(x, y, seed=1, n_restarts=1)
-    new = np.random.default_rng(1).uniform(size=(5000, 2)) * BOX[:, 1]
+@pytest.mark.parametrize("family", FAMILIES)
+@pytest.mark.parametrize("nugget", [1e-6, 0.05])
+def test_prediction_and_covariance_are_those_of_scikit_learn(family: str, nugget: float) -> None:
+    x, y = _runs(noise=np.sqrt(nugget))
+    length = [0.6, 0.9]
+    shape = {
+        "matern32": Matern(length, nu=1.5),
+        "matern52": Matern(length, nu=2.5),
+        "rbf": RBF(length),
+    }[family]
+    new = np.random.default_rng(1).uniform(-0.1, 0.6, (200, 2))
+    kernel = ConstantKernel(1.0) * shape + WhiteKernel(nugget)
+    reference = GaussianProcessRegressor(kernel, alpha=0.0, optimizer=None).fit(x, y)
+    expected, expected_std = reference.predict(new, return_std=True)
+    processes = _known(x, y, length, nugget, family=family)
     mean, variance = processes.predict(new)
-    some_mean, some_variance = processes.predict(new[4090:4100])
-    np.testing.assert_allclose(mean[4090:4100], some_mean, atol=1e-9)
-    np.testing.assert_allclose(variance[4090:4100], some_variance, atol=1e-12)
+    np.testing.assert_allclose(mean, expected, atol=1e-8)
+    np.testing.assert_allclose(variance, expected_std**2, atol=1e-9)
+    _, joint = reference.predict(new, return_cov=True)
+    noise = nugget * np.eye(len(new))
+    own = processes.covariance(new, new)[0] + noise
+    np.testing.assert_allclose(own, joint[..., 0] if joint.ndim == 3 else joint, atol=1e-9)
 
 
-def test_the_gradient_is_the_limit_of_differences_at_second_order() -> None:
+@pytest.mark.parametrize("family", range(3))
+def test_the_evidence_is_that_of_scikit_learn_at_the_best_amplitude(family: int) -> None:
+    """Highest over amplitudes, for one output: the closed form of the amplitude is the maximum."""
+    x, y = _runs(noise=0.05)
+    target = (y[:, :1] - y[:, 0].mean()) / y[:, 0].std()
+    length, nugget = np.array([0.4, 0.7]), 0.02
+    rows = rows_of(np.zeros(x.shape, dtype=bool))
+    found, _ = log_evidence(family, Hyperparameters(length, nugget, 1e-8), x, rows, target)
+    shape = [Matern(length, nu=1.5), Matern(length, nu=2.5), RBF(length)][family]
+
+    def reference(amplitude: float) -> float:
+        kernel = ConstantKernel(amplitude) * shape + WhiteKernel(amplitude * nugget)
+        regressor = GaussianProcessRegressor(kernel, alpha=0.0, optimizer=None).fit(x, target)
+        return float(regressor.log_marginal_likelihood_value_)
+
+    unit = GaussianProcessRegressor(
+        ConstantKernel(1.0) * shape + WhiteKernel(nugget), alpha=0.0, optimizer=None
+    ).fit(x, target)
+    best = float(target[:, 0] @ np.ravel(unit.alpha_)) / len(x)
+    assert found == pytest.approx(reference(best), abs=1e-8)
+    assert found > max(reference(1.05 * best), reference(0.95 * best))
+
+
+@pytest.mark.parametrize("family", range(3))
+def test_the_slope_of_the_evidence_is_the_limit_of_differences(family: int) -> None:
+    rng = np.random.default_rng(0)
+    x, usable = rng.random((12, 3)), rng.random((12, 3)) > 0.3
+    rows = rows_of(usable)
+    y = rng.normal(size=(rows.n_rows, 2))
+    packed = np.log([0.5, 0.8, 1.3, 0.01, 0.02])
+
+    def at(point: np.ndarray) -> tuple[float, np.ndarray]:
+        values = np.exp(point)
+        parameters = Hyperparameters(values[:3], float(values[3]), float(values[4]))
+        return log_evidence(family, parameters, x, rows, y)
+
+    for axis, step in enumerate(1e-5 * np.eye(5)):
+        difference = (at(packed + step)[0] - at(packed - step)[0]) / 2e-5
+        assert at(packed)[1][axis] == pytest.approx(difference, rel=1e-6, abs=1e-6)
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+def test_values_and_slopes_are_interpolated(family: str) -> None:
+    x = sobol_design(12, UNIT, seed=3)
+    y = _outputs(x) - _outputs(x).mean(axis=0)
+    processes = _known(x, y, [0.6, 0.6], 1e-9, _slopes(x), family)
+    np.testing.assert_allclose(processes.predict(x)[0], y, atol=1e-4)
+    np.testing.assert_allclose(processes.gradient(x), _slopes(x), atol=1e-3)
+
+
+def test_slopes_that_are_missing_teach_nothing_and_the_others_all() -> None:
+    """NaN for a run, an input or everything: as the dense formula without those rows."""
+    x = sobol_design(10, UNIT, seed=3)
+    slopes = _slopes(x)
+    slopes[3] = np.nan
+    slopes[:, :, 1] = np.where(np.arange(10)[:, None] % 2, np.nan, slopes[:, :, 1])
+    processes = _known(x, _outputs(x), [0.9, 1.1], 1e-6, slopes)
+    assert processes.rows.n_rows == 10 + 9 + 5
+    full = _known(x, _outputs(x), [0.9, 1.1], 1e-6, _slopes(x))
+    keep = np.concatenate([np.arange(10), 10 + np.flatnonzero(processes.usable.ravel() > 0)])
+    matrix = full.cholesky[0] @ full.cholesky[0].T
+    targets = full.targets[:, keep]
+    alpha = np.linalg.solve(matrix[np.ix_(keep, keep)], targets.T).T
+    np.testing.assert_allclose(processes.alpha, alpha, rtol=1e-6, atol=1e-6)
+    none = _known(x, _outputs(x), [0.9, 1.1], 1e-6, np.full((10, 3, 2), np.nan))
+    plain = _known(x, _outputs(x), [0.9, 1.1], 1e-6)
+    np.testing.assert_array_equal(none.predict(x + 0.01)[0], plain.predict(x + 0.01)[0])
+
+
+def test_slopes_make_it_better_at_equal_runs() -> None:
+    """Largest error on new points from 6 runs: at least three times smaller, in every output."""
+    x, new = sobol_design(6, UNIT, seed=3), np.random.default_rng(0).random((200, 2))
+    with_slopes = fit_processes(x, _outputs(x), 1, slopes=_slopes(x))
+    plain = fit_processes(x, _outputs(x), 1)
+    error = np.abs(with_slopes.predict(new)[0] - _outputs(new)).max(axis=0)
+    plain_error = np.abs(plain.predict(new)[0] - _outputs(new)).max(axis=0)
+    assert (error < plain_error / 3.0).all()
+
+
+def test_the_noise_of_slopes_is_found_apart_from_that_of_values() -> None:
+    """30 runs, exact values, slopes with noise of SD 0.2; over 6 seeds 0.17 to 0.21 is found."""
+    x = sobol_design(30, UNIT, seed=3)
+    y = np.sin(3 * x[:, :1]) + np.cos(3 * x[:, 1:])
+    slopes = np.stack([3 * np.cos(3 * x[:, :1]), -3 * np.sin(3 * x[:, 1:])], axis=2)
+    noisy = slopes + 0.2 * np.random.default_rng(1).normal(size=slopes.shape)
+    p = fit_processes(x, y, 1, slopes=noisy)
+    curvature = {0: 3.0, 1: 5.0 / 3.0, 2: 1.0}[int(p.family[0])]
+    variance = p.slope_nugget[0] * p.amplitude[0] * curvature / p.length[0] ** 2
+    std = np.sqrt(variance) * p.scale[0]
+    np.testing.assert_allclose(std, 0.2, rtol=0.3)
+    assert p.nugget[0] * p.amplitude[0] < 1e-5
+
+
+@pytest.mark.parametrize("with_slopes", [False, True])
+@pytest.mark.parametrize("strength", [[0.0, 0.0], [10.0, 100.0]])
+def test_the_gradient_is_the_limit_of_differences_at_second_order(
+    with_slopes: bool, strength: list[float]
+) -> None:
     x, y = _runs(noise=1e-3)
-    processes = fit_processes(x, y, seed=1, n_restarts=2)
+    slopes = _slopes(x) if with_slopes else None
+    processes = fit_processes(x, y, 1, slopes=slopes, strength=np.array(strength), n_restarts=0)
     new = np.random.default_rng(2).uniform(0.1, 0.4, (10, 2))
     gradient = processes.gradient(new)
     errors = []
     for step in (2e-3, 1e-3):
         differences = [
-            (processes.predict(new + h)[0] - processes.predict(new - h)[0]) / (2.0 * step)
+            (processes.mean(new + h) - processes.mean(new - h)) / (2.0 * step)
             for h in step * np.eye(2)
         ]
         errors.append(np.abs(np.stack(differences, axis=2) - gradient).max())
-    assert errors[1] < 1e-3 * np.abs(gradient).max()
+    assert errors[1] < 1e-2 * np.abs(gradient).max()
     assert 3.0 < errors[0] / errors[1] < 5.0
 
 
 def test_the_gradient_is_finite_at_a_training_point() -> None:
     x, y = _runs()
-    processes = fit_processes(x, y, seed=1, n_restarts=1)
+    processes = fit_processes(x, y, seed=1, n_restarts=0, families=("matern52",))
     step = np.array([1e-5, 0.0])
-    difference = (processes.predict(x + step)[0] - processes.predict(x - step)[0]) / 2e-5
+    difference = (processes.mean(x + step) - processes.mean(x - step)) / 2e-5
     np.testing.assert_allclose(processes.gradient(x)[:, :, 0], difference, atol=1e-4)
 
 
+@pytest.mark.parametrize("with_slopes", [False, True])
 @pytest.mark.parametrize("noise", [0.0, 0.05])
-def test_leave_one_out_is_prediction_from_the_other_runs(noise: float) -> None:
+def test_leave_one_out_is_prediction_from_the_other_runs(noise: float, with_slopes: bool) -> None:
     x, y = _runs(noise=noise)
-    unit = x / BOX[:, 1]
-    processes = replace(_known(unit, y, [0.6, 0.9], 1e-4), inflation=np.full(3, 1.4))
-    mean, variance = processes.leave_one_out()
+    slopes = _slopes(x) if with_slopes else None
+    if slopes is not None:
+        slopes[4, :, 0] = np.nan
+    length, nugget = [0.4, 0.5], 1e-4
+    inflated = replace(_known(x, y, length, nugget, slopes), inflation=np.full(3, 1.4))
+    mean, variance = inflated.leave_one_out()
     for run in range(len(x)):
-        others = _known(np.delete(unit, run, 0), np.delete(y, run, 0), [0.6, 0.9], 1e-4)
-        expected, expected_variance = others.predict(unit[run : run + 1])
-        np.testing.assert_allclose(mean[run], expected[0], atol=1e-10)
-        np.testing.assert_allclose(variance[run], 1.4 * expected_variance[0], rtol=1e-9)
+        rest = None if slopes is None else np.delete(slopes, run, 0)
+        others = _known(np.delete(x, run, 0), np.delete(y, run, 0), length, nugget, rest)
+        expected, expected_variance = others.predict(x[run : run + 1])
+        np.testing.assert_allclose(mean[run], expected[0], atol=1e-7)
+        np.testing.assert_allclose(variance[run], 1.4 * expected_variance[0], rtol=1e-5)
 
 
 def test_inflation_multiplies_the_variance_and_leaves_the_mean() -> None:
@@ -120,26 +234,64 @@ def test_inflation_multiplies_the_variance_and_leaves_the_mean() -> None:
     np.testing.assert_allclose(share, np.broadcast_to([1.0, 2.0, 3.0], share.shape), rtol=1e-12)
 
 
-def test_the_fit_depends_on_the_seed_alone_and_columns_do_not_disturb_each_other() -> None:
+def test_large_batches_are_predicted_as_small_ones() -> None:
+    x, y = _runs()
+    processes = _known(x, y, [0.6, 0.9], 1e-4)
+    new = np.random.default_rng(1).uniform(size=(5000, 2)) * BOX[:, 1]
+    mean, variance = processes.predict(new)
+    some_mean, some_variance = processes.predict(new[4090:4100])
+    np.testing.assert_allclose(mean[4090:4100], some_mean, atol=1e-9)
+    np.testing.assert_allclose(variance[4090:4100], some_variance, atol=1e-12)
+
+
+@pytest.mark.parametrize("with_slopes", [False, True])
+def test_the_fit_depends_on_the_seed_alone(with_slopes: bool) -> None:
     x, y = _runs(noise=0.02)
-    first = fit_processes(x, y, seed=7, n_restarts=2)
-    assert first.alpha.tobytes() == fit_processes(x, y, seed=7, n_restarts=2).alpha.tobytes()
-    alone = fit_processes(x, y[:, :1], seed=7, n_restarts=2)
-    assert alone.alpha[0].tobytes() == first.alpha[0].tobytes()
+    slopes = _slopes(x) if with_slopes else None
+    first = fit_processes(x, y, 7, slopes=slopes, n_restarts=1)
+    again = fit_processes(x, y, 7, slopes=slopes, n_restarts=1)
+    assert first.alpha.tobytes() == again.alpha.tobytes()
+
+
+def test_columns_with_their_own_covariance_do_not_disturb_each_other() -> None:
+    x, y = _runs(noise=0.02)
+    both = fit_processes(x, y, 7, n_restarts=1, sharing="none", families=("rbf",))
+    alone = fit_processes(x, y[:, :1], 7, n_restarts=1, sharing="none", families=("rbf",))
+    assert alone.alpha[0].tobytes() == both.alpha[0].tobytes()
+
+
+def test_the_covariance_is_the_one_the_runs_were_drawn_from() -> None:
+    """The log evidence of the right one is larger by more than 30 in each of three seeds."""
+    x = np.linspace(0.0, 1.0, 40)[:, None]
+    found = {}
+    for name, kernel in (("matern52", Matern([0.2], nu=2.5)), ("rbf", RBF([0.2]))):
+        factor = np.linalg.cholesky(kernel(x) + 1e-10 * np.eye(40))
+        y = factor @ np.random.default_rng(5).normal(size=(40, 4))
+        processes = fit_processes(x, y, 1, sharing="all", n_restarts=0)
+        found[name] = FAMILIES[int(processes.family[0])]
+    assert found == {"matern52": "matern52", "rbf": "rbf"}
+
+
+def test_a_length_or_nugget_at_its_bound_is_told() -> None:
+    """The first output does not depend on the second input, and the data are exact."""
+    x = sobol_design(20, UNIT, seed=4)
+    processes = fit_processes(x, np.sin(3 * x[:, :1]), 1, n_restarts=1, families=("matern52",))
+    told = " ".join(at_bounds(processes))
+    assert "length 1 at its upper bound 20" in told and "length 0" not in told
 
 
 def test_noise_of_some_per_cent_is_found_and_not_interpolated() -> None:
     """SD of the noise from 60 runs; its relative standard error is about 0.1, bounds at 4."""
     x, y = _runs(60, noise=0.05)
-    processes = fit_processes(x, y, seed=1, n_restarts=3)
-    noise = np.sqrt(processes.nugget) * processes.scale
+    processes = fit_processes(x, y, 1, n_restarts=1, sharing="none", families=("matern52",))
+    noise = np.sqrt(processes.nugget * processes.amplitude) * processes.scale
     assert ((noise > 0.03) & (noise < 0.07)).all()
 
 
 def test_shifted_and_scaled_outputs_give_shifted_and_scaled_predictions() -> None:
     x, y = _runs(noise=0.02)
-    mean, variance = fit_processes(x, y, seed=1, n_restarts=2).predict(x[:5] + 0.01)
-    other = fit_processes(10.0 * x, 100.0 + 1e-3 * y, seed=1, n_restarts=2)
+    mean, variance = fit_processes(x, y, 1, n_restarts=1).predict(x[:5] + 0.01)
+    other = fit_processes(10.0 * x, 100.0 + 1e-3 * y, 1, n_restarts=1)
     new_mean, new_variance = other.predict(10.0 * (x[:5] + 0.01))
     np.testing.assert_allclose((new_mean - 100.0) * 1e3, mean, atol=1e-4)
     np.testing.assert_allclose(new_variance * 1e6, variance, rtol=1e-2)
@@ -148,7 +300,7 @@ def test_shifted_and_scaled_outputs_give_shifted_and_scaled_predictions() -> Non
 def _draw(seed: int, noise: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Points (30, 2), a draw of a process there with noise, and its lengths."""
     rng = np.random.default_rng(seed)
-    x = sobol_design(30, np.array([[0.0, 1.0], [0.0, 1.0]]), seed)
+    x = sobol_design(30, UNIT, seed)
     length = rng.uniform(0.5, 1.5, 2)
     covariance = (1.0 * Matern(length, nu=2.5))(x) + (1e-9 + noise**2) * np.eye(30)
     return x, np.linalg.cholesky(covariance) @ rng.normal(size=30), length
@@ -166,20 +318,43 @@ def test_standardised_residuals_are_normal_when_hyperparameters_are_known() -> N
     assert low < np.sum(np.square(z)) < high
 
 
+def test_intervals_of_a_process_with_slopes_cover_as_stated_when_it_is_known() -> None:
+    """200 draws of values and derivatives; one new run each in its 50, 80 and 95 % intervals.
+
+    The counts are binomial; the bounds leave 1e-4 outside, for the three together 3e-4.
+    """
+    usable = np.ones((13, 2), dtype=bool)
+    usable[12] = False
+    rows = rows_of(usable)
+    size = []
+    for seed in range(200):
+        rng = np.random.default_rng(seed)
+        x, length = sobol_design(13, UNIT, seed), rng.uniform(0.5, 1.5, 2)
+        matrix = covariance(1, length, x, rows, x, rows) + 1e-8 * np.eye(rows.n_rows)
+        drawn = np.linalg.cholesky(matrix) @ rng.normal(size=rows.n_rows)
+        slopes = drawn[13:].reshape(12, 1, 2)
+        processes = _known(x[:12], drawn[:12, None], list(length), 1e-8, slopes)
+        mean, variance = processes.predict(x[12:])
+        size.append(abs(drawn[12] - mean[0, 0]) / np.sqrt(variance[0, 0]))
+    for level, limit in ((0.5, 0.6745), (0.8, 1.2816), (0.95, 1.96)):
+        low, high = binom.ppf([5e-5, 1.0 - 5e-5], 200, level)
+        assert low <= np.sum(np.array(size) < limit) <= high
+
+
 @pytest.mark.parametrize("noise", [0.0, 0.05])
 def test_most_residuals_are_covered_when_hyperparameters_are_fitted_to_20_runs(
     noise: float,
 ) -> None:
-    """Central 95 % intervals cover 92 % (exact data) and 87 % (noisy) of new runs, not 95 %.
+    """Central 95 % intervals cover most of new runs, fewer than 95 %.
 
-    That is what maximum likelihood leaves of it with 20 runs, after the inflation (without it
-    89 and 82 %, over 80 draws): the held-out z of a study is to be looked at. With 40 draws of
-    10 runs the standard error is 0.025, so the bound has a false-alarm rate of about 1e-4.
+    That is what maximum likelihood leaves of it with 20 runs, after the inflation: the held-out z
+    of a study is to be looked at. With 40 draws of 10 runs the standard error is 0.025, so the
+    bound has a false-alarm rate of about 1e-4.
     """
     covered = []
     for seed in range(40):
         x, y, _ = _draw(seed, noise)
-        processes = fit_processes(x[:20], y[:20, None], seed, n_restarts=2)
+        processes = fit_processes(x[:20], y[:20, None], seed, n_restarts=1, families=("matern52",))
         mean, variance = processes.predict(x[20:])
         covered.append(np.abs(y[20:] - mean[:, 0]) < 1.96 * np.sqrt(variance[:, 0]))
     assert 0.77 < np.mean(covered) < 0.99
@@ -198,7 +373,15 @@ def test_runs_that_teach_nothing_are_refused(x: np.ndarray, y: np.ndarray, messa
         fit_processes(x, y, seed=0)
 
 
+def test_slopes_of_another_shape_and_unknown_families_are_refused() -> None:
+    x, y = _runs()
+    with pytest.raises(ValueError, match=r"slopes: expected shape \(20, 3, 2\)"):
+        fit_processes(x, y, 0, slopes=np.zeros((20, 2)))
+    with pytest.raises(ValueError, match="families: expected some of"):
+        fit_processes(x, y, 0, families=("cubic",))
+
+
 def test_arrays_of_another_shape_are_refused() -> None:
     x, y = _runs()
-    with pytest.raises(ValueError, match=r"length: expected shape \(3, 2\)"):
+    with pytest.raises(ValueError, match=r"length: expected shape \(1, 2\)"):
         replace(_known(x, y, [1.0, 1.0], 1e-4), length=np.ones(3))

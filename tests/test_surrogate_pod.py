@@ -104,3 +104,14 @@ def test_the_largest_entry_of_each_mode_is_positive() -> None:
 def test_snapshots_that_do_not_vary_are_refused(y: np.ndarray) -> None:
     with pytest.raises(ValueError, match="snapshots: "):
         fit_pod(y, tolerance=0.0, max_modes=3)
+
+
+def test_runs_without_weight_do_not_count_in_the_truncation() -> None:
+    y = _snapshots(np.random.default_rng(2), 15, 0.7)
+    weight = np.where(np.arange(15) < 4, 0.0, 2.0)
+    pod = fit_pod(y, tolerance=0.0, max_modes=4, weight=weight)
+    covariance = pod.truncation_factor @ pod.truncation_factor.T
+    expected = pod.truncation[4:].T @ pod.truncation[4:] / 11
+    np.testing.assert_allclose(covariance, expected, atol=1e-15)
+    np.testing.assert_allclose(np.diag(covariance), pod.truncation_variance, rtol=1e-12)
+    np.testing.assert_allclose(pod.left_out_variance, np.mean(pod.truncation**2, axis=0))

@@ -1,0 +1,191 @@
+"""Emulators on held-out FE runs: error, coverage, time, and peers on the same runs.
+
+    python benchmarks/emulator.py [--json FILE] [--designs 1 2 3] [--contact stick slide]
+                                  [--cells 12 4 2] [--held-out N] [--store FOLDER] [--no-peers]
+
+Simulations are stored one by one and reused, so that a killed benchmark goes on where it was.  One
+process with one thread.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+
+for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ.setdefault(_name, "1")  # read when numpy and MKL are loaded
+if __name__ == "__main__" and not __package__:
+    sys.path[0] = str(Path(__file__).resolve().parents[1])
+
+import argparse
+import json
+import time
+import timeit
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+
+from benchmarks.emulator_peers import peer_figures
+from benchmarks.emulator_refinement import refinement_run_ratio
+from benchmarks.emulator_runs import DESIGNS, Design, Simulate, simulate
+from fe.campaign import Campaign
+from surrogate import Emulator, TrainingSet, held_out_residuals, named_gradient
+
+N_THETA = 1000
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Run the designs asked for and write the figures."""
+    options = _parser().parse_args(arguments)
+    figures: dict[str, Any] = {"cells": options.cells, "designs": []}
+    for number in options.designs:
+        design = DESIGNS[number - 1]
+        # Where friction is a factor, it is the contact.
+        for contact in ("friction",) if "friction" in design.names else options.contact:
+            figures["designs"].append(_design(design, contact, options))
+    figures |= refinement_run_ratio()
+    print(f"Refinement: {figures['refinement_run_ratio']:.2f} of the runs of a fixed design")
+    if options.json:
+        options.json.write_text(json.dumps(figures, indent=2) + "\n")
+        print(f"written to {options.json}")
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="benchmarks.emulator", description=(__doc__ or "").splitlines()[0]
+    )
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures here")
+    parser.add_argument("--designs", type=int, nargs="+", default=[1, 2, 3], choices=[1, 2, 3])
+    parser.add_argument("--contact", nargs="+", default=["stick", "slide"])
+    parser.add_argument("--cells", type=int, nargs=3, default=[12, 4, 2], metavar="N")
+    parser.add_argument("--held-out", type=int, default=32, metavar="N")
+    parser.add_argument("--store", type=Path, default=Path("runs/emulator_benchmark"))
+    parser.add_argument("--no-peers", action="store_true", help="leave the other codes out")
+    return parser
+
+
+def _design(design: Design, contact: str, options: argparse.Namespace) -> dict[str, Any]:
+    """Figures of one row of the table with one contact."""
+    print(f"\n{', '.join(design.names)}: {design.n_runs} runs, {contact}")
+    model = Simulate(design.names, contact, tuple(options.cells))
+    folder = options.store / contact
+    points = np.vstack([design.training(), design.held_out(options.held_out)])
+    campaign = simulate(points, model, folder, _progress)
+    training = _runs(design, campaign, slice(None, design.n_runs))
+    held_out = _runs(design, campaign, slice(design.n_runs, None))
+    by_kind = {
+        "gradient_enhanced": _figures(training, held_out),
+        "plain": _figures(training.without_gradients, held_out),
+    }
+    table: dict[str, Any] = {
+        "design": list(design.names),
+        "contact": contact,
+        "n_runs": design.n_runs,
+        "n_excluded": training.n_excluded,
+        "to_reach": {
+            "field_rmse_mm": design.max_field_mm,
+            "force_max_percent": design.max_force_percent,
+        },
+        **by_kind["gradient_enhanced"],
+        **by_kind,
+    }
+    if not options.no_peers:
+        peers = peer_figures(training, held_out)
+        table["peers"] = {name: asdict(figures) for name, figures in peers.items()}
+    _print(table)
+    return table
+
+
+def _runs(design: Design, campaign: Campaign, rows: slice) -> TrainingSet:
+    """Runs of a campaign with the derivatives that the FE model gives, by their names."""
+    responses = campaign.responses[rows]
+    gradients = {
+        kind: np.stack(
+            [
+                named_gradient(getattr(run, f"{kind}_gradient"), run.parameters, design.names)
+                for run in responses
+            ]
+        )
+        for kind in ("force", "displacement")
+    }
+    return TrainingSet.from_runs(
+        campaign.ratios[rows],
+        campaign.force[rows],
+        campaign.displacement[rows],
+        campaign.reached[rows],
+        force_gradient=gradients["force"],
+        displacement_gradient=gradients["displacement"],
+        smooth=np.array([(run.negative_pivots <= 0).all() for run in responses]),
+    )
+
+
+def _figures(training: TrainingSet, held_out: TrainingSet) -> dict[str, Any]:
+    """Errors, coverage and times of our emulator."""
+    start = time.perf_counter()
+    emulator = Emulator.fit(training, 1)
+    seconds = time.perf_counter() - start
+    residuals = held_out_residuals(emulator, held_out)
+    errors = residuals.errors()
+    assert errors.field_rms is not None and errors.field_coverage is not None
+    return {
+        "field_rmse_mm": float(np.sqrt(np.mean(np.square(errors.field_rms)))),
+        "field_rmse_mm_by_step": errors.field_rms,
+        "force_max_percent": 100.0 * errors.force_max,
+        "force_max_percent_by_step": _force_max(residuals.force_error / residuals.force),
+        "coverage_95": {
+            "force": errors.force_coverage.overall[-1],
+            "field": errors.field_coverage.overall[-1],
+        },
+        "coverage": {
+            "force": asdict(errors.force_coverage),
+            "field": asdict(errors.field_coverage),
+        },
+        "train_seconds": seconds,
+        "predict_us": _microseconds(emulator, training),
+    }
+
+
+def _force_max(relative: np.ndarray) -> list[float]:
+    largest: list[float] = (100.0 * np.abs(relative).max(axis=0)).tolist()
+    return largest
+
+
+def _microseconds(emulator: Emulator, training: TrainingSet) -> float:
+    """A parameter vector's share of mean and covariance in the reduced space, 1000 at a time."""
+    low, high = emulator.bounds.T
+    x = np.random.default_rng(0).uniform(low, high, (N_THETA, len(low)))
+    parts = [emulator.force.processes]
+    if emulator.field is not None:
+        parts.append(emulator.field.processes)
+
+    def predict() -> None:
+        for part in parts:
+            part.predict(x)
+
+    predict()
+    return min(timeit.repeat(predict, number=3, repeat=5)) / 3 / N_THETA * 1e6
+
+
+def _print(table: dict[str, Any]) -> None:
+    peers = table.get("peers", {})
+    rows = {"gradient-enhanced": table["gradient_enhanced"], "plain": table["plain"], **peers}
+    print("| emulator | field mm | force max % | covers 95 % (force, field) | train s | us |")
+    print("|---|---|---|---|---|---|")
+    for name, row in rows.items():
+        covered = row.get("coverage_95")
+        cover = "-" if covered is None else f"{covered['force']:.3f}, {covered['field']:.3f}"
+        predict = f"{row['predict_us']:.1f}" if "predict_us" in row else "-"
+        print(
+            f"| {name} | {row['field_rmse_mm']:.2e} | {row['force_max_percent']:.3f} | {cover} "
+            f"| {row['train_seconds']:.2f} | {predict} |"
+        )
+
+
+def _progress(done: int, total: int) -> None:
+    print(f"\r  simulations {done}/{total}", end="\n" if done == total else "", flush=True)
+
+
+if __name__ == "__main__":
+    main()

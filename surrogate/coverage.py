@@ -1,0 +1,48 @@
+"""How often stated intervals hold the truth."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.stats import chi2, norm
+
+Array = npt.NDArray[np.float64]
+
+LEVELS = (0.5, 0.8, 0.95)
+
+
+@dataclass(frozen=True)
+class Coverage:
+    """Share of values within their central intervals of 50, 80 and 95 %."""
+
+    overall: tuple[float, ...]
+    """(n_level,) of all values together"""
+    by_step: tuple[tuple[float, ...], ...]
+    """(n_step, n_level)"""
+    joint: tuple[float, ...] | None
+    """(n_level,) share of runs within the joint region of all steps, their correlations included;
+    None where the covariance of the whole is not formed"""
+
+
+def coverage(z: Array, error: Array | None = None, covariance: Array | None = None) -> Coverage:
+    """Coverage of standardised residuals z (n, n_step, ...), in size or signed.
+
+    With errors (n, n_step) and their covariances (n, n_step, n_step) also jointly over the steps,
+    by the chi-square distribution of the Mahalanobis distance (Bastos & O'Hagan 2009,
+    Technometrics 51, 425).
+    """
+    size = np.abs(z).reshape(len(z), z.shape[1], -1)
+    inside = size[..., None] <= norm.ppf(0.5 + 0.5 * np.array(LEVELS))
+    joint = None
+    if error is not None and covariance is not None:
+        solved = np.linalg.solve(covariance, error[:, :, None])[:, :, 0]
+        distance = np.einsum("ni,ni->n", error, solved)
+        limits = chi2.ppf(LEVELS, error.shape[1])
+        joint = tuple(np.mean(distance[:, None] <= limits, axis=0).tolist())
+    return Coverage(
+        overall=tuple(inside.mean(axis=(0, 1, 2)).tolist()),
+        by_step=tuple(tuple(row) for row in inside.mean(axis=(0, 2)).tolist()),
+        joint=joint,
+    )

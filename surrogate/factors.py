@@ -1,0 +1,115 @@
+"""Designs over named factors: continuous ones in their own coordinates, discrete ones in turn."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from surrogate.design import Sequence as Points
+from surrogate.design import unit_design
+
+Array = npt.NDArray[np.float64]
+
+TAIL = 1e-3
+"""probability left out at either end of a prior, whose ends may be infinite"""
+
+
+@dataclass(frozen=True)
+class Factor:
+    """A continuous factor between `low` and `high`, spread evenly or as a prior has it."""
+
+    name: str
+    low: float
+    high: float
+    inverse_cdf: Callable[[Array], Array] | None = None
+    """quantiles of a prior; the design is then uniform in its probability, cut at the bounds"""
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite([self.low, self.high]).all() and self.low < self.high):
+            raise ValueError(
+                f"{self.name}: expected finite low < high, found {self.low} and {self.high}"
+            )
+
+    def values(self, unit: Array) -> Array:
+        """Factor at places (n,) of the unit interval; its ends are the bounds of the design."""
+        if self.inverse_cdf is None:
+            return self.low + (self.high - self.low) * unit
+        return np.clip(self.inverse_cdf(TAIL + (1.0 - 2.0 * TAIL) * unit), self.low, self.high)
+
+
+@dataclass(frozen=True)
+class Levels:
+    """A discrete factor, as the shape of the pin or the kind of contact."""
+
+    name: str
+    levels: tuple[str, ...]
+
+    def __post_init__(self) -> None:
+        if not self.levels or len(set(self.levels)) != len(self.levels):
+            raise ValueError(f"{self.name}: expected different levels, found {self.levels}")
+
+
+@dataclass(frozen=True)
+class Design:
+    """Points over continuous and discrete factors."""
+
+    names: tuple[str, ...]
+    """continuous factors"""
+    values: Array
+    """(n, d)"""
+    discrete_names: tuple[str, ...]
+    levels: tuple[tuple[str, ...], ...]
+    """n combinations of the levels of the discrete factors"""
+
+    def rows(self, combination: tuple[str, ...]) -> npt.NDArray[np.int64]:
+        """Rows with a combination of levels."""
+        return np.array([i for i, own in enumerate(self.levels) if own == combination], dtype=int)
+
+
+def design(
+    factors: Sequence[Factor | Levels],
+    n: int,
+    seed: int,
+    *,
+    sequence: Points = "sobol",
+    n_corners: int | None = 0,
+    n_faces: int = 0,
+) -> Design:
+    """Points over the factors, nested: the first n of a larger design are this one.
+
+    The combinations of levels take turns, and the points of each are a nested design of their own
+    in the continuous factors (with another scrambling), so that every combination is covered from
+    the start and grows evenly. See `surrogate.design` for the other arguments.
+    Raises ValueError for n < 1, names that occur twice or no continuous factor.
+    """
+    continuous = [factor for factor in factors if isinstance(factor, Factor)]
+    discrete = [factor for factor in factors if isinstance(factor, Levels)]
+    names = [factor.name for factor in factors]
+    if n < 1:
+        raise ValueError(f"n: must be at least 1, got {n}")
+    if len(set(names)) != len(names) or not continuous:
+        raise ValueError(f"factors: expected different names, one continuous, found {names}")
+    combinations = list(itertools.product(*(factor.levels for factor in discrete)))
+    unit = np.empty((n, len(continuous)))
+    seeds = np.random.SeedSequence(seed).generate_state(len(combinations))
+    for place, own_seed in enumerate(seeds[:n]):
+        own = np.arange(place, n, len(combinations))
+        unit[own] = unit_design(
+            len(own),
+            len(continuous),
+            int(own_seed),
+            sequence=sequence,
+            n_corners=n_corners,
+            n_faces=n_faces,
+        )
+    columns = [factor.values(unit[:, axis]) for axis, factor in enumerate(continuous)]
+    return Design(
+        names=tuple(factor.name for factor in continuous),
+        values=np.column_stack(columns),
+        discrete_names=tuple(factor.name for factor in discrete),
+        levels=tuple(combinations[i % len(combinations)] for i in range(n)),
+    )

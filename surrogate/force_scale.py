@@ -1,0 +1,74 @@
+"""Scales on which a force is emulated: the force over its mean, or its logarithm."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from surrogate.coordinates import choose_strength
+from surrogate.pod import fit_pod
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class ForceScale:
+    """y = force / mean, or its logarithm; each step counts as much as the others."""
+
+    mean: Array
+    """(n_step,) mean training force at kappa = 1 MPa, N"""
+    log: bool
+
+    def values(self, force: Array) -> Array:
+        """(n, n_step) y of forces (n, n_step) N."""
+        relative = force / self.mean
+        return np.log(relative) if self.log else relative
+
+    def slopes(self, force: Array, gradient: Array) -> Array:
+        """(n, n_step, d) derivatives of y from those of the force (n, n_step, d)."""
+        divisor = force if self.log else self.mean
+        slopes: Array = gradient / divisor[..., None]
+        return slopes
+
+    def force(self, y: Array, covariance: Array) -> tuple[Array, Array]:
+        """Force (m, n_step) N and its covariance (m, n_step, n_step) from mean and covariance of y.
+
+        Of a lognormal force the median, whose derivatives are exact, and the covariance
+        median^2 (exp(covariance) - 1); its mean is larger by half the relative variance.
+        """
+        if not self.log:
+            return self.mean * y, self.mean[:, None] * self.mean * covariance
+        force = self.mean * np.exp(y)
+        return force, np.expm1(covariance) * (force[:, :, None] * force[:, None, :])
+
+    def gradient(self, y: Array, gradient: Array) -> Array:
+        """(m, n_step, d) derivative of the force by the inputs from that of y."""
+        factor = self.mean * np.exp(y) if self.log else np.broadcast_to(self.mean, y.shape)
+        by_input: Array = factor[:, :, None] * gradient
+        return by_input
+
+
+def choose_scale(x: Array, force: Array, gradient: Array | None) -> ForceScale:
+    """The scale on which forces (n, n_step) over x (n, d) are more probable, as densities in N."""
+    mean = force.mean(axis=0)
+    return max(
+        (ForceScale(mean, log) for log in (False, True)),
+        key=lambda scale: _log_evidence(x, force, gradient, scale),
+    )
+
+
+def _log_evidence(x: Array, force: Array, gradient: Array | None, scale: ForceScale) -> float:
+    y = scale.values(force)
+    pod = fit_pod(y, tolerance=0.0, max_modes=y.shape[1])
+    slopes = None
+    if gradient is not None:
+        slopes = np.matmul(pod.modes.T, scale.slopes(force, gradient))
+    found = choose_strength(x, pod.weights(y), slopes)
+    if not scale.log:
+        return found.log_evidence
+    # dy/dforce = mean / force relative to the other scale, for every row of each run.
+    usable = 0 if slopes is None else np.isfinite(slopes).all(axis=1).sum(axis=1)
+    jacobian = ((1 + usable) * np.log(force / scale.mean).sum(axis=1))[found.part]
+    return found.log_evidence - float(jacobian.sum())

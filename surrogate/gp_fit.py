@@ -1,0 +1,256 @@
+"""Fits of Gaussian processes: scaling, hyperparameters by evidence, posterior arrays."""
+
+from __future__ import annotations
+
+import warnings
+from typing import Literal, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from scipy.linalg import lapack
+from sklearn.exceptions import ConvergenceWarning
+from sklearn.gaussian_process import GaussianProcessRegressor
+from sklearn.gaussian_process.kernels import RBF, ConstantKernel, Matern, WhiteKernel
+
+from surrogate.covariance import FAMILIES, rows_of
+from surrogate.evidence import (
+    LENGTH_BOUNDS,
+    NUGGET_BOUNDS,
+    Fitted,
+    Hyperparameters,
+    bounds_reached,
+    maximise_evidence,
+    noisy_covariance,
+)
+from surrogate.gp import GaussianProcesses
+from surrogate.warp import warp_slope, warped
+
+Array = npt.NDArray[np.float64]
+Sharing = Literal["auto", "all", "leading", "none"]
+"""whether all outputs share a covariance, all but the first two, or none; "auto": see `_groups`"""
+
+AMPLITUDE_BOUNDS = (1e-2, 1e4)
+"""variance of a process over that of its outputs, in the search of scikit-learn"""
+_N_LEADING = 2
+_FEW_OUTPUTS = 6
+_MANY_RUNS = 40
+"""runs without derivatives above which covariances are shared: what a search costs is cubic"""
+_MANY_ROWS = 300
+"""rows above which runs with derivatives have one covariance for all outputs"""
+_MATERN_NU = {"matern32": 1.5, "matern52": 2.5}
+
+
+class Scaled(NamedTuple):
+    """Runs in the stretched unit box, outputs of mean 0 and variance 1, and how they got there."""
+
+    low: Array
+    span: Array
+    strength: Array
+    offset: Array
+    scale: Array
+    inputs: Array
+    """(n, d)"""
+    usable: npt.NDArray[np.bool_]
+    """(n, d)"""
+    targets: Array
+    """(k, n_rows)"""
+
+
+def fit_processes(
+    x: Array,
+    y: Array,
+    seed: int,
+    *,
+    slopes: Array | None = None,
+    strength: Array | None = None,
+    n_restarts: int = 1,
+    sharing: Sharing = "auto",
+    families: tuple[str, ...] = FAMILIES,
+) -> GaussianProcesses:
+    """Fit a process to each column of y (n, k) over x (n, d) by maximum marginal likelihood.
+
+    `slopes` (n, k, d) are derivatives of y; NaN marks those that cannot be used, which then teach
+    nothing. `strength` (d,) stretches the inputs (see `surrogate.warp`). Without slopes,
+    scikit-learn's regressor searches the hyperparameters, else our own evidence of values and
+    derivatives. The covariance of `families` with the largest evidence is kept. Searches start from
+    a fixed point and `n_restarts` random ones, with seeds spawned from `seed`, so that a process
+    with its own covariance does not depend on the other columns. Maximum likelihood takes a
+    variance too small, as in regression, so variances are inflated by n / (n - p) with the p fitted
+    numbers of a process: mean, amplitude and its part of lengths and nuggets.
+    Raises ValueError for fewer than 3 runs, inputs that do not vary, constant outputs or unknown
+    families.
+    """
+    unknown = set(families) - set(FAMILIES)
+    if unknown or not families:
+        raise ValueError(f"families: expected some of {FAMILIES}, found {families}")
+    scaled = scale_runs(x, y, slopes, strength)
+    k = len(scaled.targets)
+    groups = _groups(k, scaled.usable, sharing)
+    places = tuple(FAMILIES.index(family) for family in families)
+    fitted = [
+        _fit_group(scaled, members, places, child, n_restarts)
+        for members, child in zip(
+            groups, np.random.SeedSequence(seed).spawn(len(groups)), strict=True
+        )
+    ]
+    return posterior(scaled, groups, fitted)
+
+
+def _groups(k: int, usable: npt.NDArray[np.bool_], sharing: Sharing) -> list[npt.NDArray[np.int64]]:
+    """Outputs that share a covariance.
+
+    By default, measured on FE runs: with derivatives few outputs share one covariance, many have
+    one for each of the leading modes and one for the rest, as the weak ones are rough where the
+    leading ones are smooth. Without, each has its own until there are many runs.
+    """
+    if sharing == "auto":
+        n_rows = usable.shape[0] + np.count_nonzero(usable)
+        if usable.any():
+            sharing = "all" if k <= _FEW_OUTPUTS or n_rows > _MANY_ROWS else "leading"
+        else:
+            sharing = "none" if len(usable) <= _MANY_RUNS else "leading"
+    n_own = {"all": 0, "leading": min(_N_LEADING, k), "none": k}[sharing]
+    groups = [np.array([j]) for j in range(n_own)]
+    return groups if n_own == k else [*groups, np.arange(n_own, k)]
+
+
+def scale_runs(
+    x: Array, y: Array, slopes: Array | None = None, strength: Array | None = None
+) -> Scaled:
+    """Scale runs for a fit; raises ValueError as `fit_processes` does."""
+    low, span = x.min(axis=0), np.ptp(x, axis=0)
+    outputs = np.ascontiguousarray(y.T)  # rows are summed alike however many there are
+    offset, scale = outputs.mean(axis=1), outputs.std(axis=1)
+    if len(x) < 3 or not (span > 0.0).all():
+        raise ValueError(f"x: need at least 3 runs that vary in every input, got {x.shape}")
+    if not (scale > 0.0).all():
+        raise ValueError(f"y: column {int(np.argmin(scale))} is constant; leave it out")
+    targets = (outputs - offset[:, None]) / scale[:, None]
+    strength = np.zeros(x.shape[1]) if strength is None else strength
+    unit = (x - low) / span
+    usable: npt.NDArray[np.bool_] = np.zeros(x.shape, dtype=np.bool_)
+    if slopes is not None:
+        if slopes.shape != (*y.shape, x.shape[1]):
+            raise ValueError(
+                f"slopes: expected shape {(*y.shape, x.shape[1])}, found {slopes.shape}"
+            )
+        usable = np.asarray(np.isfinite(slopes).all(axis=1), dtype=np.bool_)
+        in_box = (slopes / scale[:, None]).transpose(0, 2, 1)
+        by_stretched = in_box * (span / warp_slope(unit, strength))[:, :, None]
+        targets = np.concatenate([targets, by_stretched[usable].T], axis=1)
+    return Scaled(low, span, strength, offset, scale, warped(unit, strength), usable, targets)
+
+
+def posterior(
+    scaled: Scaled, groups: list[npt.NDArray[np.int64]], fitted: list[Fitted]
+) -> GaussianProcesses:
+    """Condition processes with given hyperparameters on the runs.
+
+    Raises ValueError when a covariance is not positive definite in floating point.
+    """
+    k, n_rows = scaled.targets.shape
+    rows = rows_of(scaled.usable)
+    d = scaled.inputs.shape[1]
+    group, amplitude, inflation = np.empty(k), np.empty(k), np.empty(k)
+    alpha, factors = np.empty((k, n_rows)), []
+    for place, (members, fit) in enumerate(zip(groups, fitted, strict=True)):
+        matrix = noisy_covariance(fit.family, fit.hyperparameters, scaled.inputs, rows)
+        factor, failed = lapack.dpotrf(matrix, lower=1, clean=1)
+        if failed:
+            raise ValueError("nugget: the covariance of the runs is not positive definite")
+        targets = scaled.targets[members]
+        alpha[members] = lapack.dpotrs(factor, targets.T, lower=1)[0].T
+        amplitude[members] = np.einsum("kn,kn->k", targets, alpha[members]) / n_rows
+        group[members] = place
+        n_fitted = 2 + (d + 1 + scaled.usable.any()) / len(members)
+        inflation[members] = n_rows / max(n_rows - n_fitted, 1.0)
+        factors.append(np.ascontiguousarray(factor))
+    return GaussianProcesses(
+        low=scaled.low,
+        span=scaled.span,
+        strength=scaled.strength,
+        inputs=scaled.inputs,
+        usable=scaled.usable.astype(np.float64),
+        offset=scaled.offset,
+        scale=scaled.scale,
+        targets=scaled.targets,
+        group=group,
+        amplitude=amplitude,
+        inflation=inflation,
+        family=np.array([float(fit.family) for fit in fitted]),
+        length=np.array([fit.hyperparameters.length for fit in fitted]),
+        nugget=np.array([fit.hyperparameters.nugget for fit in fitted]),
+        slope_nugget=np.array([fit.hyperparameters.slope_nugget for fit in fitted]),
+        alpha=alpha,
+        cholesky=np.array(factors),
+    )
+
+
+def at_bounds(processes: GaussianProcesses) -> list[str]:
+    """What a search left at a bound, one phrase each: a hint that the data do not say it."""
+    has_slopes = bool(processes.usable.any())
+    found = []
+    for group in range(len(processes.family)):
+        members = ", ".join(str(member) for member in processes.members(group))
+        reached = bounds_reached(processes.hyperparameters(group), has_slopes)
+        found += [f"{what} (processes {members})" for what in reached]
+    return found
+
+
+def _fit_group(
+    scaled: Scaled,
+    members: npt.NDArray[np.int64],
+    families: tuple[int, ...],
+    seed: np.random.SeedSequence,
+    n_restarts: int,
+) -> Fitted:
+    targets = np.ascontiguousarray(scaled.targets[members].T)
+    if scaled.usable.any():
+        rng = np.random.default_rng(seed)
+        return maximise_evidence(families, scaled.inputs, scaled.usable, targets, rng, n_restarts)
+    number = int(seed.generate_state(1)[0])
+    fits = [
+        fit_regressor(scaled.inputs, targets, number, FAMILIES[family], n_restarts=0)
+        for family in families
+    ]
+    best = int(np.argmax([fit.log_marginal_likelihood_value_ for fit in fits]))
+    if not n_restarts:
+        return from_regressor(fits[best], families[best])
+    family = families[best]
+    again = fit_regressor(scaled.inputs, targets, number, FAMILIES[family], n_restarts=n_restarts)
+    return from_regressor(again, family)
+
+
+def fit_regressor(
+    x: Array, y: Array, seed: int, family: str, *, n_restarts: int
+) -> GaussianProcessRegressor:
+    """Scikit-learn's regressor of scaled outputs y (n, k) over inputs x (n, d) of the unit box."""
+    lengths = np.full(x.shape[1], 1.0)
+    shape = RBF(lengths, LENGTH_BOUNDS)
+    if family in _MATERN_NU:
+        shape = Matern(lengths, LENGTH_BOUNDS, nu=_MATERN_NU[family])
+    noise = WhiteKernel(1e-4, (NUGGET_BOUNDS[0], 2.0))
+    regressor = GaussianProcessRegressor(
+        ConstantKernel(1.0, AMPLITUDE_BOUNDS) * shape + noise,
+        alpha=0.0,
+        n_restarts_optimizer=n_restarts,
+        random_state=seed,
+    )
+    with warnings.catch_warnings():
+        # A nugget at its lower bound (exact data) or a length at its upper bound (an input
+        # without influence) is an answer, not a failure; `at_bounds` tells it.
+        warnings.simplefilter("ignore", ConvergenceWarning)
+        regressor.fit(x, y)
+    return regressor
+
+
+def from_regressor(regressor: GaussianProcessRegressor, family: int) -> Fitted:
+    """Hyperparameters at unit amplitude of a fitted regressor of `fit_regressor`."""
+    kernel = regressor.kernel_
+    amplitude, shape = kernel.k1.k1.constant_value, kernel.k1.k2
+    length = np.array(np.broadcast_to(shape.length_scale, regressor.X_train_.shape[1]), dtype=float)
+    nugget = max(kernel.k2.noise_level / amplitude, NUGGET_BOUNDS[0])
+    parameters = Hyperparameters(length, float(nugget), NUGGET_BOUNDS[0])
+    n = len(regressor.X_train_)
+    value = float(regressor.log_marginal_likelihood_value_)
+    return Fitted(family, parameters, value, np.arange(n), n)

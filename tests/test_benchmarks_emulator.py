@@ -1,0 +1,51 @@
+"""Benchmark of emulators: designs, models and the refinement problem are what they claim to be."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from benchmarks.emulator_peers import pca_gp
+from benchmarks.emulator_refinement import _model
+from benchmarks.emulator_runs import DESIGNS, FACTORS, Design, Simulate
+
+
+@pytest.mark.parametrize("design", DESIGNS)
+def test_held_out_points_are_inside_and_never_in_training(design: Design) -> None:
+    training, held_out = design.training(), design.held_out(16)
+    assert training.shape == (design.n_runs, len(design.names))
+    assert ((held_out > design.bounds[:, 0]) & (held_out < design.bounds[:, 1])).all()
+    assert not any((training == point).all(axis=1).any() for point in held_out)
+
+
+def test_each_factor_reaches_the_model() -> None:
+    point = dict(zip(FACTORS, (0.3, 0.1, 150.0, 0.4, 2.6, 0.2), strict=True))
+    model = Simulate(tuple(FACTORS), "stick", (4, 2, 1))._model(point)
+    assert model.bulk_ratio == 150.0 and model.contact.pin == 0.4 and model.contact.base == 0.4
+    assert model.specimen.height == 2.6 and model.specimen.pin_fillet == 0.2
+
+
+def test_the_fingerprint_tells_contacts_and_meshes_apart() -> None:
+    found = [
+        str(Simulate(("r", "s"), contact, cells).fingerprint())
+        for contact in ("stick", "slide")
+        for cells in ((8, 4, 2), (12, 4, 2))
+    ]
+    assert len(set(found)) == 4
+
+
+def test_derivatives_of_the_refinement_problem_are_limits_of_differences() -> None:
+    x = np.random.default_rng(0).random((5, 2))
+    for axis, step in enumerate(1e-6 * np.eye(2)):
+        difference = (_model(x + step)[0] - _model(x - step)[0]) / 2e-6
+        np.testing.assert_allclose(_model(x)[1][:, :, axis], difference, rtol=1e-6, atol=1e-6)
+
+
+def test_the_peer_of_scikit_learn_meets_a_smooth_function() -> None:
+    rng = np.random.default_rng(0)
+    x, new, place = rng.random((20, 2)), rng.random((10, 2)), np.linspace(0.0, 3.0, 30)
+
+    def truth(points: np.ndarray) -> np.ndarray:
+        return np.sin(place + points[:, :1] + 0.5 * points[:, 1:])
+
+    assert np.abs(pca_gp(x, truth(x), new) - truth(new)).max() < 0.01

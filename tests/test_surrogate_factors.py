@@ -1,0 +1,114 @@
+"""Designs over factors: priors, discrete levels, nesting; Latin hypercubes; corners and faces."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial.distance import pdist
+from scipy.stats import norm
+
+from surrogate import Factor, Levels, design, maximin_design, sobol_design, unit_design
+from surrogate.latin_hypercube import latin_hypercube
+
+BOX = np.array([[0.0, 1.0], [-0.2, 0.5]])
+
+
+@pytest.mark.parametrize("n", [8, 16, 32, 64])
+@pytest.mark.parametrize("d", [2, 6])
+def test_the_first_8_16_32_points_are_latin_hypercubes(n: int, d: int) -> None:
+    slices = np.floor(latin_hypercube(70, d, seed=3)[:n] * n).astype(int)
+    assert (np.sort(slices, axis=0) == np.arange(n)[:, None]).all()
+
+
+@pytest.mark.parametrize("n", [1, 5, 8, 9, 20, 33])
+def test_a_smaller_hypercube_is_the_beginning_of_a_larger_one(n: int) -> None:
+    larger = latin_hypercube(40, 3, seed=2)
+    assert latin_hypercube(n, 3, seed=2).tobytes() == larger[:n].tobytes()
+    box = maximin_design(40, BOX, 2)
+    assert maximin_design(n, BOX, 2).tobytes() == box[:n].tobytes()
+
+
+def test_maximin_hypercubes_are_wider_spaced_than_random_ones() -> None:
+    """Least distance of 16 points in 3 dimensions, mean of 10 seeds."""
+    ours, random = [], []
+    for seed in range(10):
+        rng = np.random.default_rng(seed)
+        ours.append(pdist(latin_hypercube(16, 3, seed)).min())
+        cells = np.array([rng.permutation(16) for _ in range(3)]).T
+        random.append(pdist((cells + rng.random((16, 3))) / 16).min())
+    assert np.mean(ours) > 1.5 * np.mean(random)
+
+
+def test_a_part_of_the_corners_is_spread_and_faces_follow() -> None:
+    """The first two of 4 corners of a cube are opposite, and no corner comes twice."""
+    box = np.tile([0.0, 1.0], (3, 1))
+    points = sobol_design(12, box, 0, n_corners=4, n_faces=6)
+    corners, faces = points[:4], points[4:10]
+    assert pdist(corners[:2], "cityblock")[0] == 3.0 and pdist(corners).min() > 0.0
+    assert set(corners.ravel()) == {0.0, 1.0}
+    assert (np.sum(faces == 0.5, axis=1) == 2).all() and len(np.unique(faces, axis=0)) == 6
+    assert ((points[10:] > 0.0) & (points[10:] < 1.0)).all()
+
+
+def test_without_corners_all_points_are_inside() -> None:
+    points = sobol_design(20, BOX, 0, n_corners=0)
+    assert ((points > BOX[:, 0]) & (points < BOX[:, 1])).all()
+
+
+def test_more_corners_than_there_are_and_unknown_sequences_are_refused() -> None:
+    with pytest.raises(ValueError, match="n_corners: expected 0 to 4, found 5"):
+        sobol_design(20, BOX, 0, n_corners=5)
+    with pytest.raises(ValueError, match="n_faces: expected 0 to 4, found 5"):
+        sobol_design(20, BOX, 0, n_faces=5)
+    with pytest.raises(ValueError, match="sequence: expected 'sobol' or 'latin', found 'grid'"):
+        unit_design(4, 2, 0, sequence="grid")  # type: ignore[arg-type]
+
+
+FACTORS = (
+    Factor("r", 0.0, 1.0),
+    Factor("height", 2.4, 2.8, norm(2.6, 0.05).ppf),
+    Levels("pin", ("bar", "round")),
+    Levels("contact", ("stick", "slide", "friction")),
+)
+
+
+@pytest.mark.parametrize("sequence", ["sobol", "latin"])
+def test_designs_over_factors_are_nested(sequence: str) -> None:
+    larger = design(FACTORS, 60, 1, sequence=sequence)  # type: ignore[arg-type]
+    for n in (1, 7, 30):
+        smaller = design(FACTORS, n, 1, sequence=sequence)  # type: ignore[arg-type]
+        assert smaller.values.tobytes() == larger.values[:n].tobytes()
+        assert smaller.levels == larger.levels[:n]
+
+
+def test_levels_take_turns_and_each_combination_covers_the_box() -> None:
+    points = design(FACTORS, 6 * 32, 1)
+    assert points.names == ("r", "height") and points.discrete_names == ("pin", "contact")
+    assert len(set(points.levels[:6])) == 6
+    for combination in set(points.levels):
+        own = points.values[points.rows(combination), 0]
+        counts, _ = np.histogram(own, bins=8, range=(0.0, 1.0))
+        assert (counts == 4).all()
+    first, second = (points.values[points.rows(c)] for c in points.levels[:2])
+    assert not np.array_equal(first, second)
+
+
+def test_a_factor_with_a_prior_follows_it() -> None:
+    """Quantiles of 1024 points within 0.01 SD: the design is a net, not a sample."""
+    height = design(FACTORS[:2], 1024, 1).values[:, 1]
+    expected = norm(2.6, 0.05).ppf([0.1, 0.25, 0.5, 0.75, 0.9])
+    np.testing.assert_allclose(
+        np.quantile(height, [0.1, 0.25, 0.5, 0.75, 0.9]), expected, atol=5e-4
+    )
+    assert height.min() >= 2.4 and height.max() <= 2.8
+
+
+def test_factors_that_are_none_are_refused() -> None:
+    with pytest.raises(ValueError, match="r: expected finite low < high"):
+        Factor("r", 1.0, 0.0)
+    with pytest.raises(ValueError, match="pin: expected different levels"):
+        Levels("pin", ("bar", "bar"))
+    with pytest.raises(ValueError, match="factors: expected different names"):
+        design((FACTORS[0], FACTORS[0]), 4, 1)
+    with pytest.raises(ValueError, match="one continuous"):
+        design(FACTORS[2:], 4, 1)

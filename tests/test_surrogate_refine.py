@@ -1,0 +1,117 @@
+"""Refinement: runs go where variance times mass is largest, and the loop knows when to stop."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from surrogate import Emulator, TrainingSet, predicted_shift, propose, sobol_design
+from surrogate.refine import _Uncertainty
+
+BOX = np.array([[0.0, 1.0], [0.0, 1.0]])
+TRAVEL = np.array([0.6, 1.0, 1.4])
+TRUTH = np.array([[0.4, 0.6]])
+
+
+def _force(x: np.ndarray) -> np.ndarray:
+    r, s = x[:, :1], x[:, 1:]
+    return 20.0 * TRAVEL * np.exp(r * TRAVEL + s**2 + 0.2 * np.sin(8 * r * s))
+
+
+@cache
+def _emulator(n: int = 10) -> Emulator:
+    x = sobol_design(n, BOX, seed=2)
+    return Emulator.fit(TrainingSet(x, _force(x), None), 1, n_restarts=0, sharing="all")
+
+
+def _sample(n: int = 300, spread: float = 0.1) -> np.ndarray:
+    return np.clip(TRUTH + spread * np.random.default_rng(0).normal(size=(n, 2)), 0.0, 1.0)
+
+
+def _log_likelihood(force: np.ndarray, _: np.ndarray | None) -> np.ndarray:
+    return -0.5 * np.sum((force / _force(TRUTH) - 1.0) ** 2 / 0.02**2, axis=1)
+
+
+def test_proposals_are_draws_of_the_sample_each_once_and_reproducible() -> None:
+    points = propose(_emulator(), _sample(), 5, np.random.default_rng(1))
+    again = propose(_emulator(), _sample(), 5, np.random.default_rng(1))
+    assert points.tobytes() == again.tobytes() and len(np.unique(points, axis=0)) == 5
+    assert all((_sample() == point).all(axis=1).any() for point in points)
+
+
+def test_the_updated_variance_is_that_of_an_emulator_with_the_run() -> None:
+    """The covariance does not need the value of the run: any will do."""
+    processes, candidates = _emulator().force.processes, _sample(30)
+    before = _Uncertainty.of(processes, candidates, np.ones(3))
+    after = before.given(4)
+    for k in range(3):
+        noise = before.noise[k] * np.eye(31)
+        x = np.vstack([processes.inputs * processes.span + processes.low, candidates[4]])
+        joint = processes.variance_scale[k] * processes.prior(0, x, x)
+        joint[:10, :10] += processes.nugget[0] * processes.variance_scale[k] * np.eye(10)
+        joint[10, 10] += noise[0, 0]
+        cross = processes.variance_scale[k] * processes.prior(0, candidates, x)
+        prior = processes.variance_scale[k] * processes.prior(0, candidates, candidates)
+        expected = prior - cross @ np.linalg.solve(joint, cross.T)
+        scale = np.abs(prior).max()
+        np.testing.assert_allclose(after.covariance[k], expected, atol=1e-6 * scale)
+
+
+def test_a_batch_does_not_put_runs_beside_each_other() -> None:
+    """Least distance of 4 proposals against that of the 4 draws of largest variance alone."""
+    emulator, sample = _emulator(), _sample()
+    points = propose(emulator, sample, 4, np.random.default_rng(0))
+    _, covariance = emulator.unit_force(sample)
+    variance = np.einsum("nii->n", covariance)
+    naive = sample[np.argsort(-variance)[:4]]
+
+    def least(x: np.ndarray) -> float:
+        distance = np.linalg.norm(x[:, None] - x, axis=2)
+        return float(distance[np.triu_indices(4, 1)].min())
+
+    assert least(points) > 3.0 * least(naive)
+
+
+def test_runs_proposed_lower_the_error_where_the_posterior_is() -> None:
+    """At most half of the error that as many further points of the design leave there."""
+    x = sobol_design(10, BOX, seed=2)
+    added = propose(_emulator(), _sample(), 4, np.random.default_rng(0))
+    refined = np.vstack([x, added])
+    errors = []
+    for points in (refined, sobol_design(14, BOX, seed=2)):
+        emulator = Emulator.fit(
+            TrainingSet(points, _force(points), None), 1, n_restarts=0, sharing="all"
+        )
+        relative = emulator.unit_force(_sample())[0] / _force(_sample()) - 1.0
+        errors.append(np.sqrt(np.mean(relative**2)))
+    assert errors[0] < 0.5 * errors[1]
+
+
+def test_the_predicted_shift_falls_with_runs_and_then_says_stop() -> None:
+    rng = np.random.default_rng(0)
+    shifts = []
+    for n in (6, 72):
+        emulator = _emulator(n)
+        grid = np.random.default_rng(3).uniform(size=(4000, 2))
+        log = _log_likelihood(emulator.unit_force(grid)[0], None)
+        weights = np.exp(log - log.max())
+        sample = grid[np.random.default_rng(4).choice(4000, 300, p=weights / weights.sum())]
+        shifts.append(predicted_shift(emulator, sample, _log_likelihood, 10, rng))
+    assert not shifts[0].is_small and shifts[1].is_small
+    assert (shifts[1].shift < 0.2 * shifts[0].shift).all()
+
+
+@pytest.mark.parametrize(
+    ("sample", "n", "message"),
+    [
+        (np.ones((5, 3)), 1, r"posterior_sample: expected shape \(m, 2\)"),
+        (np.ones((5, 2)), 1, "posterior_sample: must vary"),
+        (_sample(4), 9, "n: expected 1 to 4"),
+        (_sample(4), 0, "n: expected 1 to 4"),
+    ],
+)
+def test_samples_that_are_none_are_refused(sample: np.ndarray, n: int, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        propose(_emulator(), sample, n, np.random.default_rng(0))
