@@ -97,8 +97,8 @@ def figures(
     n: int,
     workers: int,
     *,
-    sampling: dict[Pin, Cells] = SAMPLING_CELLS,
-    fitting: dict[Pin, Cells] = FITTING_CELLS,
+    sampling: dict[str, Cells] = SAMPLING_CELLS,
+    fitting: dict[str, Cells] = FITTING_CELLS,
     travel: tuple[float, ...] = TRAVEL,
     reached: tuple[float, ...] = REACHED,
 ) -> dict[str, Any]:
@@ -114,7 +114,7 @@ def figures(
         found |= {
             f"converged_fraction{suffix}": fractions(part, responses, reached),
             f"not_converged{suffix}": stopped(part, responses, reached[-1]),
-            f"converged_cells{suffix}": {pin: list(cells[pin]) for pin in PINS},
+            f"converged_cells{suffix}": {case: list(mesh) for case, mesh in cells.items()},
         }
     return found
 
@@ -123,7 +123,7 @@ def run(
     folder: Path,
     drawn: Sequence[Draw],
     workers: int,
-    cells: dict[Pin, Cells],
+    cells: dict[str, Cells],
     travel: tuple[float, ...],
 ) -> list[Response]:
     """The draws' responses, those from the folder that are there (delete it with a new model)."""
@@ -166,9 +166,9 @@ def stopped(
 
 
 def _stored(
-    folder: Path, cells: dict[Pin, Cells], travel: tuple[float, ...], number: int, draw: Draw
+    folder: Path, cells: dict[str, Cells], travel: tuple[float, ...], number: int, draw: Draw
 ) -> Response:
-    mesh = cells[draw.pin]
+    mesh = cells[draw.case]
     of_what = hashlib.sha256(repr((draw, mesh, travel)).encode()).hexdigest()[:8]
     path = folder / "x".join(map(str, mesh)) / f"{number:04d}-{of_what}.npz"
     if path.exists():

@@ -1,4 +1,4 @@
-"""The meshes that the benchmarks call sampling and fitting mesh, by pin: change them here."""
+"""The meshes that the benchmarks call sampling and fitting mesh, by pin and contact: change here."""
 
 from __future__ import annotations
 
@@ -7,7 +7,21 @@ from typing import Literal
 Cells = tuple[int, int, int]
 Pin = Literal["bar", "round"]
 
-SAMPLING_CELLS: dict[Pin, Cells] = {"bar": (12, 4, 2), "round": (8, 4, 8)}
+SAMPLING_CELLS: dict[str, Cells] = {
+    "bar, stick": (12, 6, 2),
+    "bar, friction": (12, 4, 2),
+    "bar, frictionless": (12, 4, 2),
+    "round, stick": (8, 4, 8),
+    "round, friction": (8, 4, 8),
+    "round, frictionless": (8, 4, 8),
+}
 """of a design sample: Q2 elements of a quarter along x, y, z"""
-FITTING_CELLS: dict[Pin, Cells] = {"bar": (24, 8, 3), "round": (12, 6, 12)}
+FITTING_CELLS: dict[str, Cells] = {
+    "bar, stick": (14, 12, 5),
+    "bar, friction": (16, 5, 2),
+    "bar, frictionless": (16, 5, 2),
+    "round, stick": (12, 6, 12),
+    "round, friction": (12, 6, 12),
+    "round, frictionless": (12, 6, 12),
+}
 """of the runs that a fit is checked or corrected with"""

@@ -60,7 +60,9 @@ def test_only_a_draw_with_friction_has_its_coefficients_in_the_contact():
 
 
 def test_the_sobol_study_counts_what_was_reached_and_goes_on_where_it_was(tmp_path, monkeypatch):
-    tiny = {"bar": (4, 2, 1), "round": (3, 2, 3)}
+    tiny = {
+        case: (4, 2, 1) if case.startswith("bar") else (3, 2, 3) for case in convergence_study.CASES
+    }
     arguments = {"sampling": tiny, "fitting": tiny, "travel": (0.05, 0.1), "reached": (0.1, 0.2)}
     found = convergence_study.figures(tmp_path, 4, 1, **arguments)
     total = found["converged_fraction"]["all"]
