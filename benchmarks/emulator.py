@@ -29,8 +29,8 @@ import numpy as np
 
 from benchmarks.emulator_peers import peer_figures
 from benchmarks.emulator_refinement import refinement_run_ratio
-from benchmarks.emulator_runs import DESIGNS, Design, Simulate, simulate
-from fe.campaign import Campaign
+from benchmarks.emulator_runs import DESIGNS, Design, family, simulate
+from fe.campaign_result import Campaign
 from surrogate import Emulator, TrainingSet, held_out_residuals, named_gradient
 
 N_THETA = 1000
@@ -69,7 +69,7 @@ def _parser() -> argparse.ArgumentParser:
 def _design(design: Design, contact: str, options: argparse.Namespace) -> dict[str, Any]:
     """Figures of one row of the table with one contact."""
     print(f"\n{', '.join(design.names)}: {design.n_runs} runs, {contact}")
-    model = Simulate(design.names, contact, tuple(options.cells))
+    model = family(design.names, contact, tuple(options.cells))
     folder = options.store / contact
     points = np.vstack([design.training(), design.held_out(options.held_out)])
     campaign = simulate(points, model, folder, _progress)
@@ -111,7 +111,7 @@ def _runs(design: Design, campaign: Campaign, rows: slice) -> TrainingSet:
         for kind in ("force", "displacement")
     }
     return TrainingSet.from_runs(
-        campaign.ratios[rows],
+        campaign.theta[rows],
         campaign.force[rows],
         campaign.displacement[rows],
         campaign.reached[rows],

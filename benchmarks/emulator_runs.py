@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from fe import BlockPin, BlockPinModel, Contact
-from fe.campaign import Campaign, run_campaign
-from fe.response import Array, Response
+from fe import BlockPin, BlockPinFamily, BlockPinModel, Contact, run_campaign
+from fe.campaign_result import Campaign
+from fe.response import Array
+from fe.specimens.block_pin_family import FAMILY
+from fe.specimens.block_pin_geometry import Interface
 from surrogate.design import sobol_design
 
 TRAVEL = (0.6, 0.8, 1.0, 1.2, 1.4)
@@ -59,45 +60,22 @@ DESIGNS = (
 )
 
 
-@dataclass(frozen=True)
-class Simulate:
-    """The block at kappa = 1 MPa as a function of the factors of a design; picklable."""
-
-    names: tuple[str, ...]
-    contact: str
-    cells: tuple[int, int, int]
-
-    def __call__(self, point: Array) -> Response:
-        """The run at a point (d,) of the design."""
-        values = dict(zip(self.names, (float(v) for v in point), strict=True))
-        return self._model(values)(np.array([values["r"], values["s"]]))
-
-    def _model(self, values: dict[str, float]) -> BlockPinModel:
-        pin = values.get("friction", self.contact)
-        model = BlockPinModel(BlockPin(), Contact(pin, pin), self.cells, TRAVEL)  # type: ignore[arg-type]
-        fields = {"height": "height", "fillet": "pin_fillet"}
-        shape = {fields[key]: value for key, value in values.items() if key in fields}
-        if shape:
-            model = replace(model, specimen=replace(model.specimen, **shape))
-        if "bulk" in values:
-            model = replace(model, bulk_ratio=values["bulk"])
-        return model
-
-    def fingerprint(self) -> dict[str, Any]:
-        """All that a run depends on besides its point."""
-        base = BlockPinModel(BlockPin(), Contact("stick", "stick"), self.cells, TRAVEL)
-        return {"model": repr(base), **asdict(self)}
+def family(names: tuple[str, ...], contact: str, cells: tuple[int, int, int]) -> BlockPinFamily:
+    """The block at kappa = 1 MPa as a function of the factors of a design."""
+    interface: Interface = "stick" if contact == "stick" else "slide"
+    template = BlockPinModel(BlockPin(), Contact(interface, interface), cells, TRAVEL)
+    return BlockPinFamily(template, tuple(FAMILY[name] for name in names))
 
 
 def simulate(
-    points: Array, model: Simulate, store: Path, progress: Callable[[int, int], None]
+    points: Array, model: BlockPinFamily, store: Path, progress: Callable[[int, int], None]
 ) -> Campaign:
     """Runs at points (n, d), those of the store reused."""
     return run_campaign(
         model,
         points,
         store,
-        fingerprint=model.fingerprint(),
+        parameters=model.parameters,
         progress=progress,
         max_failure_rate=0.5,
     )

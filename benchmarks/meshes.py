@@ -1,4 +1,4 @@
-"""The meshes that the benchmarks call sampling and fitting mesh, by pin and contact: change here."""
+"""What the benchmarks call sampling and fitting mesh, by pin and contact."""
 
 from __future__ import annotations
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any, Literal, cast
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -123,16 +123,16 @@ class BlockPinFamily:
             ),
             bulk_ratio=values.get("bulk", template.bulk_ratio),
         )
-        known = _sensitivity_names(model)
-        if not known or getattr(template, "sensitivities", ()) is not None:
+        if template.sensitivities is not None:
             return model
+        known = model.parameter_names()
         asked = [n for p in self.parameters for n in _SOURCES.get(p.name, ()) if n in known]
-        return replace(model, **cast("dict[str, Any]", {"sensitivities": tuple(asked)}))
+        return replace(model, sensitivities=tuple(asked))
 
     def _named(self, model: BlockPinModel, response: Response) -> Response:
         """The response with gradients by the names of the parameters, by the chain rule."""
         found = list(response.parameters)
-        known = _sensitivity_names(model) or response.parameters
+        known = model.parameter_names()
         columns: dict[str, list[int]] = {}
         for parameter in self.parameters:
             sources = [name for name in _SOURCES.get(parameter.name, ()) if name in known]
@@ -155,12 +155,6 @@ class BlockPinFamily:
     def _values(self, theta: Array) -> dict[str, float]:
         [row] = checked_theta(np.asarray(theta, dtype=np.float64)[None], self.parameters)
         return dict(zip((p.name for p in self.parameters), row.tolist(), strict=True))
-
-
-def _sensitivity_names(model: BlockPinModel) -> tuple[str, ...]:
-    """What a model can have gradients in besides (r, s); none where it cannot be asked."""
-    names: tuple[str, ...] = getattr(model, "parameter_names", tuple)()
-    return names
 
 
 def _interface(
