@@ -20,7 +20,10 @@ def upper(matrix: np.ndarray) -> sp.csr_matrix:
     return triangle
 
 
-LIBRARIES = [pytest.param(library, id=library.name) for library in {installed_library(), SUPERLU}]
+LIBRARIES = [
+    pytest.param(library, id=library.name)
+    for library in dict.fromkeys([installed_library(), SUPERLU])
+]
 
 
 def solver_of(matrix: np.ndarray, library: Library | None = None) -> tuple[SymmetricSolver, int]:
