@@ -157,6 +157,8 @@ WRONG = {
     "no cells": ("[4, 2, 4]", "[4, 0, 4]", "mesh.sampling[1]", "0", "greater than or equal to 1"),
     "check as good as the same": ("[6, 3, 6]", "[5, 2, 4]", "mesh.check", "[5, 2, 4]", "1.3 times"),
     "coarse check": ("[6, 3, 6]", "[6, 1, 6]", "mesh.check", "[6, 1, 6]", "finer than mesh.samp"),
+    "coarse check of one": ("height = 2.7", "check = [4, 3, 4]", "hypothesis[1].check", "[4, 3, 4]",
+                            "1.3 times"),
     "negative length": ("height = 2.5", "height = -2.5", "geometry.height", "-2.5", "than 0"),
     "infinite length": ("width = 10.0", "width = inf", "geometry.width", "Infinity", "finite"),
     "no number": ("width = 10.0", "width = nan", "geometry.width", "NaN", "finite"),

@@ -42,12 +42,19 @@ def assumptions_table(study: Study) -> Table:
         ("prior of r = C01 / kappa", _prior(study.prior.r), "-"),
         ("prior of s = C11 / kappa", _prior(study.prior.s), "-"),
         ("mesh of the emulator's runs (quarter of the sample)", _cells(mesh.sampling), "elements"),
-        ("mesh of the check", _cells(mesh.check), "elements"),
-        (
-            "mesh error left after the correction, SD over the measured difference",
-            f"{left_share(mesh.refinement):.2f}, half of its square common to all increments",
-            "-",
-        ),
+    ]
+    for hypothesis in study.hypotheses:
+        cells = study.check_cells(hypothesis)
+        share = left_share(mesh.refinement(cells))
+        rows += [
+            (f"mesh of the check under {hypothesis.name}", _cells(cells), "elements"),
+            (
+                "mesh error left after the correction, SD over the measured difference",
+                f"{share:.2f}, half of its square common to all increments",
+                "-",
+            ),
+        ]
+    rows += [
         ("samples independent of each other, their SDs taken as known", "", "-"),
     ]
     if study.virtual is not None:

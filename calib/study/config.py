@@ -18,6 +18,7 @@ from calib.data import read_force_csv, thesis_forces
 from calib.study.sections import (
     STRICT,
     VIRTUAL,
+    Cells,
     Compute,
     DataSource,
     Design,
@@ -94,6 +95,10 @@ class Study:
         self._check_hypotheses()
         self._check_virtual()
 
+    def check_cells(self, hypothesis: Hypothesis) -> Cells:
+        """Mesh that measures the discretisation error under a hypothesis."""
+        return hypothesis.check or self.mesh.check
+
     def height(self, hypothesis: Hypothesis) -> float:
         """Height of the sample under a hypothesis, mm."""
         return self.geometry.height if hypothesis.height is None else hypothesis.height
@@ -122,6 +127,7 @@ class Study:
                 expected = f"within a factor {FAR_HEIGHT:g} of geometry.height"
                 expected += f" ({self.geometry.height:g} mm): hypotheses are about one sample"
                 raise Contradiction(key, hypothesis.height, expected)
+            self.mesh.refuse_coarse(self.check_cells(hypothesis), f"hypothesis.{index}.check")
 
     def _check_virtual(self) -> None:
         virtual = self.virtual

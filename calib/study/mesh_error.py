@@ -141,7 +141,7 @@ def save_mesh_error(
     folder = check_folder(out, hypothesis)
     facts = {
         "coarse_cells": study.mesh.sampling,
-        "fine_cells": study.mesh.check,
+        "fine_cells": study.check_cells(hypothesis),
         "travel": study.increments,
         "refinement": error.refinement,
         "left_share": left_share(error.refinement),

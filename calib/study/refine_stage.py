@@ -97,7 +97,7 @@ def _check_sets(
 ) -> list[CampaignPlan]:
     return [
         CampaignPlan(
-            context.model(hypothesis, context.study.mesh.check),
+            context.model(hypothesis, context.study.check_cells(hypothesis)),
             run_set.theta[checked],
             check_folder(context.out, hypothesis),
             max_failure_rate=1.0,

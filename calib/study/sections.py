@@ -123,19 +123,22 @@ class Mesh:
     check: Cells = (20, 8, 3)
     """three numbers of elements (x, y, z) for the runs that measure the discretisation error"""
 
-    @property
-    def refinement(self) -> float:
-        """Edge of the sampling mesh's elements over that of the check mesh's, mean of directions"""
-        return math.cbrt(math.prod(self.check) / math.prod(self.sampling))
+    def refinement(self, check: Cells) -> float:
+        """Edge of the sampling mesh's elements over that of `check`'s, mean of directions"""
+        return math.cbrt(math.prod(check) / math.prod(self.sampling))
 
-    def __post_init__(self) -> None:
-        finer = is_finer(self.check, self.sampling)
-        if not finer or self.refinement < MIN_REFINEMENT:
+    def refuse_coarse(self, check: Cells, key: str) -> None:
+        """Raise Contradiction when `check`, of that key, says too little about the error."""
+        finer = is_finer(check, self.sampling)
+        if not finer or self.refinement(check) < MIN_REFINEMENT:
             expected = (
                 f"a mesh finer than mesh.sampling {list(self.sampling)}, with elements at least "
                 f"{MIN_REFINEMENT} times smaller (cube root of the ratio of their numbers)"
             )
-            raise Contradiction("check", self.check, expected)
+            raise Contradiction(key, check, expected)
+
+    def __post_init__(self) -> None:
+        self.refuse_coarse(self.check, "check")
 
 
 def is_finer(fine: Cells, coarse: Cells) -> bool:
@@ -155,6 +158,9 @@ class Hypothesis:
     """contact between sample and base plate: "stick", "slide" or a coefficient of friction"""
     height: Positive | None = None
     """height of the sample under this hypothesis, mm; without it geometry.height"""
+    check: Cells | None = None
+    """numbers of elements (x, y, z) that measure the discretisation error under this hypothesis;
+    without it mesh.check"""
 
     def __post_init__(self) -> None:
         for key in ("pin", "base"):

@@ -72,6 +72,13 @@ def _models(*names: str) -> Settings:
     return settings
 
 
+def _checked(context: Context) -> dict[str, object]:
+    """The forward models and the finer meshes that they are held against."""
+    study = context.study
+    cells = {h.name: plain(study.check_cells(h)) for h in study.hypotheses}
+    return {**_models()(context), "check": cells}
+
+
 def _whole_study(context: Context) -> dict[str, object]:
     return {**_models()(context), "study": plain(replace(context.study, compute=Compute()))}
 
@@ -106,7 +113,7 @@ STAGES = (
         "check",
         "measure the error of the mesh at the posterior",
         ("refine",),
-        _models("mesh.check"),
+        _checked,
         check_stage.run,
     ),
     Stage(
