@@ -20,6 +20,7 @@ from typing import NamedTuple, cast
 import numpy as np
 import numpy.typing as npt
 
+from benchmarks.meshes import FITTING_CELLS, SAMPLING_CELLS
 from fe import BlockPin, BlockPinModel, Contact, Response, load_response, save_response
 from fe.load_stepping import StepOptions
 from fe.specimens.block_pin import Interface
@@ -41,15 +42,21 @@ class Mesh(NamedTuple):
         return f"{' x '.join(map(str, self.cells))}, {self.step:g}"
 
 
-SIMILAR = tuple(Mesh((6 * n, 3 * n, n), 0.05) for n in (1, 2, 3, 4))
+GLUED = tuple(Mesh((5 * n, 5 * n, 2 * n), 0.05) for n in (2, 3, 4))
+SLIDING = tuple(Mesh((4 * n, 2 * n, n), 0.05) for n in (2, 3, 4))
 """coarse to fine, similar to each other"""
-SAMPLING = (Mesh((8, 5, 2), 0.1), Mesh((12, 6, 2), 0.1))
-"""cheaper ones"""
 
 
 def similar(interface: Interface) -> tuple[Mesh, ...]:
-    """The meshes of the study; the finest only for stick, which converges most slowly."""
-    return SIMILAR if interface == "stick" else SIMILAR[:-1]
+    """Three meshes of the index, coarse to fine."""
+    return GLUED if interface == "stick" else SLIDING
+
+
+def single(interface: Interface) -> tuple[Mesh, ...]:
+    """Meshes of a design sample, the fitting mesh last."""
+    touch = {"stick": "stick", "slide": "frictionless"}.get(str(interface), "friction")
+    cells = (SAMPLING_CELLS[f"bar, {touch}"], FITTING_CELLS[f"bar, {touch}"])
+    return tuple(Mesh(one, 0.05) for one in cells)
 
 
 def simulate(folder: Path, interface: Interface, mesh: Mesh, ratios: Array) -> Response:
@@ -90,7 +97,7 @@ def main(arguments: list[str] | None = None) -> None:
     print(f"{interface}, r = {ratios[0]:g}, s = {ratios[1]:g}, kappa = 1 MPa\n")
     print("| elements, step mm | " + " | ".join(f"F({d}) N" for d in TRAVEL), end=" | ")
     print("s | pivots < 0 |\n" + "|---" * (len(TRAVEL) + 3) + "|")
-    meshes, runs = (*SAMPLING, *similar(interface)), []
+    meshes, runs = (*single(interface), *similar(interface)), []
     for mesh in meshes:
         run = simulate(options.runs, interface, mesh, ratios)
         runs.append(run)
