@@ -22,8 +22,8 @@ import numpy.typing as npt
 
 from benchmarks.meshes import FITTING_CELLS, SAMPLING_CELLS
 from fe import BlockPin, BlockPinModel, Contact, Response, load_response, save_response
-from fe.load_stepping import StepOptions
 from fe.specimens.block_pin import Interface
+from fe.steps import StepOptions
 
 Array = npt.NDArray[np.float64]
 

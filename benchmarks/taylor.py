@@ -16,9 +16,9 @@ import numpy.typing as npt
 from threadpoolctl import threadpool_limits
 
 from fe import BlockPin, BlockPinModel, Contact
-from fe.load_stepping import StepOptions
 from fe.materials import Material, material
 from fe.newton import NewtonOptions
+from fe.steps import StepOptions
 
 Array = npt.NDArray[np.float64]
 

@@ -15,12 +15,12 @@ from fe.driven import DrivenProblem
 from fe.driving import Solution, solve
 from fe.ending import ending
 from fe.force_control import Control, check_targets
-from fe.load_stepping import StepOptions
 from fe.materials.material import Material, mooney_rivlin_of_ratios
 from fe.materials.mooney_rivlin import RATIO_DERIVATIVES
 from fe.newton import NewtonOptions
 from fe.progress import Progress, listener
 from fe.response import Response
+from fe.steps import StepOptions
 
 Array = npt.NDArray[np.float64]
 

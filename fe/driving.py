@@ -22,11 +22,11 @@ from fe.force_control import (
     travel_slope,
 )
 from fe.linear_solver import SymmetricSolver
-from fe.load_stepping import March, StepOptions, stride
 from fe.materials.material import Material
 from fe.newton import Equilibrium, NewtonOptions, descent_direction, equilibrate
 from fe.plate import PlateMemory, initial_memory, renewed_anchors, renewed_limits
 from fe.progress import Progress
+from fe.steps import March, StepOptions, stride
 
 Array = npt.NDArray[np.float64]
 

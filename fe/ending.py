@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from fe.force_control import Control
-from fe.load_stepping import March
 from fe.response import Status
+from fe.steps import March
 
 
 class Ending(NamedTuple):

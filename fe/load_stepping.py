@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -18,29 +17,16 @@ from fe.force_control import (
     Start,
     Way,
     at_moving_travel,
-    step_to_force,
-    step_to_travel,
     travel_slope,
 )
 from fe.linear_solver import SymmetricSolver
 from fe.newton import Equilibrium, NewtonOptions, descent_direction, equilibrate
-from fe.newton_problem import NewtonProblem
 from fe.parameters import Parameters
 from fe.potential import Potential
-from fe.progress import Progress, StepReport
 from fe.sensitivity import Gradient, Objective, Tangent, adjoint, direct, partials
+from fe.steps import March, StepOptions, stride
 
 Array = npt.NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class StepOptions:
-    """Sizes of the load steps, mm of pin travel."""
-
-    first: float = 0.01
-    largest: float = 0.05
-    """longer ones end on another path with friction, tie what sticks late, and snap more often"""
-    smallest: float = 1e-3
 
 
 @dataclass(frozen=True)
@@ -68,47 +54,6 @@ class TravelState:
     negative_pivots: int
     objective_gradient: Array
     """(n_p,) of the objective, (0,) without one"""
-
-
-@dataclass
-class March:
-    """Outcome of a march: filled as it goes (state)."""
-
-    reached: float = 0.0
-    reason: str = ""
-    n_steps: int = 0
-    n_cuts: int = 0
-    largest_force: float = 0.0
-    """of the modelled part in accepted steps, N"""
-    fell_after: float | None = None
-    """travel of the last step before the force fell, mm"""
-    warning: str = ""
-    """what may be wrong with what was reached"""
-    listen: Progress | None = None
-    """hears of each accepted step, forces those of the modelled part"""
-
-    def accept(self, found: Found) -> None:
-        """Count a step that ended there."""
-        at = found.equilibrium
-        self.reached = found.travel
-        self.n_steps += 1
-        self.largest_force = max(self.largest_force, at.assembly.pin_force)
-        if self.listen is not None:
-            report = StepReport(found.travel, at.assembly.pin_force, at.iterations, found.negative)
-            self.listen(report)
-
-    def stop(self, found: Found) -> None:
-        """Say why no further step is made."""
-        self.reason = f"{found.equilibrium.reason} at a travel of {found.travel:.4f} mm"
-
-    def fall(self, found: Found) -> None:
-        """Note that the force fell in a step that is about to be accepted."""
-        if self.fell_after is None:
-            self.fell_after = self.reached
-            self.warning = (
-                f"the force falls at a travel of {found.travel:.4f} mm: another branch of "
-                "equilibria, real or of the mesh, or a material that softens"
-            )
 
 
 def march(
@@ -188,43 +133,6 @@ def _march(
         yield state
 
 
-def stride(
-    potential: NewtonProblem[Any],
-    solver: SymmetricSolver,
-    way: Way,
-    here: Start,
-    targets: Sequence[float],
-    steps: StepOptions,
-    outcome: March,
-) -> Iterator[float]:
-    """Step from `here` to each target and yield it there, until one cannot be reached.
-
-    Steps that do not converge are halved.  What happened is left in `outcome`.
-    """
-    step = steps.first
-    for target in targets:
-        arrived = False
-        while not arrived:
-            if way.control == "force":
-                far = here.travel + step
-                found = step_to_force(potential, solver, way, here, far, target)
-            else:
-                far = _next_travel(here.travel, step, target)
-                found = step_to_travel(solver, way, here, far, target)
-            if found.equilibrium.converged:
-                here, arrived = way.accept(found), found.arrived
-                outcome.accept(found)
-                step = min(steps.largest, step * _growth(found.equilibrium.iterations))
-                continue
-            outcome.n_cuts += 1
-            step = (far - here.travel) / 2.0
-            here = way.restore(here)  # the predictor needs its factor
-            if step < steps.smallest:
-                outcome.stop(found)
-                return
-        yield target
-
-
 def _accept(
     potential: Potential,
     solver: SymmetricSolver,
@@ -288,19 +196,6 @@ def _at_moving_travel(
     u_slope = potential.expand(free)
     moved = at_moving_travel(at_travel, u_slope, slope, before, meets=found.arrived)
     return Gradient(moved.u, moved.force), moved.travel
-
-
-def _next_travel(reached: float, step: float, target: float) -> float:
-    """Equal steps to the target, so that no sliver of a step is left before it."""
-    remaining = target - reached
-    n = int(np.ceil(remaining / step - 1e-6))
-    return target if n <= 1 else reached + remaining / n
-
-
-def _growth(iterations: int) -> float:
-    if iterations <= 6:
-        return 1.5
-    return 1.1 if iterations < 12 else 0.8
 
 
 def _predict(

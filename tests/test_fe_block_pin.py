@@ -14,8 +14,8 @@ from scipy.optimize import root
 
 import fe.load_stepping
 from fe import BlockPin, BlockPinModel, Contact, Status
-from fe.load_stepping import StepOptions
 from fe.newton import NewtonOptions, equilibrate
+from fe.steps import StepOptions
 
 TRAVEL = (0.3, 0.6)
 TIGHT = NewtonOptions(tolerance=1e-9)

@@ -10,11 +10,11 @@ import pytest
 import fe.specimens.block_pin_mesh
 from fe import BlockPin, BlockPinModel, Contact, Status
 from fe.contact import PenaltyLaw
-from fe.load_stepping import StepOptions
 from fe.materials.material import mooney_rivlin_of_ratios
 from fe.newton import NewtonOptions
 from fe.solid import Solid
 from fe.specimens.block_pin_mesh import Dense
+from fe.steps import StepOptions
 
 ROUND = BlockPin(pin="round")
 RATIOS = np.array([0.4, 0.1])

@@ -17,11 +17,11 @@ from fe.closed_forms import uniaxial
 from fe.discretisation import elements
 from fe.driven import DrivenPotential, DrivenProblem, equations, unknowns
 from fe.driving import DrivenState, Solution, solve
-from fe.load_stepping import StepOptions
 from fe.materials import Material, bulk_modulus, material
 from fe.newton import NewtonOptions
 from fe.plate import PlateMemory
 from fe.specimens.cylinder import GRADING
+from fe.steps import StepOptions
 
 SIZE = Cylinder()
 AREA = np.pi * SIZE.diameter**2 / 4

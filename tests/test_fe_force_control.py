@@ -19,11 +19,11 @@ from fe.contact_memory import (
     tie_touching,
     touches,
 )
-from fe.load_stepping import StepOptions
 from fe.materials import material
 from fe.newton import NewtonOptions
 from fe.pin_surface import BAR, ROUND, RigidPin
 from fe.response import load_response, save_response
+from fe.steps import StepOptions
 from fe.surface_slopes import no_slopes
 from fe.touch import FrictionLaw
 

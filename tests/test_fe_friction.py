@@ -23,11 +23,12 @@ from fe.friction import (
     slip_potential,
 )
 from fe.linear_solver import SymmetricSolver
-from fe.load_stepping import March, march
+from fe.load_stepping import march
 from fe.material_parameters import ratio_parameters
 from fe.newton import NewtonOptions
 from fe.pin_surface import RigidPin, bar_distance
 from fe.potential import Potential
+from fe.steps import March
 from fe.surface_slopes import no_slopes
 from fe.touch import FLOOR, PIN, FrictionLaw, bar_arc
 

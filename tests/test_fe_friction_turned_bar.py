@@ -12,9 +12,9 @@ from fe.contact import empty_system
 from fe.contact_memory import initial_memory, slide_anchors
 from fe.contact_slopes import contact_pull
 from fe.friction import freeze, friction_system
-from fe.load_stepping import StepOptions
 from fe.newton import NewtonOptions
 from fe.pin_surface import RigidPin, pin_point
+from fe.steps import StepOptions
 from fe.surface_slopes import no_slopes
 from fe.touch import FLOOR, PIN, FrictionLaw, chart_pin, empty_chart
 

@@ -13,7 +13,6 @@ from skfem import MeshHex, MeshQuad
 from fe.discretisation import elements
 from fe.driven import DrivenPotential, DrivenProblem, unknowns
 from fe.driving import solve
-from fe.load_stepping import StepOptions
 from fe.materials import Material, material
 from fe.newton import NewtonOptions
 from fe.plane_elements import (
@@ -23,6 +22,7 @@ from fe.plane_elements import (
     plane_strain_fixed,
     with_hoop,
 )
+from fe.steps import StepOptions
 from fe.weak_form import Elements, element_energy, element_system, empty_system
 
 MATERIALS = {

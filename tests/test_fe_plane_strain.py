@@ -13,11 +13,12 @@ from fe.contact import Faces
 from fe.contact_memory import initial_memory
 from fe.discretisation import pattern
 from fe.linear_solver import SymmetricSolver
-from fe.load_stepping import March, StepOptions, TravelState, march
+from fe.load_stepping import TravelState, march
 from fe.materials.material import mooney_rivlin_of_ratios
 from fe.newton import NewtonOptions
 from fe.parameters import Parameters
 from fe.potential import Potential
+from fe.steps import March, StepOptions
 from fe.surface_slopes import no_slopes
 
 RATIOS = np.array([0.4, 0.1])

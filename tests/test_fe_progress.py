@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import fe
-from fe.load_stepping import StepOptions
 from fe.progress import StepReport
+from fe.steps import StepOptions
 
 BLOCK = fe.BlockPinModel(
     fe.BlockPin(),

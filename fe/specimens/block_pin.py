@@ -22,7 +22,7 @@ from fe.contact import PenaltyLaw
 from fe.contact_memory import initial_memory
 from fe.force_control import Control, check_targets
 from fe.linear_solver import SymmetricSolver
-from fe.load_stepping import March, StepOptions, TravelState, march
+from fe.load_stepping import TravelState, march
 from fe.material_parameters import MaterialParameters, all_parameters, ratio_parameters
 from fe.materials.material import Material, mooney_rivlin_of_ratios
 from fe.newton import NewtonOptions
@@ -36,6 +36,7 @@ from fe.specimens.block_pin_geometry import BlockPin, Contact, Interface, Symmet
 from fe.specimens.block_pin_mesh import Discretisation, block_mesh, discretise, front_points
 from fe.specimens.block_pin_parameters import check_names, known_names, parameters
 from fe.specimens.block_pin_response import Seen, response
+from fe.steps import March, StepOptions
 
 __all__ = ["BlockPin", "BlockPinModel", "Contact", "Discretisation", "Interface"]
 

@@ -11,9 +11,10 @@ import scipy.sparse as sp
 from fe.ending import ending
 from fe.force_control import Control
 from fe.linear_solver import installed_library
-from fe.load_stepping import March, TravelState
+from fe.load_stepping import TravelState
 from fe.response import Response
 from fe.specimens.block_pin_field import FieldMotion
+from fe.steps import March
 
 Array = npt.NDArray[np.float64]
 

@@ -18,13 +18,13 @@ from skfem import MeshQuad
 from fe.contact import PenaltyLaw
 from fe.driven import DrivenProblem, unknowns
 from fe.driven_response import DrivenSpecimen, Schedule, respond, respond_to_ratios
-from fe.load_stepping import StepOptions
 from fe.materials.material import Material
 from fe.newton import NewtonOptions
 from fe.plane_elements import axisymmetric_elements, hoop_equations
 from fe.plate import Plate, ring_edges
 from fe.progress import Progress
 from fe.response import Response
+from fe.steps import StepOptions
 
 Array = npt.NDArray[np.float64]
 

@@ -17,11 +17,11 @@ from skfem import MeshHex
 from fe.discretisation import elements
 from fe.driven import DrivenProblem, equations, unknowns
 from fe.driven_response import DrivenSpecimen, Schedule, respond, respond_to_ratios
-from fe.load_stepping import StepOptions
 from fe.materials.material import Material
 from fe.newton import NewtonOptions
 from fe.progress import Progress
 from fe.response import Response
+from fe.steps import StepOptions
 
 Array = npt.NDArray[np.float64]
 

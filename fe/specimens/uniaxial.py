@@ -18,11 +18,11 @@ from skfem import Basis, ElementHex1, MeshHex
 from fe.discretisation import VOLUME_ORDER
 from fe.driven import DrivenProblem, unknowns
 from fe.driven_response import DrivenSpecimen, Schedule, respond, respond_to_ratios
-from fe.load_stepping import StepOptions
 from fe.materials.material import Material
 from fe.newton import NewtonOptions
 from fe.progress import Progress
 from fe.response import Response
+from fe.steps import StepOptions
 from fe.weak_form import Elements
 
 Array = npt.NDArray[np.float64]
