@@ -35,6 +35,7 @@ from fe.specimens.block_pin_field import FieldMotion, field_motion
 from fe.specimens.block_pin_geometry import BlockPin, Contact, Interface, Symmetry
 from fe.specimens.block_pin_mesh import Discretisation, block_mesh, discretise, front_points
 from fe.specimens.block_pin_parameters import check_names, known_names, parameters
+from fe.specimens.block_pin_part import SYMMETRY_FACTOR, check_part, modelled_part
 from fe.specimens.block_pin_response import Seen, response
 from fe.steps import March, StepOptions
 
@@ -54,10 +55,6 @@ class _Run(NamedTuple):
     """modulus that the contact stiffness goes with, MPa"""
     known: MaterialParameters
     names: tuple[str, ...]
-
-
-SYMMETRY_FACTOR: dict[Symmetry, float] = {"quarter": 4.0, "half": 2.0, "full": 1.0}
-"""how many of the modelled parts the whole sample has"""
 
 
 @dataclass(frozen=True)
@@ -108,7 +105,7 @@ class BlockPinModel:
             )
         if not self.bulk_ratio > 0.0:
             raise ValueError(f"bulk_ratio: expected a ratio above 0, found {self.bulk_ratio}")
-        self._check_symmetry()
+        check_part(self.specimen, self.contact, self.symmetry)
         straight = self.specimen.pin == "bar" and not self.specimen.turned
         if self.plane_strain and not (straight and self.cells[2] == 1 and self.part != "full"):
             raise ValueError(
@@ -117,30 +114,10 @@ class BlockPinModel:
                 f"{self.specimen.pin_rotation} degrees, a {self.part} model, cells={self.cells}"
             )
 
-    def _check_symmetry(self) -> None:
-        if self.symmetry not in ("auto", *SYMMETRY_FACTOR):
-            raise ValueError(
-                f"symmetry: expected 'auto', 'quarter', 'half' or 'full', found {self.symmetry!r}"
-            )
-        if SYMMETRY_FACTOR[self.part] > SYMMETRY_FACTOR[self.specimen.symmetry]:
-            raise ValueError(
-                f"symmetry: expected {self.specimen.symmetry!r} or more of the block for a pin "
-                f"shifted by {self.specimen.pin_shift} mm and turned by "
-                f"{self.specimen.pin_rotation} degrees, found {self.symmetry!r}"
-            )
-        friction = self.contact.friction(self.penalty.slip)
-        held = "stick" in (self.contact.pin, self.contact.base) or max(friction[:2]) > 0.0
-        if self.part != "quarter" and not held:
-            raise ValueError(
-                f"contact: expected a pin or base that sticks or has friction in a {self.part} "
-                f"model, where the block could slide away, found pin={self.contact.pin}, "
-                f"base={self.contact.base}"
-            )
-
     @property
     def part(self) -> Symmetry:
         """What part of the block is modelled."""
-        return self.specimen.symmetry if self.symmetry == "auto" else self.symmetry
+        return modelled_part(self.specimen, self.symmetry)
 
     @property
     def control(self) -> Control:

@@ -1,0 +1,40 @@
+"""What part of a block under a pin is modelled, and whether that may stand for the whole."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from fe.specimens.block_pin_geometry import BlockPin, Contact, Symmetry
+
+Asked = Literal["auto"] | Symmetry
+
+SYMMETRY_FACTOR: dict[Symmetry, float] = {"quarter": 4.0, "half": 2.0, "full": 1.0}
+"""how many of the modelled parts the whole sample has"""
+
+
+def modelled_part(specimen: BlockPin, symmetry: Asked) -> Symmetry:
+    """The part asked for; "auto" is the smallest that stands for the whole."""
+    return specimen.symmetry if symmetry == "auto" else symmetry
+
+
+def check_part(specimen: BlockPin, contact: Contact, symmetry: Asked) -> None:
+    """Raise ValueError for a symmetry that the pin breaks, and for a part that could slide away."""
+    if symmetry not in ("auto", *SYMMETRY_FACTOR):
+        raise ValueError(
+            f"symmetry: expected 'auto', 'quarter', 'half' or 'full', found {symmetry!r}"
+        )
+    part = modelled_part(specimen, symmetry)
+    if SYMMETRY_FACTOR[part] > SYMMETRY_FACTOR[specimen.symmetry]:
+        raise ValueError(
+            f"symmetry: expected {specimen.symmetry!r} or more of the block for a pin "
+            f"shifted by {specimen.pin_shift} mm and turned by "
+            f"{specimen.pin_rotation} degrees, found {symmetry!r}"
+        )
+    friction = contact.friction(1.0)
+    held = "stick" in (contact.pin, contact.base) or max(friction[:2]) > 0.0
+    if part != "quarter" and not held:
+        raise ValueError(
+            f"contact: expected a pin or base that sticks or has friction in a {part} "
+            f"model, where the block could slide away, found pin={contact.pin}, "
+            f"base={contact.base}"
+        )
