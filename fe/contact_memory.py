@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from fe.contact import FREE, TIED_TO_FLOOR, TIED_TO_PIN, Faces, position
+from fe.contact import FREE, TIED_TO_FLOOR, TIED_TO_PIN, Faces, penalty, position
 from fe.pin_surface import RigidPin, pin_point
 from fe.slip_anchors import SlipAnchors, advance_anchors, rest
 from fe.surface_slopes import (
@@ -16,6 +16,7 @@ from fe.surface_slopes import (
     gap_slope,
     no_slopes,
     normal_slope,
+    penalty_slope,
     relative_motion,
 )
 from fe.touch import FrictionLaw
@@ -112,10 +113,11 @@ def tie(
     pin: RigidPin,
     slopes: SurfaceSlopes,
 ) -> None:
-    """Tie the points that `touches` found to the nearest point of pin or floor.
+    """Tie the points that `touches` found where the spring exerts what the penalty did.
 
-    u (n_node, 3) mm, u_gradient (n_node, 3, n_p) mm: the anchor's own sensitivity follows from the
-    derivative of the projection (stick is path dependent).  The first three are the memory's.
+    So neither force nor, nearly, energy jumps: the anchor lies on the normal through the point,
+    between it and the surface.  u (n_node, 3) mm, u_gradient (n_node, 3, n_p) mm: the anchor's own
+    sensitivity follows (stick is path dependent).  The first three are the memory's.
     """
     x = np.empty(3)
     seen = np.empty(slopes.points.shape[2:])
@@ -132,20 +134,42 @@ def tie(
             at[:] = x
             gradient[:, :] = dx
             if touching[c, q] == TIED_TO_FLOOR:
-                at[1] = 0.0
-                gradient[1, :] = 0.0
+                at[1] -= spring_depth(x[1], pin)
+                for j in range(dx.shape[1]):
+                    gradient[1, j] -= spring_depth_slope(x[1], dx[1, j], pin, slopes, j)
                 continue
             s = pin_point(x, travel, pin)
-            at[0] -= s.gap * s.nx
-            at[1] += travel - s.gap * s.ny
-            at[2] -= s.gap * s.nz
+            depth = spring_depth(s.gap, pin)
+            at[0] -= depth * s.nx
+            at[1] += travel - depth * s.ny
+            at[2] -= depth * s.nz
             relative_motion(x, dx, pin, slopes, seen)
             for j in range(dx.shape[1]):
                 d0, d1, d2 = normal_slope(s, seen, pin, slopes, j)
                 d_gap = gap_slope(s, seen, slopes, j)
-                gradient[0, j] -= d_gap * s.nx + s.gap * d0
-                gradient[1, j] -= d_gap * s.ny + s.gap * d1
-                gradient[2, j] -= d_gap * s.nz + s.gap * d2
+                d_depth = spring_depth_slope(s.gap, d_gap, pin, slopes, j)
+                gradient[0, j] -= d_depth * s.nx + depth * d0
+                gradient[1, j] -= d_depth * s.ny + depth * d1
+                gradient[2, j] -= d_depth * s.nz + depth * d2
+
+
+@njit(cache=True)
+def spring_depth(gap: float, pin: RigidPin) -> float:
+    """Signed distance (mm, negative) that a spring has where the penalty has this gap, mm."""
+    depth: float = penalty(gap, pin.stiffness, pin.ramp)[1] / pin.stiffness
+    return depth
+
+
+@njit(cache=True)
+def spring_depth_slope(
+    gap: float, d_gap: float, pin: RigidPin, slopes: SurfaceSlopes, j: int
+) -> float:
+    """Its derivative in parameter j, in which the gap has the derivative `d_gap`."""
+    _, slope, curvature = penalty(gap, pin.stiffness, pin.ramp)
+    d_stiffness, d_ramp = slopes.stiffness[j], slopes.ramp[j]
+    own = penalty_slope(gap, pin.stiffness, pin.ramp, d_stiffness, d_ramp)
+    d_depth: float = (curvature * d_gap + own - slope / pin.stiffness * d_stiffness) / pin.stiffness
+    return d_depth
 
 
 def tie_touching(
@@ -158,7 +182,7 @@ def tie_touching(
     touching: IntArray | None = None,
     slopes: SurfaceSlopes | None = None,
 ) -> int:
-    """Tie every free point that penetrates pin or floor to its nearest surface point; count them.
+    """Tie every free point that penetrates pin or floor; count them.
 
     u (n_node, 3) mm, u_gradient (n_node, 3, n_p) mm, `slopes` of the same n_p parameters, none
     when not given.  `touching` is what `touches` found, both surfaces if not given.

@@ -99,16 +99,15 @@ def test_sensitivities_match_central_differences(contact):
         )
 
 
-@pytest.mark.parametrize(("contact", "bound"), [("slide", 1e-3), ("stick", 5e-3)])
-def test_the_work_of_the_pin_is_stored(contact, bound):
-    """Stick loses what the penalty of a touching point held before it is tied."""
+@pytest.mark.parametrize("contact", ["slide", "stick"])
+def test_the_work_of_the_pin_is_stored(contact):
     m = model(contact, contact, travel=tuple(np.linspace(0.02, 0.5, 25)))
     states, _, _ = m.solve(np.array([0.3, 0.1]))
     travel = np.concatenate([[0.0], m.travel])
     force = np.concatenate([[0.0], [s.pin_force for s in states]])
     work = np.trapezoid(force, travel)
     # the trapezoidal rule on a curve like d^1.3 with 25 steps is itself good to 5e-4
-    assert work == pytest.approx(states[-1].energy, rel=bound)
+    assert work == pytest.approx(states[-1].energy, rel=1e-3)
 
 
 def test_stick_is_stiffer_than_slide_and_force_grows_with_travel():

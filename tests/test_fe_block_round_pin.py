@@ -58,14 +58,13 @@ def test_force_scales_with_kappa_and_field_does_not(contact):
         np.testing.assert_allclose(b.u, a.u, atol=1e-9)
 
 
-@pytest.mark.parametrize(("contact", "bound"), [("slide", 1e-3), ("stick", 5e-3)])
-def test_the_work_of_the_pin_is_stored(contact, bound):
-    """Stick loses what the penalty of a touching point held before it is tied."""
+@pytest.mark.parametrize("contact", ["slide", "stick"])
+def test_the_work_of_the_pin_is_stored(contact):
     m = model(contact, contact, travel=tuple(np.linspace(0.02, 0.4, 20)))
     states, _, _ = m.solve(RATIOS)
     force = np.array([0.0, *(s.pin_force for s in states)])
     work = np.trapezoid(force, np.array([0.0, *m.travel]))
-    assert work == pytest.approx(states[-1].energy, rel=bound)
+    assert work == pytest.approx(states[-1].energy, rel=1e-3)
 
 
 @CONTACTS

@@ -123,7 +123,7 @@ def test_contact_tangent_is_the_derivative_of_the_force_and_that_of_the_energy(n
 
 
 @pytest.mark.parametrize("name", PINS)
-def test_points_that_touch_are_tied_to_the_surface_and_carry_their_derivative(name):
+def test_points_that_touch_are_tied_below_the_surface_and_carry_their_derivative(name):
     pin = PINS[name]
     faces, u = patch(name)
     direction = 0.1 * np.random.default_rng(3).standard_normal((*u.shape, 2))
@@ -140,7 +140,7 @@ def test_points_that_touch_are_tied_to_the_surface_and_carry_their_derivative(na
     base, plus, minus = anchors(0.0), anchors(h), anchors(-h)
     same = (base.tied != FREE) & (plus.tied == base.tied) & (minus.tied == base.tied)
     assert np.count_nonzero(same) > 50
-    gaps = [pin_point(a, 0.0, pin).gap for a in base.anchor[same]]
-    np.testing.assert_allclose(gaps, 0.0, atol=1e-12)
+    gaps = np.array([pin_point(a, 0.0, pin).gap for a in base.anchor[same]])
+    assert (gaps < 0.0).all()
     expected = (plus.anchor - minus.anchor)[same] / (2 * h)
     np.testing.assert_allclose(base.anchor_gradient[same][..., 0], expected, atol=1e-6)

@@ -129,14 +129,12 @@ def test_the_force_of_a_block_with_free_ends_comes_near_as_it_gets_deeper():
     assert missing[1] / missing[0] == pytest.approx(0.5, abs=0.05)
 
 
-@pytest.mark.parametrize(
-    ("contact", "bound"), [(("slide", "slide"), 1e-3), (("stick", "stick"), 5e-3)]
-)
-def test_the_work_of_the_pin_is_stored(contact, bound):
+@pytest.mark.parametrize("contact", [("slide", "slide"), ("stick", "stick")], ids=str)
+def test_the_work_of_the_pin_is_stored(contact):
     m = model(contact, travel=tuple(np.linspace(0.02, 0.5, 25)))
     states = m.solve(RATIOS)[0]
     work = np.trapezoid([0.0, *(s.pin_force for s in states)], [0.0, *m.travel])
-    assert states[-1].energy == pytest.approx(work, rel=bound)
+    assert states[-1].energy == pytest.approx(work, rel=1e-3)
 
 
 def test_the_force_converges_as_the_mesh_gets_finer():
