@@ -47,6 +47,8 @@ class Settings:
     """damaged files a reader"""
     formats: tuple[str, ...]
     """names of the readers to measure"""
+    out: Path
+    """file of figures; those of other readers in it are kept"""
 
 
 def data_folder() -> Path:
@@ -91,7 +93,8 @@ def readers(settings: Settings) -> dict[str, Any]:
             "seconds": round(time.perf_counter() - start, 1),
         }
         print(f"{form.name}: {json.dumps(figures[form.name])}", flush=True)
-    return {"readers": figures}
+    known = json.loads(settings.out.read_text()) if settings.out.exists() else {}
+    return {"readers": known.get("readers", {}) | figures}
 
 
 def _read_all(name: str, files: list[Path]) -> tuple[int, int]:
@@ -122,7 +125,7 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--data", type=Path, default=data_folder(), help="folder of real files")
     parser.add_argument("--out", type=Path, default=OUT, metavar="FILE")
     options = parser.parse_args(arguments)
-    settings = Settings(options.data, options.mutants, tuple(options.formats))
+    settings = Settings(options.data, options.mutants, tuple(options.formats), options.out)
     for name in options.only:
         print(f"{name}:", flush=True)
         merge(options.out, PARTS[name](settings))
