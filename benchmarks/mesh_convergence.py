@@ -42,7 +42,7 @@ class Mesh(NamedTuple):
         return f"{' x '.join(map(str, self.cells))}, {self.step:g}"
 
 
-GLUED = tuple(Mesh((5 * n, 5 * n, 2 * n), 0.05) for n in (2, 3, 4))
+GLUED = tuple(Mesh((4 * n, 4 * n, 2 * n), 0.05) for n in (2, 3, 4))
 SLIDING = tuple(Mesh((4 * n, 2 * n, n), 0.05) for n in (2, 3, 4))
 """coarse to fine, similar to each other"""
 

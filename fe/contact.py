@@ -19,6 +19,7 @@ import numpy.typing as npt
 from numba import njit
 
 from fe.pin_surface import RigidPin, pin_point
+from fe.positive_numbers import positive_numbers
 
 Array = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -56,6 +57,9 @@ class PenaltyLaw:
     by 1e-5 mm where u_y = 0 is meant, and the pressure that friction needs comes out smooth"""
     slip: float = 0.01
     """slip over which friction grows from 0 to its limit, mm"""
+
+    def __post_init__(self) -> None:
+        positive_numbers(self)
 
 
 class ContactSystem(NamedTuple):

@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 from fe.driven import DrivenPotential, DrivenProblem
 from fe.force_control import (
+    FALL,
     Control,
     Found,
     Sensitivity,
@@ -33,8 +34,6 @@ Array = npt.NDArray[np.float64]
 FRICTION_TOLERANCE = 1e-3
 """change of the friction limits between passes, relative to their norm"""
 FRICTION_PASSES = 20
-FALL = 0.999
-"""force relative to that of the step before, below which the force is said to fall"""
 
 
 @dataclass(frozen=True)

@@ -26,7 +26,7 @@ def ending(outcome: March, control: Control, symmetry: float, *, complete: bool)
     if not complete and control == "force":
         parts.append(f"the largest force was {symmetry * outcome.largest_force:.4g} N")
     fell = outcome.fell_after is not None
-    if fell:
+    if outcome.warning:
         parts.append(outcome.warning)
     reached = outcome.reached if outcome.fell_after is None else outcome.fell_after
     met = Status.FORCE_FELL if fell else Status.CONVERGED

@@ -26,9 +26,8 @@ Control = Literal["travel", "force"]
 MAX_TRIALS = 30
 JUMP = 1e-9
 """mm of travel between a force that is too small and one that is too large"""
-FALL = 0.99
-"""force relative to that of the step before, below which the force is said to fall: points that
-are tied where they touch lose a little of their penalty, so it is not 1"""
+FALL = 0.999
+"""force relative to that of the step before, below which the force is said to fall"""
 
 
 class Start(NamedTuple):
@@ -87,7 +86,7 @@ def check_targets(travel: tuple[float, ...], force: tuple[float, ...]) -> None:
         )
     name, values, unit = ("force", force, "N") if force else ("travel", travel, "mm")
     found = np.asarray(values)
-    if found.size == 0 or not found[0] > 0.0 or not (np.diff(found) > 0.0).all():
+    if found.ndim != 1 or found.size == 0 or not found[0] > 0.0 or not (np.diff(found) > 0.0).all():
         raise ValueError(f"{name}: expected increasing {name}s above 0 {unit}, found {values}")
 
 

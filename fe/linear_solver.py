@@ -105,6 +105,7 @@ class SymmetricSolver:
         Does nothing when that array was factorised last: do not write to it.
         """
         if data is not self._data:
+            self._data = None  # should it fail, nothing is factorised
             self._negative = self._upper.factorise(data)
             self._data = data
             self.n_factorisations += 1
@@ -122,6 +123,7 @@ class SymmetricSolver:
         if self._general is None:
             self._general = self.library.matrix(matrix.indptr, matrix.indices, symmetric=False)
         if matrix.data is not self._general_data:
+            self._general_data = None
             self._general.factorise(matrix.data)
             self._general_data = matrix.data
             self.n_factorisations += 1

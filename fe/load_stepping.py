@@ -11,6 +11,7 @@ import numpy.typing as npt
 from fe.contact import TIED_TO_PIN
 from fe.contact_memory import ContactMemory, slide_anchors, tie_touching, touches
 from fe.force_control import (
+    FALL,
     Control,
     Found,
     Sensitivity,
@@ -117,7 +118,15 @@ def _march(
 
     def accept(found: Found) -> Start:
         nonlocal state
+        force = found.equilibrium.assembly.pin_force
+        if state is not None and force < FALL * state.pin_force:
+            outcome.warn(
+                f"the force falls at a travel of {found.travel:.4f} mm: material snaps past the "
+                "pin's edge, or the block bends into another shape"
+            )
         state = _accept(potential, solver, tangent, found, history, state)
+        if not np.isfinite(state.force_gradient).all():
+            outcome.warn(f"no derivatives from a travel of {found.travel:.4f} mm on")
         return found.as_start()
 
     def restore(start: Start) -> Start:

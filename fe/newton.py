@@ -18,6 +18,7 @@ from fe.friction import Frame
 from fe.linear_solver import SymmetricSolver
 from fe.negative_curvature import flip_negative
 from fe.newton_problem import NewtonProblem
+from fe.positive_numbers import positive_numbers
 from fe.potential import Assembly
 
 Array = npt.NDArray[np.float64]
@@ -43,6 +44,9 @@ class NewtonOptions:
     """relative residual below which, with friction, a step that reduces it needs no line search"""
     reduction: float = 0.7
     """of the residual by such a step, at least"""
+
+    def __post_init__(self) -> None:
+        positive_numbers(self)
 
 
 @dataclass(frozen=True)
@@ -180,6 +184,7 @@ def _nearer(
     reduced = np.linalg.norm(trial.gradient) < options.reduction * np.linalg.norm(b)
     if trial.smallest_J > 0.0 and reduced:
         return u + du, p + dp, trial
+    potential.assemble(u, p, travel, memory)  # what the solves below are of
     return None
 
 

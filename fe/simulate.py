@@ -45,14 +45,14 @@ def simulate(
     Raises ValueError for an unknown law, names or numbers that are not those of the law, and
     what `fe.materials.Material` refuses.
     """
-    name = law if isinstance(law, str) else law.name
+    name = law.name if isinstance(law, Law) else law
     return specimen.respond(_material(name, theta, volumetric), progress)
 
 
 def _material(
     law: str, theta: Mapping[str, float] | npt.ArrayLike, volumetric: Volumetric
 ) -> Material:
-    if law not in LAWS:
+    if not isinstance(law, str) or law not in LAWS:
         raise ValueError(f"law: expected one of {', '.join(LAWS)}, found {law!r}")
     names = (*LAWS[law].constant_names, "bulk")
     if isinstance(theta, Mapping):

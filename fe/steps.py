@@ -11,6 +11,7 @@ import numpy as np
 from fe.force_control import Found, Start, Way, step_to_force, step_to_travel
 from fe.linear_solver import SymmetricSolver
 from fe.newton_problem import NewtonProblem
+from fe.positive_numbers import positive_numbers
 from fe.progress import Progress, StepReport
 
 
@@ -22,6 +23,9 @@ class StepOptions:
     largest: float = 0.05
     """longer ones end on another path with friction, tie what sticks late, and snap more often"""
     smallest: float = 1e-3
+
+    def __post_init__(self) -> None:
+        positive_numbers(self)
 
 
 @dataclass
@@ -51,18 +55,22 @@ class March:
             report = StepReport(found.travel, at.assembly.pin_force, at.iterations, found.negative)
             self.listen(report)
 
-    def stop(self, found: Found) -> None:
+    def stop(self, reason: str, travel: float) -> None:
         """Say why no further step is made."""
-        self.reason = f"{found.equilibrium.reason} at a travel of {found.travel:.4f} mm"
+        self.reason = f"{reason} at a travel of {travel:.4f} mm"
 
     def fall(self, found: Found) -> None:
         """Note that the force fell in a step that is about to be accepted."""
         if self.fell_after is None:
             self.fell_after = self.reached
-            self.warning = (
-                f"the force falls at a travel of {found.travel:.4f} mm: another branch of "
-                "equilibria, real or of the mesh, or a material that softens"
-            )
+        self.warn(
+            f"the force falls at a travel of {found.travel:.4f} mm: another branch of "
+            "equilibria, real or of the mesh, or a material that softens"
+        )
+
+    def warn(self, warning: str) -> None:
+        """Keep the first warning."""
+        self.warning = self.warning or warning
 
 
 def stride(
@@ -78,26 +86,32 @@ def stride(
 
     Steps that do not converge are halved.  What happened is left in `outcome`.
     """
-    step = steps.first
+    step, failed = steps.first, False
     for target in targets:
         arrived = False
         while not arrived:
-            if way.control == "force":
-                far = here.travel + step
-                found = step_to_force(potential, solver, way, here, far, target)
-            else:
-                far = _next_travel(here.travel, step, target)
-                found = step_to_travel(solver, way, here, far, target)
-            if found.equilibrium.converged:
-                here, arrived = way.accept(found), found.arrived
-                outcome.accept(found)
-                step = min(steps.largest, step * _growth(found.equilibrium.iterations))
-                continue
+            by_force = way.control == "force"
+            far = here.travel + step if by_force else _next_travel(here.travel, step, target)
+            try:
+                if failed:
+                    here = way.restore(here)  # the predictor needs its factor
+                if by_force:
+                    found = step_to_force(potential, solver, way, here, far, target)
+                else:
+                    found = step_to_travel(solver, way, here, far, target)
+                reason, at = found.equilibrium.reason, found.travel
+                failed = not found.equilibrium.converged
+                if not failed:
+                    here, arrived = way.accept(found), found.arrived
+                    outcome.accept(found)
+                    step = min(steps.largest, step * _growth(found.equilibrium.iterations))
+                    continue
+            except ArithmeticError as error:  # of a factorisation
+                failed, reason, at = True, f"the tangent is singular ({error})", far
             outcome.n_cuts += 1
             step = (far - here.travel) / 2.0
-            here = way.restore(here)  # the predictor needs its factor
             if step < steps.smallest:
-                outcome.stop(found)
+                outcome.stop(reason, at)
                 return
         yield target
 

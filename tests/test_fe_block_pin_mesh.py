@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from benchmarks.mesh_convergence import similar
 from fe import BlockPin, Contact
 from fe.specimens.block_pin_mesh import block_mesh
 
@@ -22,6 +23,23 @@ def lines(
 ) -> list[np.ndarray]:
     """The mesh lines along x, y, z of a tensor-product mesh, mm."""
     return [np.unique(x) for x in block_mesh(specimen, symmetry, cells, contact).p]
+
+
+@pytest.mark.parametrize("interface", ["stick", "slide", 0.3])
+def test_meshes_of_the_convergence_study_are_similar(interface):
+    contact = Contact(interface, interface)
+    meshes = [lines(BAR, mesh.cells, contact=contact) for mesh in similar(interface)]
+    for coarse, middle, fine in zip(*meshes, strict=True):
+        np.testing.assert_allclose(fine[::2], coarse, rtol=0, atol=1e-12)
+        np.testing.assert_allclose(middle[::3], coarse[::2], rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("nx", [5, 8, 12, 15])
+def test_lines_move_smoothly_with_the_fillet(nx):
+    """Also where the edge of the flat comes nearer to another line."""
+    fillets = np.linspace(0.2, 0.5, 301)
+    x = np.array([lines(BlockPin(pin_fillet=f), (nx, 1, 1))[0] for f in fillets])
+    assert np.abs(np.diff(x, axis=0)).max() < 0.003
 
 
 @CONTACTS

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
-from fe import BlockPin, BlockPinModel, Contact, linear_solver
+from fe import BlockPin, BlockPinModel, Contact, Status, linear_solver, pardiso
 from fe.linear_solver import SUPERLU, GeneralMatrix, Library, SymmetricSolver, installed_library
 from fe.negative_curvature import flip_negative, negative_directions
 from fe.specimens import block_pin_response
@@ -142,3 +142,31 @@ def test_the_second_solver_does_not_search_for_the_library(monkeypatch):
     np.testing.assert_allclose(solver.solve(np.ones(3)), 0.5)
     assert negative == 0
     solver.close()
+
+
+@pytest.mark.parametrize("contact", [Contact("slide", "slide"), Contact(0.3, 0.2)], ids=str)
+@pytest.mark.parametrize("once", [True, False], ids=["once", "always"])
+def test_a_factorisation_that_fails_cuts_the_step_or_ends_the_run_with_a_status(
+    monkeypatch, contact, once
+):
+    if installed_library() == SUPERLU:
+        pytest.skip("MKL is not installed")
+    model = BlockPinModel(BlockPin(), contact, (3, 2, 1), (0.05, 0.2), field_grid=(2, 2))
+    expected = model([0.5, 0.05])
+    factorise, calls = pardiso.PardisoMatrix.factorise, []
+
+    def failing(self: pardiso.PardisoMatrix, data: np.ndarray) -> int:
+        calls.append(data)
+        if len(calls) == 12 or (len(calls) > 12 and not once):
+            raise ArithmeticError("MKL Pardiso: error -4 in phase 22")
+        return factorise(self, data)
+
+    monkeypatch.setattr(pardiso.PardisoMatrix, "factorise", failing)
+    found = model([0.5, 0.05])
+    if once:
+        assert found.status is Status.CONVERGED
+        np.testing.assert_allclose(found.force, expected.force, rtol=1e-3)
+    else:
+        assert found.status is Status.STOPPED
+        assert "the tangent is singular (MKL Pardiso: error -4" in found.message
+        assert found.reached < 0.2

@@ -179,3 +179,13 @@ def test_sensitivities_match_central_differences(contact):
 def test_what_is_not_plane_is_refused(changes):
     with pytest.raises(ValueError, match="plane_strain: expected a bar along z"):
         model(("stick", "stick"), **changes)
+
+
+def test_a_force_that_falls_on_the_way_is_told():
+    """Frictionless on a coarse mesh a row of nodes snaps past the fillet near 1.27 mm."""
+    m = model(("slide", "slide"), (8, 4, 1), travel=(1.25, 1.3))
+    r = replace(m, newton=NewtonOptions())(np.array([0.5, 0.02]))
+    assert r.status is Status.CONVERGED
+    assert r.message.startswith("reached every asked travel; the force falls at a travel of 1.2")
+    early = replace(m, travel=(0.5,))(np.array([0.5, 0.02]))
+    assert early.message == "reached every asked travel"

@@ -95,8 +95,15 @@ class BlockPinModel:
     plane_strain: bool = False
 
     def __post_init__(self) -> None:
-        if min(self.cells) < 1:
-            raise ValueError(f"cells: expected at least one element a side, found {self.cells}")
+        for name, n_number in (("cells", 3), ("field_grid", 2)):
+            found = np.asarray(getattr(self, name))
+            if found.shape != (n_number,) or found.dtype.kind != "i" or found.min() < 1:
+                raise ValueError(
+                    f"{name}: expected {n_number} whole numbers of at least 1, "
+                    f"found {getattr(self, name)}"
+                )
+        if isinstance(self.sensitivities, str):
+            raise ValueError(f"sensitivities: expected a tuple, found {self.sensitivities!r}")
         check_targets(self.travel, self.force)
         if max(self.travel, default=0.0) >= self.specimen.height:
             raise ValueError(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from numbers import Real
 from typing import Literal
 
 import numpy as np
@@ -35,7 +36,7 @@ class BlockPin:
     def __post_init__(self) -> None:
         for name in ("width", "depth", "height", "pin_width", "pin_fillet"):
             value = getattr(self, name)
-            if not value > 0.0:
+            if not 0.0 < value < np.inf:
                 raise ValueError(f"{name}: expected a length above 0 mm, found {value}")
         if not self.pin_fillet < self.pin_width / 2.0:
             raise ValueError(
@@ -44,6 +45,8 @@ class BlockPin:
             )
         if self.pin not in ("bar", "round"):
             raise ValueError(f"pin: expected 'bar' or 'round', found {self.pin!r}")
+        if np.shape(self.pin_shift) != (2,):
+            raise ValueError(f"pin_shift: expected two lengths (x, z), found {self.pin_shift}")
         x, z = self.pin_shift
         if not (abs(x) < self.width / 2.0 and abs(z) < self.depth / 2.0):
             raise ValueError(
@@ -98,7 +101,7 @@ class Contact:
     def __post_init__(self) -> None:
         for name in ("pin", "base"):
             value = getattr(self, name)
-            number = isinstance(value, int | float) and not isinstance(value, bool)
+            number = isinstance(value, Real) and not isinstance(value, bool)
             if value not in ("stick", "slide") and not (number and 0.0 <= value < np.inf):
                 raise ValueError(
                     f"{name}: expected 'stick', 'slide' or a coefficient of friction of 0 or more, "

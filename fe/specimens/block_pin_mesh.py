@@ -39,6 +39,8 @@ BASE = Dense(peak=5.0, spread=0.1)
 """above a glued base, by the height: close to it the free faces bend sharply"""
 TOP = Dense(peak=4.0, spread=0.12)
 """below a glued top, by the height"""
+FLAT = 0.85
+"""usual half width of a bar's flat over that of the bar"""
 N_DENSITY = 4001
 """places at which densities of mesh lines are tabulated"""
 GLUED_DEPTH, SLIDING_DEPTH = 2.25, 0.6
@@ -85,7 +87,7 @@ def block_mesh(
     elements.  One mesh line under a bar that sticks is the edge of its flat, for glue that ends
     inside an element ends somewhere else on every mesh.  Lines are values of one smooth map for all
     numbers of elements, so that meshes of proportional `cells` are similar: exactly, where the
-    nearest line to that edge is the same one, as with a fillet of 0.3 mm and even numbers along x.
+    nearest line to that edge is the same one, as with even numbers along x.
 
     `cells` are numbers of elements of a quarter; a half and a full model have as many on each side
     of the pin's axis.
@@ -127,7 +129,7 @@ def _from_axis(specimen: BlockPin, glued: Glued, length: float, n: int) -> Array
     if not glued.top:
         return _lines(x, density + _bump(x - 0.7 * edge, SLIDING_EDGE, edge), n)
     density = density + _bump(x - 0.675 * edge, GLUED_EDGE, edge)
-    return _lines(x, density, n, through=edge - specimen.pin_fillet)
+    return _lines(x, density, n, through=(edge - specimen.pin_fillet, FLAT * edge))
 
 
 def _along_bar(glued: Glued, length: float, n: int) -> Array:
@@ -229,17 +231,18 @@ def _bump(distance: Array, dense: Dense, unit: float) -> Array:
     return dense.peak * np.exp(-((distance / (dense.spread * unit)) ** 2))
 
 
-def _lines(x: Array, density: Array, n: int, through: float | None = None) -> Array:
+def _lines(x: Array, density: Array, n: int, through: tuple[float, float] | None = None) -> Array:
     """(n + 1,) mesh lines from x[0] to x[-1], mm, spaced as the inverse of the density at x.
 
-    The line nearest to `through`, unless it is an end, is moved there and its neighbours with it.
+    The line nearest to the second place of `through`, unless it is an end, is moved to the first,
+    and its neighbours with it: the same line wherever the first is, so that lines move smoothly.
     """
     share = np.concatenate([[0.0], np.cumsum((density[1:] + density[:-1]) / 2.0)])
     share /= share[-1]
     at = np.linspace(0.0, 1.0, n + 1)
-    if through is not None and x[0] < through < x[-1]:
-        wanted = float(np.interp(through, x, share))
-        nearest = round(n * wanted)
+    if through is not None and x[0] < through[0] < x[-1]:
+        wanted, usual = (float(np.interp(place, x, share)) for place in through)
+        nearest = round(n * usual)
         if 0 < nearest < n:
             at = np.interp(at, [0.0, nearest / n, 1.0], [0.0, wanted, 1.0])
     lines = np.interp(at, share, x)
