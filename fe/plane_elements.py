@@ -10,8 +10,6 @@ of the node's first.  Kernel, condensed pressure and laws are then those of the 
 
 from __future__ import annotations
 
-from typing import Literal
-
 import numpy as np
 import numpy.typing as npt
 from skfem import Basis, ElementQuad2, MeshQuad
@@ -21,7 +19,6 @@ from fe.weak_form import Elements
 
 Array = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
-Kind = Literal["plane-strain", "axisymmetric"]
 
 
 def plane_strain_elements(mesh: MeshQuad, thickness: float = 1.0) -> tuple[Elements, Basis]:
