@@ -281,7 +281,7 @@ def test_a_few_failed_runs_are_left_out_and_counted(tmp_path: Path) -> None:
 
 def test_a_finer_mesh_that_stops_is_named_since_the_error_is_then_unknown(tmp_path: Path) -> None:
     def stopping(study: Study, hypothesis: Hypothesis, cells: Cells) -> AnalyticBlock:
-        above = -1.0 if cells == study.mesh.check else np.inf
+        above = -1.0 if cells == study.check_cells(hypothesis) else np.inf
         return replace(analytic_block(study, hypothesis, cells), stops_above=above)
 
     context = _context(small("thesis-forces"), tmp_path, simulate_factory=stopping)
@@ -294,12 +294,12 @@ def test_the_mesh_error_is_that_of_the_stand_in(tmp_path: Path) -> None:
     run_stages(_context(study, tmp_path), until="check")
     coarse, fine = (
         analytic_block(study, study.hypotheses[0], cells).mesh_factor
-        for cells in (study.mesh.sampling, study.mesh.check)
+        for cells in (study.mesh.sampling, study.check_cells(study.hypotheses[0]))
     )
     error = load_mesh_error(tmp_path, study.hypotheses[0])
     assert len(error.ratios) == 2
     # The same at both points: no spread, a share of the difference is left as SD.
-    share = 1.5 / ((20 * 8 * 3 / (12 * 6 * 2)) ** (2 / 3) - 1)
+    share = 1.5 / ((18 * 18 * 6 / (12 * 6 * 2)) ** (2 / 3) - 1)
     np.testing.assert_allclose(error.force, share * (coarse / fine - 1.0), rtol=1e-9)
     np.testing.assert_allclose(error.correction.force, fine / coarse, rtol=1e-9)
 
