@@ -249,7 +249,7 @@ def test_what_init_writes_runs_to_a_report(tmp_path, capsys):
     path = tmp_path / "own" / "study.toml"
     text = path.read_text()  # as written but for cost: coarse meshes, few runs, short chains
     for old, new in {
-        "[12, 6, 2]": "[3, 2, 3]",
+        "[12, 4, 2]": "[3, 2, 3]",
         "[18, 8, 3]": "[5, 3, 4]",
         "[16, 16, 6]": "[5, 3, 4]",
         "n_runs = 20": "n_runs = 8",
