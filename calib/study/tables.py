@@ -152,13 +152,15 @@ def mesh_table(errors: Mapping[str, Any]) -> Table:
         rows.append((f"{name}, SD of force left [%]", "", *left))
         floors = (number(max(value), 2) for value in error["field_floor"])
         rows.append((f"{name}, SD of field left [mm]", "", *floors))
-    coarse, fine = (" x ".join(map(str, first[key])) for key in ("coarse_cells", "fine_cells"))
+    coarse = " x ".join(map(str, first["coarse_cells"]))
+    fine = (f"{n}: {' x '.join(map(str, e['fine_cells']))}" for n, e in errors.items())
+    shares = (f"{error['left_share']:.2f} ({name})" for name, error in errors.items())
     return Table(
-        f"Discretisation error: mesh {coarse} of the emulator's runs against {fine}",
+        f"Discretisation error: mesh {coarse} of the emulator's runs against {', '.join(fine)}",
         ("hypothesis", "measured at", *(f"{travel:g} mm" for travel in first["travel"])),
         tuple(rows),
         "Predictions are corrected by the mean difference. SD left: of the error that the "
-        f"likelihood still allows for, {first['left_share']:.2f} times the difference (half the "
+        f"likelihood still allows for, {', '.join(shares)} times the difference (half the "
         "grid convergence index of two meshes; of the force never less than that of the RMS over "
         "the increments) and its spread over the points; of the field, the worst component. It is "
         "an estimate, not a bound."
