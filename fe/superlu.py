@@ -1,4 +1,4 @@
-"""SciPy's SuperLU for platforms without MKL: some five times slower, the same answers.
+"""SciPy's SuperLU for platforms without MKL: several times slower, the same answers.
 
 In symmetric mode and with no threshold for pivots it keeps to the diagonal, so L U = L D L', and
 by Sylvester's law the signs of U's diagonal are those of the matrix's eigenvalues (X. Li, ACM TOMS
