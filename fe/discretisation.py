@@ -157,3 +157,10 @@ def add_entries(tangent: Array, slots: Int32Array, data: Array) -> None:
                         slot = slots[e, a, i, k, b]
                         if slot >= 0:
                             data[slot] += tangent[e, a, i, k, b]
+
+
+def sum_to_nodes(nodes: IntArray, values: Array, n_node: int) -> Array:
+    """(n_node, 3) sum of nodal vectors (n, a, 3) over the parts that share a node."""
+    index = 3 * nodes[..., None] + np.arange(3)
+    total = np.bincount(index.ravel(), weights=values.ravel(), minlength=3 * n_node)
+    return total.astype(np.float64, copy=False).reshape(-1, 3)

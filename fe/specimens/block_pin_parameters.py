@@ -20,7 +20,7 @@ from fe.material_parameters import MaterialParameters
 from fe.parameters import TRAVEL_ZERO, Parameters, carry_faces
 from fe.potential import Problem
 from fe.specimens.block_pin_geometry import BlockPin, Contact, Symmetry
-from fe.surface_slopes import no_slopes
+from fe.surface_slopes import SurfaceSlopes, no_slopes
 
 Array = npt.NDArray[np.float64]
 
@@ -44,15 +44,6 @@ def known_names(specimen: BlockPin, contact: Contact, part: Symmetry) -> tuple[s
     return (*names, *(["pin_rotation"] if turns else []))
 
 
-def check_names(names: tuple[str, ...], known: tuple[str, ...]) -> None:
-    """Raise ValueError for a name that is not known."""
-    for name in names:
-        if name not in known:
-            raise ValueError(
-                f"sensitivities: expected names among {', '.join(known)}, found {name!r}"
-            )
-
-
 def parameters(
     names: tuple[str, ...],
     material: MaterialParameters,
@@ -60,7 +51,7 @@ def parameters(
     specimen: BlockPin,
     shear: float,
     lines: Callable[[BlockPin], MeshHex],
-) -> Parameters:
+) -> Parameters[SurfaceSlopes]:
     """Derivatives of the discrete problem in the named parameters.
 
     `shear` is the modulus that the contact stiffness goes with, MPa; `lines` makes the mesh.
