@@ -191,6 +191,21 @@ def test_a_force_beyond_a_limit_point_stops_and_names_travel_and_largest_force()
     assert f"the largest force was {stress(top):.4g} N" in response.message
 
 
+@pytest.mark.parametrize("direction", ["tension", "compression"])
+def test_a_force_far_beyond_what_the_law_carries_stops_soon_and_says_how_far_it_came(direction):
+    model = fe.UniaxialModel(fe.Bar(), force=(0.02, 1e6), direction=direction)
+    response = fe.simulate(model, "neo-hookean", (0.02, 6.0))
+    assert response.status is fe.Status.STOPPED
+    assert response.force[0] == pytest.approx(0.02)
+    assert np.isnan(response.force[1])
+    assert response.seconds < 5.0
+    assert response.n_factorisations < 1500
+    assert response.reached > response.travel[0]
+    assert "; the largest force was " in response.message
+    if direction == "tension":
+        assert response.message.startswith("the force was not met in 300 steps at a travel of ")
+
+
 def test_a_force_that_the_block_cannot_carry_leaves_what_is_good():
     model = block(
         ("slide", "slide"), newton=NewtonOptions(max_iterations=12), travel=(), force=(5.0, 1e4)

@@ -210,19 +210,19 @@ def test_ratios_have_the_derivatives_of_the_specimen_too():
     base = model(ratios)
     assert base.parameters == ("height", "r", "bulk_ratio", "friction")
     h = 1e-4
-    changes = (
-        [
-            (replace(model, specimen=replace(model.specimen, height=30.0 + k * h)), ratios)
-            for k in (1, -1)
-        ],
-        [(model, ratios + [k * h, 0.0]) for k in (1, -1)],
-        [(replace(model, bulk_ratio=200.0 + 1e3 * k * h), ratios) for k in (1, -1)],
-        [(replace(model, friction=0.15 + k * h), ratios) for k in (1, -1)],
-    )
-    for j, ((one, at), (two, to)) in enumerate(changes):
-        step = 2e3 * h if base.parameters[j] == "bulk_ratio" else 2 * h
-        force = (one(at).force - two(to).force) / step
-        np.testing.assert_allclose(base.force_gradient[:, j], force, rtol=1e-5)
+
+    def force(name: str, k: float) -> np.ndarray:
+        if name == "r":
+            return model(ratios + np.array([k * h, 0.0])).force
+        if name == "height":
+            changed = replace(model.specimen, height=model.specimen.height + k * h)
+            return replace(model, specimen=changed)(ratios).force
+        return replace(model, **{name: getattr(model, name) * (1.0 + k * h)})(ratios).force
+
+    for j, name in enumerate(base.parameters):
+        step = {"bulk_ratio": 200.0, "friction": 0.15}.get(name, 1.0) * 2.0 * h
+        expected = (force(name, 1) - force(name, -1)) / step
+        np.testing.assert_allclose(base.force_gradient[:, j], expected, rtol=1e-5)
 
 
 @pytest.mark.parametrize(
