@@ -16,11 +16,11 @@ IntArray = npt.NDArray[np.int64]
 class CoupledTangent:
     """Puts the two parts together over the pattern of both triangles.
 
-    `equation` (3 n_node,) is that of each unknown, -1 where prescribed; `parts` are the nodes
-    (n, a) of the faces or elements, one array for each kind, on which friction acts.
+    `parts` are the nodes (n, a) of the faces or elements on which friction acts, one array for each
+    kind.
     """
 
-    def __init__(self, pattern: Pattern, equation: IntArray, *parts: IntArray) -> None:
+    def __init__(self, pattern: Pattern, *parts: IntArray) -> None:
         n = pattern.indptr.size - 1
         places = sp.csr_matrix(
             (np.arange(1.0, pattern.indices.size + 1), pattern.indices, pattern.indptr), (n, n)
@@ -31,7 +31,7 @@ class CoupledTangent:
         self._indptr = full.indptr.astype(np.int32)
         self._indices = full.indices.astype(np.int32)
         self._slots = [
-            entry_slots(nodes, equation, self._indptr, self._indices, upper=False)
+            entry_slots(nodes, pattern.equation, self._indptr, self._indices, upper=False)
             for nodes in parts
         ]
 

@@ -33,30 +33,15 @@ BoolArray = npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
-class Unknowns:
-    """Which nodal unknowns are free, and the sparse pattern of the tangent over their equations."""
-
-    equation: IntArray
-    """(3 n_node,) equation of each unknown, -1 where prescribed"""
-    pattern: Pattern
-    """its `number` is -1 also for all but the first of the unknowns that share an equation"""
-
-
-@dataclass(frozen=True)
 class DrivenProblem:
     """Everything but the material of a solid moved by a travel."""
 
     elements: Elements
-    unknowns: Unknowns
+    pattern: Pattern
     motion: Array
     """(n_node, 3) mm of prescribed motion per mm of travel, 0 at free unknowns"""
     plate: Plate | None = None
     """rigid plate that moves by the travel and that free faces may touch"""
-
-    @property
-    def pattern(self) -> Pattern:
-        """Pattern of the tangent."""
-        return self.unknowns.pattern
 
 
 def equations(fixed: BoolArray) -> IntArray:
@@ -69,7 +54,7 @@ def equations(fixed: BoolArray) -> IntArray:
 
 def unknowns(
     element_nodes: IntArray, equation: IntArray, face_nodes: IntArray | None = None
-) -> Unknowns:
+) -> Pattern:
     """Pattern of element tangents (n_elem, n_a) over `equation` (3 n_node,).
 
     `face_nodes` (n_face, a) are those of contact faces of the same elements.
@@ -93,15 +78,13 @@ def unknowns(
     first[at] = equation[at]
     if face_nodes is None:
         face_nodes = np.zeros((0, 1), dtype=np.int64)
-    return Unknowns(
+    return Pattern(
         equation=equation,
-        pattern=Pattern(
-            number=first,
-            indptr=indptr,
-            indices=indices,
-            element_slots=entry_slots(element_nodes, equation, indptr, indices),
-            face_slots=entry_slots(face_nodes, equation, indptr, indices),
-        ),
+        number=first,
+        indptr=indptr,
+        indices=indices,
+        element_slots=entry_slots(element_nodes, equation, indptr, indices),
+        face_slots=entry_slots(face_nodes, equation, indptr, indices),
     )
 
 
@@ -125,9 +108,7 @@ class DrivenPotential:
     def __init__(self, problem: DrivenProblem, material: Material) -> None:
         self.problem = problem
         self.solid = Solid(problem.elements, material)
-        self._equation = problem.unknowns.equation
-        self._free = self._equation >= 0
-        self.n_unknowns = problem.pattern.indptr.size - 1
+        self.n_unknowns = problem.pattern.n_free
         plate = problem.plate
         self.has_friction = plate is not None and plate.friction > 0.0
         self._upper = np.zeros(0)
@@ -138,7 +119,7 @@ class DrivenPotential:
             nodes = problem.elements.nodes
             self._at_ends = np.flatnonzero(np.isin(nodes, plate.ends).any(axis=1))
             parts = (nodes[self._at_ends], plate.edges.nodes)
-            self._coupled = CoupledTangent(problem.pattern, self._equation, *parts)
+            self._coupled = CoupledTangent(problem.pattern, *parts)
 
     def zero_state(self) -> tuple[Array, Array]:
         """Undeformed displacement (n_node, 3) mm and pressure (n_elem, n_p) MPa."""
@@ -173,7 +154,7 @@ class DrivenPotential:
         if problem.plate is not None and memory is not None:
             on_plate = self._add_plate(problem.plate, u, travel, memory, forces, by_motion, data)
         self._upper, self._whole = data, None
-        held = np.where(self._free, 0.0, forces.ravel())
+        held = np.where(problem.pattern.equation >= 0, 0.0, forces.ravel())
         return Assembly(
             energy=energy + on_plate.energy,
             smallest_J=smallest,
@@ -283,22 +264,17 @@ class DrivenPotential:
 
     def _add_to_ends(self, plate: Plate, stiffness: Array, data: Array) -> None:
         """Add radial stiffnesses (n_end,) of the ends, N/mm; a row begins on the diagonal."""
-        equation = self._equation.reshape(-1, 3)[plate.ends, 0]
+        equation = self.problem.pattern.equation.reshape(-1, 3)[plate.ends, 0]
         free = equation >= 0
         data[self.problem.pattern.indptr[equation[free]]] += stiffness[free]
 
     def restrict(self, full: Array) -> Array:
         """(n_free,) or (n_free, k) sums over the equations of nodal (n_node, 3[, k]) values."""
-        flat = full.reshape(self._equation.size, -1)[self._free]
-        total = np.zeros((self.n_unknowns, flat.shape[1]))
-        np.add.at(total, self._equation[self._free], flat)
-        return total[:, 0] if full.ndim == 2 else total
+        return self.problem.pattern.restrict(full)
 
     def expand(self, free: Array) -> Array:
         """(n_node, 3) displacement from its (n_free,) free values; prescribed ones are zero."""
-        full = np.zeros(self._equation.size)
-        full[self._free] = free[self._equation[self._free]]
-        return full.reshape(-1, 3)
+        return self.problem.pattern.expand(free)
 
     def pressure_step(self, du: Array) -> Array:
         """Pressure increment (n_elem, n_p) MPa that belongs to du (n_node, 3) mm."""

@@ -85,7 +85,7 @@ def hoop_equations(fixed: npt.NDArray[np.bool_]) -> IntArray:
 
 
 def with_hoop(values: Array) -> Array:
-    """(2 n_node, 3) vectors of an axisymmetric table from (u_r, u_z) (n_node, 2)."""
+    """(2 n_node, 3) vectors of an axisymmetric table from (u_r, u_z) (n_node, 2), mm."""
     n_node = len(values)
     full = np.zeros((2 * n_node, 3))
     full[:n_node, :2] = values

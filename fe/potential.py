@@ -78,13 +78,10 @@ class Potential:
         self._coupling = np.zeros_like(self._contact_system.tangent)
         self._coupled: CoupledTangent | None = None
         if self.has_friction:
-            self._coupled = CoupledTangent(
-                problem.pattern, problem.pattern.number, problem.faces.nodes
-            )
+            self._coupled = CoupledTangent(problem.pattern, problem.faces.nodes)
         self._upper = np.zeros(0)
         self._whole: GeneralMatrix | None = None
-        self._free = problem.pattern.number >= 0
-        self.n_unknowns = int(self._free.sum())
+        self.n_unknowns = problem.pattern.n_free
 
     def zero_state(self) -> tuple[Array, Array]:
         """Undeformed displacement (n_node, 3) mm and pressure (n_elem, n_p) MPa."""
@@ -117,7 +114,7 @@ class Potential:
             frame, friction_energy, on_pin = self._add_friction(u, travel, memory)
             contact_energy, pin_force = contact_energy + friction_energy, pin_force + on_pin
         forces = self._contact_system.force
-        gradient = inner.ravel() + self._sum_faces(forces)
+        pattern = problem.pattern
         data = np.zeros(problem.pattern.indices.size)
         add_entries(self.solid.tangent, problem.pattern.element_slots, data)
         add_entries(self._contact_system.tangent, problem.pattern.face_slots, data)
@@ -125,11 +122,11 @@ class Potential:
         return Assembly(
             energy=energy + contact_energy,
             smallest_J=smallest,
-            gradient=gradient[self._free],
+            gradient=pattern.restrict(inner + self._sum_faces(forces)),
             data=data,
-            by_travel=self._sum_faces(self._contact_system.by_travel)[self._free],
+            by_travel=pattern.restrict(self._sum_faces(self._contact_system.by_travel)),
             pin_force=pin_force,
-            pin_force_by_u=self._sum_faces(self._contact_system.pin_force_by_u)[self._free],
+            pin_force_by_u=pattern.restrict(self._sum_faces(self._contact_system.pin_force_by_u)),
             # shape functions add up to 1: these are the forces of all points that move with the pin
             pin_force_by_travel=float(self._contact_system.by_travel[..., 1].sum()),
             force_scale=float(np.linalg.norm(self._sum_faces(np.abs(forces)))),
@@ -138,9 +135,7 @@ class Potential:
 
     def expand(self, free: Array) -> Array:
         """(n_node, 3) displacement from its (n_free,) free values; prescribed ones are zero."""
-        full = np.zeros(self._free.size)
-        full[self._free] = free
-        return full.reshape(-1, 3)
+        return self.problem.pattern.expand(free)
 
     def pressure_step(self, du: Array) -> Array:
         """Pressure increment (n_elem, n_p) MPa that belongs to du (n_node, 3) mm.
@@ -158,8 +153,7 @@ class Potential:
 
         Along changes of the law, in the bulk modulus and along motions of the mesh.
         """
-        total = self.solid.force_slopes(u, along)
-        return total.reshape(len(total), -1)[:, self._free].T
+        return self.restrict(np.moveaxis(self.solid.force_slopes(u, along), 0, 2))
 
     def contact_partials(
         self, u: Array, travel: float, memory: ContactMemory, slopes: SurfaceSlopes
@@ -185,13 +179,13 @@ class Potential:
             pull,
         )
         nodal = np.einsum("cqa,cqij->caij", faces.shape, pull)
-        total = np.zeros((self._free.size // 3, *pull.shape[2:]))
+        total = np.zeros((len(u), *pull.shape[2:]))
         np.add.at(total, faces.nodes, nodal)
-        return total.reshape(self._free.size, -1)[self._free], on_pin
+        return self.restrict(total), on_pin
 
     def restrict(self, full: Array) -> Array:
-        """(n_free,) or (n_free, k) free values of (n_node, 3[, k]), the transpose of `expand`."""
-        return full.reshape(self._free.size, *full.shape[2:])[self._free]
+        """(n_free,) or (n_free, k) from (n_node, 3[, k]): the transpose of `expand`."""
+        return self.problem.pattern.restrict(full)
 
     def coupled_tangent(self) -> GeneralMatrix:
         """The whole tangent of the last `assemble`, friction's unsymmetric part included, N/mm."""
@@ -229,4 +223,4 @@ class Potential:
 
     def _sum_faces(self, values: Array) -> Array:
         n_node = len(self.problem.elements.positions)
-        return sum_to_nodes(self.problem.faces.nodes, values, n_node).ravel()
+        return sum_to_nodes(self.problem.faces.nodes, values, n_node)

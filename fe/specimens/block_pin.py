@@ -18,15 +18,14 @@ from skfem import MeshHex
 from threadpoolctl import threadpool_limits
 
 from fe.contact import PenaltyLaw
-from fe.contact_memory import initial_memory
 from fe.force_control import Control, check_targets
-from fe.linear_solver import SymmetricSolver
-from fe.load_stepping import TravelState, march
+from fe.load_stepping import TravelState
 from fe.material_parameters import MaterialParameters, all_parameters, ratio_parameters
 from fe.materials.material import Material, mooney_rivlin_of_ratios
 from fe.newton import NewtonOptions
-from fe.parameters import Parameters, at_rest, check_asked, check_names
-from fe.potential import Potential, Problem
+from fe.parameters import Parameters, check_asked, check_names
+from fe.potential import Problem
+from fe.pressing import Pressed, press
 from fe.progress import Progress, listener
 from fe.response import Response
 from fe.seen import FieldObjective, Seen, objective_gradients, response
@@ -220,32 +219,17 @@ class BlockPinModel:
         discrete = self.discretise()
         problem = self._problem(discrete, run.material, run.shear)
         along = self.parameters(run.names, run.known, problem, run.shear)
-        memory = initial_memory(
-            discrete.faces, discrete.glued, problem.pin, along.surface, at_rest(along)
-        )
-        solver = SymmetricSolver(discrete.pattern.indptr, discrete.pattern.indices)
         factor = SYMMETRY_FACTOR[self.part]
-        outcome = March(listen=listener(progress, factor))
-        try:
-            states = list(
-                march(
-                    Potential(problem),
-                    solver,
-                    memory,
-                    self.travel or tuple(f / factor for f in self.force),
-                    outcome,
-                    parameters=along,
-                    stick_to_pin=self.contact.pin == "stick",
-                    stick_to_floor=self.contact.base == "stick",
-                    steps=self.steps,
-                    newton=self.newton,
-                    control=self.control,
-                    objective=objective,
-                )
-            )
-        finally:
-            solver.close()
-        return states, outcome, solver.n_factorisations
+        pressed = Pressed(
+            problem=problem,
+            glued=discrete.glued,
+            stick=(self.contact.pin == "stick", self.contact.base == "stick"),
+            targets=self.travel or tuple(f / factor for f in self.force),
+            control=self.control,
+            steps=self.steps,
+            newton=self.newton,
+        )
+        return press(pressed, along, objective, listener(progress, factor))
 
     def parameters(
         self, names: tuple[str, ...], known: MaterialParameters, problem: Problem, shear: float

@@ -14,10 +14,11 @@ from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
-from skfem import MeshHex
+from skfem import Mesh
 
 from fe.material_parameters import MaterialParameters
 from fe.parameters import TRAVEL_ZERO, Parameters, carry_faces
+from fe.plane_elements import with_hoop
 from fe.potential import Problem
 from fe.specimens.block_pin_geometry import BlockPin, Contact, Symmetry
 from fe.surface_slopes import SurfaceSlopes, no_slopes
@@ -50,11 +51,14 @@ def parameters(
     problem: Problem,
     specimen: BlockPin,
     shear: float,
-    lines: Callable[[BlockPin], MeshHex],
+    lines: Callable[[BlockPin], Mesh],
+    *,
+    ring: bool = False,
 ) -> Parameters[SurfaceSlopes]:
     """Derivatives of the discrete problem in the named parameters.
 
-    `shear` is the modulus that the contact stiffness goes with, MPa; `lines` makes the mesh.
+    `shear` is the modulus that the contact stiffness goes with, MPa; `lines` makes the mesh.  A
+    `ring` is a section (r, y) of a body of revolution, with hoop nodes.
     """
     n_p, pin = len(names), problem.pin
     nodes = problem.elements.positions
@@ -78,6 +82,11 @@ def parameters(
             field, slope = _DIRECT[name]
             getattr(surface, field)[j] = slope
     surface = carry_faces(surface, problem.faces, nodes, motion)
+    if ring:
+        motion = np.stack([with_hoop(moved[: len(moved) // 2, :2]) for moved in motion])
+        faces = problem.faces
+        wider = surface.points[..., 0, :] / faces.points[..., 0, None]
+        surface = surface._replace(weights=surface.weights + faces.weights[..., None] * wider)
     return Parameters(names, constants, bulk, motion, surface)
 
 
@@ -115,7 +124,7 @@ def by_geometry(name: str, specimen: BlockPin, of: Geometry) -> Array | None:
 
 
 def mesh_motion(
-    name: str, specimen: BlockPin, nodes: Array, lines: Callable[[BlockPin], MeshHex]
+    name: str, specimen: BlockPin, nodes: Array, lines: Callable[[BlockPin], Mesh]
 ) -> Array:
     """(n, 3) motion of the material at `nodes` (n, 3) mm with the mesh's planes, per unit."""
     moved = by_geometry(name, specimen, lambda changed: np.asarray(lines(changed).p))
@@ -123,7 +132,7 @@ def mesh_motion(
     if moved is None:
         return motion
     vertices = lines(specimen).p
-    for i in range(3):
+    for i in range(len(moved)):
         if moved[i].any():
             planes, first = np.unique(vertices[i], return_index=True)
             motion[:, i] = np.interp(nodes[:, i], planes, moved[i][first])

@@ -182,7 +182,7 @@ class CylinderModel:
         return DrivenSpecimen(
             problem=DrivenProblem(
                 elements=table,
-                unknowns=unknowns(table.nodes, hoop_equations(fixed), plate.edges.nodes),
+                pattern=unknowns(table.nodes, hoop_equations(fixed), plate.edges.nodes),
                 motion=motion,
                 plate=plate,
             ),
