@@ -83,7 +83,8 @@ def parameters(
             getattr(surface, field)[j] = slope
     surface = carry_faces(surface, problem.faces, nodes, motion)
     if ring:
-        motion = np.stack([with_hoop(moved[: len(moved) // 2, :2]) for moved in motion])
+        for moved in motion:
+            moved[:] = with_hoop(moved[: len(moved) // 2, :2])
         faces = problem.faces
         wider = surface.points[..., 0, :] / faces.points[..., 0, None]
         surface = surface._replace(weights=surface.weights + faces.weights[..., None] * wider)
