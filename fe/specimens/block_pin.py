@@ -141,9 +141,6 @@ class BlockPinModel:
         Raises ValueError when the ratios do not give a material (two finite numbers), and for
         sensitivities that there are not.
         """
-        ratios = np.asarray(ratios, dtype=np.float64)
-        if ratios.shape != (2,) or not np.isfinite(ratios).all():
-            raise ValueError(f"ratios: expected two finite numbers (r, s), found {ratios}")
         return self._respond(self._at(ratios))
 
     def respond(self, material: Material, progress: Progress | None = None) -> Response:
