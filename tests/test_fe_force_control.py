@@ -198,7 +198,6 @@ def test_a_force_far_beyond_what_the_law_carries_stops_soon_and_says_how_far_it_
     assert response.status is fe.Status.STOPPED
     assert response.force[0] == pytest.approx(0.02)
     assert np.isnan(response.force[1])
-    assert response.seconds < 5.0
     assert response.n_factorisations < 1500
     assert response.reached > response.travel[0]
     assert "; the largest force was " in response.message
