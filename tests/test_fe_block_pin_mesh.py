@@ -51,9 +51,7 @@ def test_lines_move_smoothly_with_the_fillet(nx):
 @CONTACTS
 @pytest.mark.parametrize("specimen", [BAR, BlockPin(height=2.7, width=10.2), ROUND])
 def test_meshes_of_proportional_cells_are_similar(specimen, contact):
-    coarse, middle, fine = (
-        lines(specimen, (6 * n, 3 * n, 2 * n), contact=contact) for n in (2, 3, 4)
-    )
+    meshes = [lines(specimen, (6 * n, 3 * n, 2 * n), contact=contact) for n in (2, 3, 4)]
     for a, b, c, common in zip(*meshes, (6, 3, 2), strict=True):
         np.testing.assert_allclose(c[::2], a, rtol=0, atol=1e-12)
         np.testing.assert_allclose(b[::3], a[::2], rtol=0, atol=1e-12)
