@@ -1,12 +1,13 @@
 """Force and front-face field of the thesis specimen on ever finer meshes, as a Markdown table.
 
     python -m benchmarks.mesh_convergence [stick|slide|COEFFICIENT OF FRICTION] [r s]
-        [--pin bar|round] [--runs FOLDER]
+        [--pin bar|round] [--cells 12x4x2 ...] [--step MM] [--plane-strain] [--runs FOLDER]
 
 Runs one mesh after the other in one process with one thread, at kappa = 1 MPa, and prints the
 difference of each from the finest: force in %, field as RMS over the components at 840 points
 in mm.  Every run is kept in the folder, also for `benchmarks.grid_convergence`, under a name that
-changes with the model and the code (`benchmarks.run_key`), and not repeated.
+changes with the model and the code (`benchmarks.run_key`), and not repeated.  Meshes are those of
+a design sample and of a fit and three similar ones, or the given `--cells`, the finest last.
 """
 
 from __future__ import annotations
@@ -49,12 +50,14 @@ class Case(NamedTuple):
     pin: Pin
     interface: Interface
     """the same on pin and base"""
+    plane_strain: bool = False
 
     def __str__(self) -> str:
         """As in docs/verification/fe.json, where a bar has no name."""
         named = isinstance(self.interface, str)
-        touch = self.interface if named else f"friction {self.interface:g}"
-        return f"round, {touch}" if self.pin == "round" else str(touch)
+        words = ["round"] if self.pin == "round" else []
+        words += ["plane strain"] if self.plane_strain else []
+        return ", ".join([*words, str(self.interface) if named else f"friction {self.interface:g}"])
 
 
 GLUED = tuple(Mesh((4 * n, 4 * n, 2 * n), 0.05) for n in (2, 3, 4))
@@ -85,7 +88,14 @@ def simulate(folder: Path, case: Case, mesh: Mesh, ratios: Array) -> Response:
     """
     contact = Contact(case.interface, case.interface)
     steps = StepOptions(largest=mesh.step)
-    model = BlockPinModel(BlockPin(pin=case.pin), contact, mesh.cells, TRAVEL, steps=steps)
+    model = BlockPinModel(
+        BlockPin(pin=case.pin),
+        contact,
+        mesh.cells,
+        TRAVEL,
+        steps=steps,
+        plane_strain=case.plane_strain,
+    )
     words = [str(case), "x".join(map(str, mesh.cells)), *(f"{v:g}" for v in ratios)]
     path = folder / f"{'-'.join(words).replace(', ', '-').replace(' ', '-')}-{run_key(model)}.npz"
     if path.exists():
@@ -105,26 +115,47 @@ def field_difference(one: Response, other: Response) -> Array:
 
 def main(arguments: list[str] | None = None) -> None:
     """Print the tables."""
-    parser = argparse.ArgumentParser(prog="benchmarks.mesh_convergence")
-    parser.add_argument("interface", nargs="?", default="slide")
-    parser.add_argument("ratios", nargs="*", type=float, default=[0.5, 0.05], metavar="r s")
-    parser.add_argument("--pin", choices=("bar", "round"), default="bar")
-    parser.add_argument("--runs", type=Path, default=RUNS)
-    options = parser.parse_args(arguments)
+    options = _options(arguments)
     named = options.interface in ("stick", "slide")
     interface = cast(Interface, options.interface if named else float(options.interface))
-    case, ratios = Case(options.pin, interface), np.array(options.ratios)
+    case = Case(options.pin, interface, options.plane_strain)
+    ratios = np.array(options.ratios)
+    family = similar(case)
+    meshes = [*(mesh for mesh in single(case) if mesh not in family), *family]
+    if options.cells:
+        meshes = [Mesh(cells, options.step) for cells in options.cells]
     print(f"{case}, r = {ratios[0]:g}, s = {ratios[1]:g}, kappa = 1 MPa\n")
     print("| elements, step mm | " + " | ".join(f"F({d}) N" for d in TRAVEL), end=" | ")
     print("s | pivots < 0 |\n" + "|---" * (len(TRAVEL) + 3) + "|")
-    family = similar(case)
-    meshes, runs = [*(mesh for mesh in single(case) if mesh not in family), *family], []
+    runs = []
     for mesh in meshes:
         run = simulate(options.runs, case, mesh, ratios)
         runs.append(run)
         forces = " | ".join(f"{f:.2f}" for f in run.force)
         negative = int(run.negative_pivots.max())
         print(f"| {mesh} | {forces} | {run.seconds:.0f} | {negative} |", flush=True)
+    _print_differences(meshes, runs)
+
+
+def _options(arguments: list[str] | None) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(prog="benchmarks.mesh_convergence")
+    parser.add_argument("interface", nargs="?", default="slide")
+    parser.add_argument("ratios", nargs="*", type=float, default=[0.5, 0.05], metavar="r s")
+    parser.add_argument("--pin", choices=("bar", "round"), default="bar")
+    parser.add_argument("--cells", nargs="+", type=_cells, metavar="12x4x2")
+    parser.add_argument("--step", type=float, default=0.05, help="largest, mm, of --cells")
+    parser.add_argument("--plane-strain", action="store_true", help="--cells with one along z")
+    parser.add_argument("--runs", type=Path, default=RUNS)
+    return parser.parse_args(arguments)
+
+
+def _cells(text: str) -> tuple[int, int, int]:
+    nx, ny, nz = (int(n) for n in text.split("x"))
+    return nx, ny, nz
+
+
+def _print_differences(meshes: list[Mesh], runs: list[Response]) -> None:
+    """Table of the differences from the last."""
     print("\n| elements, step mm | " + " | ".join(f"force {d} %" for d in TRAVEL), end=" | ")
     print(" | ".join(f"field {d} mm" for d in TRAVEL) + " |")
     print("|---" * (2 * len(TRAVEL) + 1) + "|")
