@@ -18,7 +18,7 @@ SAMPLING_CELLS: dict[str, Cells] = {
 """of a design sample: Q2 elements of a quarter along x, y, z"""
 FITTING_CELLS: dict[str, Cells] = {
     "bar, stick": (14, 12, 5),
-    "bar, friction": (16, 6, 4),
+    "bar, friction": (16, 8, 4),
     "bar, frictionless": (16, 5, 2),
     "round, stick": (12, 6, 12),
     "round, friction": (12, 6, 12),

@@ -65,11 +65,11 @@ def test_one_or_two_elements_along_a_bar_keep_the_lines_of_design_samples(contac
     np.testing.assert_allclose(z, [0.0, 3.25, 5.0], rtol=1e-15)
 
 
-def test_friction_thins_the_elements_of_finer_meshes_at_top_and_front():
+def test_friction_thins_the_elements_of_finer_meshes_towards_the_front():
     sliding, rubbing = (lines(BAR, (12, 4, 4), contact=c) for c in (SLIDING, Contact(0.3, 0.3)))
     np.testing.assert_array_equal(sliding[0], rubbing[0])
-    for one, other in zip(sliding[1:], rubbing[1:], strict=True):
-        assert (other[1:-1] > one[1:-1]).all()
+    np.testing.assert_array_equal(sliding[1], rubbing[1])
+    assert (rubbing[2][1:-1] > sliding[2][1:-1]).all()
 
 
 def test_lines_under_a_round_pin_are_closer_at_the_top_and_most_so_if_it_sticks():
