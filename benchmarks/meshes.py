@@ -21,7 +21,7 @@ FITTING_CELLS: dict[str, Cells] = {
     "bar, friction": (16, 8, 4),
     "bar, frictionless": (16, 5, 2),
     "round, stick": (12, 6, 12),
-    "round, friction": (12, 6, 12),
-    "round, frictionless": (12, 6, 12),
+    "round, friction": (10, 5, 10),
+    "round, frictionless": (10, 5, 10),
 }
 """of the runs that a fit is checked or corrected with"""
