@@ -12,7 +12,7 @@ SAMPLING_CELLS: dict[str, Cells] = {
     "bar, friction": (12, 4, 2),
     "bar, frictionless": (12, 4, 2),
     "round, stick": (6, 4, 6),
-    "round, friction": (6, 4, 6),
+    "round, friction": (6, 3, 6),
     "round, frictionless": (6, 4, 6),
 }
 """of a design sample: Q2 elements of a quarter along x, y, z"""
