@@ -10,8 +10,6 @@ from pathlib import Path
 import fe
 from fe.fingerprint import canonical_json, fingerprint
 
-Documented = ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef
-
 
 def run_key(model: object, source: Path | None = None) -> str:
     """Letters that change with the model's fields and with any code of the package `fe`.
@@ -24,14 +22,19 @@ def run_key(model: object, source: Path | None = None) -> str:
     return digest.hexdigest()[:12]
 
 
+class _Undocumented(ast.NodeTransformer):
+    """Removes texts that stand alone: docstrings, also those below constants and fields."""
+
+    def visit_Expr(self, node: ast.Expr) -> ast.Expr | None:
+        found = isinstance(node.value, ast.Constant) and isinstance(node.value.value, str)
+        return None if found else node
+
+
 @cache
 def _code(folder: Path) -> str:
     """The syntax trees of all modules in a folder."""
     trees = []
     for path in sorted(folder.rglob("*.py")):
-        tree = ast.parse(path.read_text())
-        for node in ast.walk(tree):
-            if isinstance(node, Documented) and ast.get_docstring(node) is not None:
-                del node.body[0]
+        tree = _Undocumented().visit(ast.parse(path.read_text()))
         trees.append(f"{path.relative_to(folder).as_posix()}: {ast.dump(tree)}")
     return "\n".join(trees)

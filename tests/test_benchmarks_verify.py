@@ -117,7 +117,7 @@ def test_a_stored_run_is_found_again_but_not_for_another_model_or_code(tmp_path)
     model = BlockPinModel(BlockPin(), Contact(), (1, 1, 1), (0.1,))
     finer = BlockPinModel(BlockPin(), Contact(), (2, 1, 1), (0.1,))
     keys = [run_key(model)]
-    for i, code in enumerate(["a = 1  # one", '"""Says why."""\n\na = (1)', "a = 2"]):
+    for i, code in enumerate(["a = 1  # one", '"""Why."""\n\na = (1)\n"""mm"""', "a = 2"]):
         (tmp_path / str(i)).mkdir()
         (tmp_path / str(i) / "module.py").write_text(code)
         keys.append(run_key(model, tmp_path / str(i)))

@@ -61,9 +61,8 @@ class Thinning(NamedTuple):
 SLIDING = Thinning(front=0.6, top=0.0)
 """of a bar without glue and without friction, or of one or two elements along it"""
 RUBBING = Thinning(front=0.9, top=0.0)
-"""of a bar with friction and more elements along it: the front face rolls under the pin.  Those at
-the top chatter where they are thinner than 0.25 mm, and catch at the fillet where thicker than 0.4
-"""
+"""of a bar with friction and more elements along it: the front face rolls under the pin.  Not
+thinner at the top: 16 x 8 x 4 elements so thinned took 331 factorisations in place of 201"""
 UNDER_ROUND, STUCK_TO_ROUND = Thinning(front=0.0, top=0.5), Thinning(front=0.0, top=1.0)
 """of a round pin that slides or sticks"""
 
