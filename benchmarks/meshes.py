@@ -17,7 +17,7 @@ SAMPLING_CELLS: dict[str, Cells] = {
 }
 """of a design sample: Q2 elements of a quarter along x, y, z"""
 FITTING_CELLS: dict[str, Cells] = {
-    "bar, stick": (14, 12, 5),
+    "bar, stick": (15, 14, 5),
     "bar, friction": (16, 8, 4),
     "bar, frictionless": (16, 5, 2),
     "round, stick": (12, 6, 12),
