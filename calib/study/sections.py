@@ -262,20 +262,24 @@ class Design:
     """number of runs that train the emulator"""
     n_held_out: Annotated[int, Field(ge=2)] = 4
     """number of further runs that only judge the emulator"""
-    n_refine: Annotated[int, Field(ge=3)] = 6
-    """number of runs added where the posterior is, for each hypothesis; the last two of them (half
-    of all where there is a field) at and around its maximum and mean by the emulator that has the
-    others"""
+    n_refine: Annotated[int, Field(ge=3)] = 8
+    """largest number of runs added where the posterior is, for each hypothesis; fewer when its mean
+    will not move any more"""
+    max_failure_rate: Annotated[float, Field(ge=0, lt=1)] = 0.2
+    """share of a hypothesis' runs that may end before the last increment; beyond it the study
+    stops"""
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
 class EmulatorLimits:
-    """[emulator] Largest held-out errors with which the posterior is called good."""
+    """[emulator] What an emulator learns from, and the errors above which it is refused."""
 
+    gradients: bool = True
+    """whether the derivatives of the runs by r and s teach the emulator beside their values"""
     max_force_error: Positive = 0.02
-    """largest relative error of a force"""
+    """largest relative error of a force on the runs held out"""
     max_field_error: Positive = 0.01
-    """largest root mean square error of a field, mm"""
+    """largest root mean square error of a field on the runs held out, mm"""
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
