@@ -90,7 +90,7 @@ def test_a_parameter_that_a_run_has_no_derivative_by_is_left_open() -> None:
     assert np.isnan(training.force_gradient[2, :, 0]).all()
 
 
-def test_with_derivatives_half_of_the_runs_do() -> None:
+def test_with_derivatives_fewer_runs_do() -> None:
     held_out = held_out_set(campaign(np.random.default_rng(0).uniform(0.02, 0.48, (12, 2))))
     assert held_out is not None
 
@@ -99,7 +99,8 @@ def test_with_derivatives_half_of_the_runs_do() -> None:
         mean, _ = Emulator.fit(training, 1).unit_force(held_out.ratios)
         return float(np.sqrt(np.mean((mean / held_out.force - 1.0) ** 2)))
 
-    assert error(6, True) < error(12, False)
+    assert error(6, True) < 0.2 * error(6, False)
+    assert error(8, True) < error(12, False)
 
 
 def test_runs_at_the_same_place_count_once() -> None:

@@ -16,7 +16,12 @@ from calib.study.assumptions import assumptions_table
 from calib.study.config import Study
 from calib.study.context import Context
 from calib.study.emulator_figures import refinement_loop
-from calib.study.emulator_tables import emulator_table, emulator_tables, refinement_table
+from calib.study.emulator_tables import (
+    emulator_table,
+    emulator_tables,
+    partial_table,
+    refinement_table,
+)
 from calib.study.figure_style import save_png
 from calib.study.force_figures import MeasuredForce, PredictedForce, force_travel
 from calib.study.mesh_error import check_folder
@@ -135,6 +140,7 @@ def _all_tables(findings: Findings, study: Study) -> list[Table | None]:
         ),
         mesh_table(findings.mesh),
         emulator_table(findings.diagnostics, limits_of(study)),
+        partial_table(findings.diagnostics),
         refinement_table(findings.refinement),
         map_table(findings.maps),
         optimization_table(findings.data["published"]),
@@ -148,7 +154,7 @@ def _sections(findings: Findings, pictures: dict[str, Picture], study: Study) ->
     tables = _all_tables(findings, study)
     n = 2 * len(findings.summaries)
     constants = tables[:n]
-    mesh, _, refinement, maximum, starts, published, compared, correlated = tables[n:]
+    mesh, _, _, refinement, maximum, starts, published, compared, correlated = tables[n:]
 
     def kept(*found: Table | None) -> list[Table]:
         return [table for table in found if table is not None]
