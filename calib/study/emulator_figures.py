@@ -93,11 +93,12 @@ def _draw_runs(figure: Figure, axis: Axes, name: str, found: Mapping[str, Any]) 
                 label=KINDS[kind],
             )
     figure.colorbar(drawn, ax=axis, label="largest force error [%]")
-    axis.set_title(f"{name}: runs not seen", fontsize=10)
+    axis.set_title(name, fontsize=10, loc="right")
     axis.set_xlabel("r [-]")
     axis.set_ylabel("s [-]")
     axis.margins(0.08)
-    axis.legend(fontsize=7, loc="upper right")
+    # Beside the axes: the corners of a design are runs too.
+    axis.legend(fontsize=7, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, frameon=False)
 
 
 def _draw_face(
@@ -105,11 +106,10 @@ def _draw_face(
 ) -> None:
     """Error of the field at its worst increment at every point; the worst points are ringed."""
     kind = "held_out" if "held_out" in maps else "leave_one_out"
-    axis.set_title(f"{name}: front face, {KINDS[kind]} runs", fontsize=10)
     axis.set_xlabel("x [mm]")
     axis.set_ylabel("y [mm]")
     if kind not in maps:
-        axis.text(0.5, 0.5, "no field", transform=axis.transAxes, ha="center", color=MUTED)
+        axis.set_title(f"{name}: no field", fontsize=10, color=MUTED)
         return
     points, by_step = maps["points"], 1e3 * maps[kind]
     step, largest = by_step.argmax(axis=0), by_step.max(axis=0)
@@ -120,15 +120,10 @@ def _draw_face(
     worst = np.argsort(-largest, kind="stable")[:N_MARKED]
     x, y = points[worst].T
     axis.scatter(x, y, s=46, facecolors="none", edgecolors=COLOURS[1], linewidths=1.0)
-    first = worst[0]
-    axis.annotate(
-        f"{largest[first]:.2g} µm at {travel[step[first]]:g} mm",
-        points[first],
-        xytext=(0, 8),
-        textcoords="offset points",
-        ha="center",
-        fontsize=7,
-        color=COLOURS[1],
+    axis.set_title(
+        f"{name}: front face, {KINDS[kind]} runs\nworst {largest[worst[0]]:.2g} µm at "
+        f" {travel[step[worst[0]]]:g} mm",
+        fontsize=10,
     )
     axis.set_aspect("equal")
     axis.margins(0.1)
