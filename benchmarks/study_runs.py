@@ -14,7 +14,6 @@ from dataclasses import replace
 from pathlib import Path
 
 from calib.study import load_study
-from calib.study.config import Study
 from calib.study.context import Context, block_pin_model
 from calib.study.simulate_stage import load_design, run_design
 from calib.study.training_runs import held_out_set, rows, training_set
@@ -29,9 +28,11 @@ def main() -> None:
     parser.add_argument("study", nargs="?", default="thesis-forces")
     parser.add_argument("--runs", type=int, nargs="+", default=[8, 12, 20])
     parser.add_argument("--held-out", type=int, default=16)
+    parser.add_argument("--seed", type=int, help="of the fits; default: the study's")
     parser.add_argument("--out", type=Path)
     arguments = parser.parse_args()
     study = load_study(arguments.study)
+    seed = study.seed if arguments.seed is None else arguments.seed
     design = replace(study.design, n_runs=max(arguments.runs), n_held_out=arguments.held_out)
     with tempfile.TemporaryDirectory() as folder:
         context = Context(
@@ -47,17 +48,17 @@ def main() -> None:
             campaign = load_design(context, hypothesis)
             for n in arguments.runs:
                 for gradients in (False, True):
-                    line = errors(campaign, n, max(arguments.runs), gradients, study)
+                    line = errors(campaign, n, max(arguments.runs), gradients, seed)
                     print(f"{hypothesis.name:<10} {line}", flush=True)
 
 
-def errors(campaign: Campaign, n: int, n_train: int, gradients: bool, study: Study) -> str:
+def errors(campaign: Campaign, n: int, n_train: int, gradients: bool, seed: int) -> str:
     """Errors of the emulator of the first n runs on those from `n_train` on, in words."""
     training = training_set([rows(campaign, slice(n))], gradients=gradients)
     held_out = held_out_set(rows(campaign, slice(n_train, None)))
     if held_out is None:
         return f"{n} runs: no run held out reached the last increment"
-    found = held_out_residuals(Emulator.fit(training, study.seed), held_out).errors()
+    found = held_out_residuals(Emulator.fit(training, seed), held_out).errors()
     what = "values and derivatives" if gradients else "values"
     field = "" if found.field_rms is None else f", field RMS {1e3 * max(found.field_rms):.1f} µm"
     return (
