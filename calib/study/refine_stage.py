@@ -169,7 +169,7 @@ def _stop_beyond_rate(context: Context, hypothesis: Hypothesis, loop: Loop) -> N
         raise CampaignFailed(
             f"{hypothesis.name}: {failed} of {total} runs of design and refinement ended before "
             f"the last increment, more than the {rate:.0%} allowed; narrow the priors of r and s, "
-            "change mesh.sampling or lower the last increment",
+            "change the sampling mesh or lower the last increment",
             n_failed=failed,
             n_done=total,
             n_total=total,
@@ -233,7 +233,7 @@ def _first_mesh_error(
     coarse = rows(added, CHECKED[:1])
     if not (fine.reached & coarse.reached).any():
         return None
-    refinement = context.study.mesh.refinement(context.study.check_cells(hypothesis))
+    refinement = context.study.refinement(hypothesis)
     return mesh_error(fine, coarse, refinement, hypothesis.name)
 
 

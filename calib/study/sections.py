@@ -123,22 +123,27 @@ class Mesh:
     check: Cells = (20, 8, 3)
     """three numbers of elements (x, y, z) for the runs that measure the discretisation error"""
 
-    def refinement(self, check: Cells) -> float:
-        """Edge of the sampling mesh's elements over that of `check`'s, mean of directions"""
-        return math.cbrt(math.prod(check) / math.prod(self.sampling))
-
-    def refuse_coarse(self, check: Cells, key: str) -> None:
-        """Raise Contradiction when `check`, of that key, says too little about the error."""
-        finer = is_finer(check, self.sampling)
-        if not finer or self.refinement(check) < MIN_REFINEMENT:
-            expected = (
-                f"a mesh finer than mesh.sampling {list(self.sampling)}, with elements at least "
-                f"{MIN_REFINEMENT} times smaller (cube root of the ratio of their numbers)"
-            )
-            raise Contradiction(key, check, expected)
-
     def __post_init__(self) -> None:
-        self.refuse_coarse(self.check, "check")
+        if not shows_error(self.check, self.sampling):
+            raise Contradiction("check", self.check, finer_than(self.sampling))
+
+
+def refinement(check: Cells, sampling: Cells) -> float:
+    """Edge of the sampling mesh's elements over that of `check`'s, mean of directions."""
+    return math.cbrt(math.prod(check) / math.prod(sampling))
+
+
+def shows_error(check: Cells, sampling: Cells) -> bool:
+    """Whether the difference of the two meshes says enough about the sampling mesh's error."""
+    return is_finer(check, sampling) and refinement(check, sampling) >= MIN_REFINEMENT
+
+
+def finer_than(sampling: Cells) -> str:
+    """What a checking mesh is expected to be, in words."""
+    return (
+        f"a mesh finer than the sampling mesh {list(sampling)}, with elements at least "
+        f"{MIN_REFINEMENT} times smaller (cube root of the ratio of their numbers)"
+    )
 
 
 def is_finer(fine: Cells, coarse: Cells) -> bool:
@@ -158,6 +163,9 @@ class Hypothesis:
     """contact between sample and base plate: "stick", "slide" or a coefficient of friction"""
     height: Positive | None = None
     """height of the sample under this hypothesis, mm; without it geometry.height"""
+    sampling: Cells | None = None
+    """numbers of elements (x, y, z) for the runs that train the emulator under this hypothesis;
+    without it mesh.sampling"""
     check: Cells | None = None
     """numbers of elements (x, y, z) that measure the discretisation error under this hypothesis;
     without it mesh.check"""
