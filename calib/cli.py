@@ -136,6 +136,7 @@ def _run(arguments: argparse.Namespace) -> int:
         raise ValueError(f"--out: found the file {out}, expected a folder or a new name")
 
     from calib.study.stages import HowToRun, run_part, run_study
+    from calib.study.train_report import EmulatorRefused
     from fe.campaign import CampaignFailed
     from fe.executors import WorkerDied
 
@@ -149,7 +150,7 @@ def _run(arguments: argparse.Namespace) -> int:
         if arguments.until != "run":
             return _failed(run_part(study, out, arguments.until, **how))
         return _verdict(run_study(study, out, **how).summaries)
-    except (CampaignFailed, WorkerDied) as error:
+    except (CampaignFailed, EmulatorRefused, WorkerDied) as error:
         print(f"calib: {error}", file=sys.stderr)
         return FAILED
 

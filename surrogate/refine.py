@@ -70,7 +70,7 @@ class PredictedShift:
     """How far the posterior mean may move once the emulator knows better."""
 
     shift: Array
-    """(d,) root mean square over draws of the emulator's error, in posterior SDs"""
+    """(q,) root mean square over draws of the emulator's error, in posterior SDs"""
 
     @property
     def is_small(self) -> bool:
@@ -84,16 +84,19 @@ def predicted_shift(
     log_likelihood: LogLikelihood,
     n_draws: int,
     rng: np.random.Generator,
+    quantities: Array | None = None,
 ) -> PredictedShift:
     """Change of the posterior mean to expect from an emulator without error.
 
     Draws the emulator's error at the sample (m, d) jointly from its processes, weighs the sample by
     the likelihood with that error over the one without, and compares the means. `log_likelihood`
     must hold the measurement's noise alone. Weights that few draws carry understate large shifts,
-    which are then far from small anyway.
+    which are then far from small anyway. `quantities` (m, q) are numbers of the same draws whose
+    means are compared instead of the sample's, for parameters that the emulator does not have.
     """
     sample = _checked(emulator, posterior_sample)
-    mean, deviation = sample.mean(axis=0), sample.std(axis=0)
+    compared = sample if quantities is None else quantities
+    mean, deviation = compared.mean(axis=0), compared.std(axis=0)
     processes = emulator.force.processes
     y = processes.mean(sample)
     y_errors = _draws(processes, sample, n_draws, rng)
@@ -102,14 +105,14 @@ def predicted_shift(
         weights = emulator.field.processes.mean(sample)
         weight_errors = _draws(emulator.field.processes, sample, n_draws, rng)
     base = log_likelihood(_unit_force(emulator, y), weights)
-    squared = np.zeros(sample.shape[1])
+    squared = np.zeros(compared.shape[1])
     for draw in range(n_draws):
         moved = None
         if weights is not None and weight_errors is not None:
             moved = weights + weight_errors[draw]
         change = log_likelihood(_unit_force(emulator, y + y_errors[draw]), moved) - base
         probability = np.exp(change - change.max())
-        shifted = probability @ sample / probability.sum()
+        shifted = probability @ compared / probability.sum()
         squared += ((shifted - mean) / deviation) ** 2
     return PredictedShift(np.sqrt(squared / n_draws))
 

@@ -156,9 +156,11 @@ WRONG = {
     "too many cells": ("[6, 3, 6]", "[6, 3, 6, 1]", "mesh.check", "[6, 3, 6, 1]", "three numbers"),
     "no cells": ("[4, 2, 4]", "[4, 0, 4]", "mesh.sampling[1]", "0", "greater than or equal to 1"),
     "check as good as the same": ("[6, 3, 6]", "[5, 2, 4]", "mesh.check", "[5, 2, 4]", "1.3 times"),
-    "coarse check": ("[6, 3, 6]", "[6, 1, 6]", "mesh.check", "[6, 1, 6]", "finer than mesh.samp"),
+    "coarse check": ("[6, 3, 6]", "[6, 1, 6]", "mesh.check", "[6, 1, 6]", "finer than the samp"),
     "coarse check of one": ("height = 2.7", "check = [4, 3, 4]", "hypothesis[1].check", "[4, 3, 4]",
                             "1.3 times"),
+    "fine sampling of one": ("height = 2.7", "sampling = [6, 3, 5]", "hypothesis[1].sampling",
+                             "[6, 3, 5]", "1.3 times"),
     "negative length": ("height = 2.5", "height = -2.5", "geometry.height", "-2.5", "than 0"),
     "infinite length": ("width = 10.0", "width = inf", "geometry.width", "Infinity", "finite"),
     "no number": ("width = 10.0", "width = nan", "geometry.width", "NaN", "finite"),
@@ -236,7 +238,7 @@ def test_what_is_wrong_is_named_by_file_line_key_found_and_expected(folder, case
 
 WRONG_VIRTUAL = {
     "unknown hypothesis": ('"stuck"\nC10', '"free"\nC10', "virtual.hypothesis", "stuck, mixed"),
-    "coarse mesh": ("[5, 3, 5]", "[3, 3, 5]", "virtual.cells", "finer than mesh.sampling"),
+    "coarse mesh": ("[5, 3, 5]", "[3, 3, 5]", "virtual.cells", "finer than the sampling mesh"),
     "a single sample": ("n_samples = 10", "n_samples = 1", "virtual.n_samples", "equal to 2"),
     "two noise levels": (
         "[0.01, 0.01, 0.02]",

@@ -108,9 +108,11 @@ def test_a_finished_study_leaves_all_its_artifacts(thesis: Run) -> None:
     assert {path.name for path in thesis.result.figures} == {
         "chains.png",
         "emulator.png",
+        "emulator_worst.png",
         "forces.png",
         "marginals.png",
         "pairs.png",
+        "refinement.png",
     }
     assert not list(thesis.out.rglob("*.tmp"))
 
@@ -180,7 +182,7 @@ def test_the_direct_model_confirms_the_emulators_maximum(thesis: Run) -> None:
 def test_the_report_names_every_hypothesis_and_calls_nothing_synthetic(thesis: Run) -> None:
     html = (thesis.out / "report.html").read_text()
     assert "stuck" in html and "sliding" in html
-    assert html.count("data:image/png;base64,") == 5
+    assert html.count("data:image/png;base64,") == 7
     assert "synthetic data" not in html.lower()
 
 

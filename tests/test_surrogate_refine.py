@@ -115,3 +115,12 @@ def test_the_predicted_shift_falls_with_runs_and_then_says_stop() -> None:
 def test_samples_that_are_none_are_refused(sample: np.ndarray, n: int, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         propose(_emulator(), sample, n, np.random.default_rng(0))
+
+
+def test_the_shift_of_other_quantities_of_the_draws_is_that_of_the_draws() -> None:
+    """In SDs: scaled and moved inputs shift as the inputs do."""
+    arguments = (_emulator(), _sample(100), _log_likelihood, 8)
+    expected = predicted_shift(*arguments, np.random.default_rng(4)).shift
+    moved = 3.0 * _sample(100)[:, ::-1] - 1.0
+    found = predicted_shift(*arguments, np.random.default_rng(4), quantities=moved).shift
+    np.testing.assert_allclose(found, expected[::-1])

@@ -11,7 +11,7 @@ from calib.study.tables import Table
 
 def assumptions_table(study: Study) -> Table:
     """Everything that is set rather than measured: geometry, contact, material, noise, prior."""
-    geometry, noise, mesh = study.geometry, study.noise, study.mesh
+    geometry, noise = study.geometry, study.noise
     rows = [
         (
             "sample, width x height x depth",
@@ -41,13 +41,17 @@ def assumptions_table(study: Study) -> Table:
         ("prior of kappa = C10 + C01", _prior(study.prior.kappa), "MPa"),
         ("prior of r = C01 / kappa", _prior(study.prior.r), "-"),
         ("prior of s = C11 / kappa", _prior(study.prior.s), "-"),
-        ("mesh of the emulator's runs (quarter of the sample)", _cells(mesh.sampling), "elements"),
     ]
     for hypothesis in study.hypotheses:
-        cells = study.check_cells(hypothesis)
-        share = left_share(mesh.refinement(cells))
+        sampling, check = study.sampling_cells(hypothesis), study.check_cells(hypothesis)
+        share = left_share(study.refinement(hypothesis))
         rows += [
-            (f"mesh of the check under {hypothesis.name}", _cells(cells), "elements"),
+            (
+                f"mesh of the emulator's runs, {hypothesis.name} (quarter)",
+                _cells(sampling),
+                "elements",
+            ),
+            (f"mesh of the check under {hypothesis.name}", _cells(check), "elements"),
             (
                 "mesh error left after the correction, SD over the measured difference",
                 f"{share:.2f}, half of its square common to all increments",

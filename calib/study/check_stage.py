@@ -26,7 +26,7 @@ def run(context: Context) -> list[Path]:
         runs = load_refinement(context, hypothesis)
         kept = tuple(runs.responses[i] for i in CHECKED)
         coarse = Campaign(runs.theta[CHECKED], kept, n_reused=len(kept))
-        refinement = context.study.mesh.refinement(context.study.check_cells(hypothesis))
+        refinement = context.study.refinement(hypothesis)
         error = mesh_error(campaign, coarse, refinement, hypothesis.name)
         paths += save_mesh_error(context.out, hypothesis, context.study, error)
         paths += manifest_files(check_folder(context.out, hypothesis))

@@ -16,6 +16,7 @@ from pydantic.dataclasses import dataclass
 
 from calib.data import read_force_csv, thesis_forces
 from calib.study.sections import (
+    MIN_REFINEMENT,
     STRICT,
     VIRTUAL,
     Cells,
@@ -33,7 +34,10 @@ from calib.study.sections import (
     Prior,
     Sampler,
     Virtual,
+    finer_than,
     is_finer,
+    refinement,
+    shows_error,
 )
 from calib.toml_file import (
     Contradiction,
@@ -95,9 +99,17 @@ class Study:
         self._check_hypotheses()
         self._check_virtual()
 
+    def sampling_cells(self, hypothesis: Hypothesis) -> Cells:
+        """Mesh of the runs that train the emulator under a hypothesis."""
+        return hypothesis.sampling or self.mesh.sampling
+
     def check_cells(self, hypothesis: Hypothesis) -> Cells:
         """Mesh that measures the discretisation error under a hypothesis."""
         return hypothesis.check or self.mesh.check
+
+    def refinement(self, hypothesis: Hypothesis) -> float:
+        """Edge of the sampling mesh's elements over that of the checking mesh's."""
+        return refinement(self.check_cells(hypothesis), self.sampling_cells(hypothesis))
 
     def height(self, hypothesis: Hypothesis) -> float:
         """Height of the sample under a hypothesis, mm."""
@@ -127,7 +139,16 @@ class Study:
                 expected = f"within a factor {FAR_HEIGHT:g} of geometry.height"
                 expected += f" ({self.geometry.height:g} mm): hypotheses are about one sample"
                 raise Contradiction(key, hypothesis.height, expected)
-            self.mesh.refuse_coarse(self.check_cells(hypothesis), f"hypothesis.{index}.check")
+            self._check_meshes(index, hypothesis)
+
+    def _check_meshes(self, index: int, hypothesis: Hypothesis) -> None:
+        check, sampling = self.check_cells(hypothesis), self.sampling_cells(hypothesis)
+        if shows_error(check, sampling):
+            return
+        if hypothesis.check is not None:
+            raise Contradiction(f"hypothesis.{index}.check", check, finer_than(sampling))
+        expected = f"a mesh that mesh.check {list(check)} is {MIN_REFINEMENT} times finer than"
+        raise Contradiction(f"hypothesis.{index}.sampling", sampling, expected)
 
     def _check_virtual(self) -> None:
         virtual = self.virtual
@@ -141,9 +162,11 @@ class Study:
         if virtual.hypothesis not in names:
             expected = "one of the hypotheses " + ", ".join(names)
             raise Contradiction("virtual.hypothesis", virtual.hypothesis, expected)
-        if not is_finer(virtual.cells, self.mesh.sampling):
-            expected = f"a mesh finer than mesh.sampling {list(self.mesh.sampling)}"
-            raise Contradiction("virtual.cells", virtual.cells, expected)
+        for hypothesis in self.hypotheses:
+            cells = self.sampling_cells(hypothesis)
+            if not is_finer(virtual.cells, cells):
+                expected = f"a mesh finer than the sampling mesh {list(cells)}"
+                raise Contradiction("virtual.cells", virtual.cells, expected)
 
 
 def embedded_studies() -> dict[str, str]:

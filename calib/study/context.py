@@ -51,7 +51,7 @@ class Context:
 
     def sampling_model(self, hypothesis: Hypothesis) -> Simulate:
         """Forward model of a hypothesis on the mesh of the emulator's runs."""
-        return self.model(hypothesis, self.study.mesh.sampling)
+        return self.model(hypothesis, self.study.sampling_cells(hypothesis))
 
 
 def block_pin_model(study: Study, hypothesis: Hypothesis, cells: Cells) -> Simulate:

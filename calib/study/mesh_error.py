@@ -140,7 +140,7 @@ def save_mesh_error(
     """Keep the error of one hypothesis' mesh as json and npz; returns the files."""
     folder = check_folder(out, hypothesis)
     facts = {
-        "coarse_cells": study.mesh.sampling,
+        "coarse_cells": study.sampling_cells(hypothesis),
         "fine_cells": study.check_cells(hypothesis),
         "travel": study.increments,
         "refinement": error.refinement,

@@ -1,114 +1,185 @@
-"""Stage `refine`: more FE runs where the first emulator puts the posterior, and a better emulator.
+"""Stage `refine`: more FE runs where the posterior is, until its mean will not move any more.
 
-The design covers the whole prior; the posterior is a small part of it. A few runs placed there cost
-little and make the emulator exact where it matters, and the error that it had there is shown.
+The design covers the whole prior; the posterior is a small part of it. Runs are proposed where the
+emulator's variance times the posterior's mass is largest, run, and the emulator fitted again; the
+error that it had there before is shown. The first run is at the posterior mean by the first
+emulator, the last at that by the last but one; both are solved on the finer mesh too.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 from calib.inference.forward import EmulatorForward
 from calib.inference.likelihood import build_likelihood
-from calib.inference.map_estimate import emulator_map
 from calib.inference.posterior import Posterior
-from calib.inference.quadrature import Quadrature, integrate
 from calib.study.artifacts import read_json, write_json
-from calib.study.config import Study
 from calib.study.context import Context, stream
 from calib.study.data_stage import load_data
-from calib.study.mesh_error import check_folder
+from calib.study.judgement import measurement_noise
+from calib.study.mesh_error import MeshError, check_folder, mesh_error
 from calib.study.posterior_setup import noise_of, prior_of
 from calib.study.progress import progress_bar
+from calib.study.refinement import Outlook, outlook
 from calib.study.sections import Hypothesis
 from calib.study.simulate_stage import load_design, manifest_files
-from calib.study.train_stage import FIRST, fit_and_judge, has_field, load_emulator, split
-from fe.campaign import CampaignPlan, load_campaign, run_campaigns
+from calib.study.train_stage import FIRST, design_runs, fit_and_judge, load_emulator
+from calib.study.training_runs import rows
+from fe.campaign import CampaignFailed, CampaignPlan, load_campaign, run_campaigns
 from fe.campaign_result import Campaign
 from fe.response import Array
-from surrogate import Emulator, ScaledEmulator, TrainingSet
+from surrogate import Emulator, ScaledEmulator
+from surrogate.refine import STOP_BELOW
 
-CANDIDATE_MASS = 0.94
-"""posterior mass of the region in which runs are added"""
-N_SECOND = 2
-"""runs of the second round: at the maximum and at the mean; half of all runs where there is a
-field, which narrows the posterior to much less than the forces alone do"""
+BATCH = 2
+"""runs of one round: each is chosen knowing where the others of its round are, not what they say"""
 CHECKED = [0, -1]
-"""runs at which the error of the mesh is measured: the mean of either round"""
+"""runs at which the error of the mesh is measured: the posterior mean, first and last"""
 NOMINAL_FORCE_ERROR = 0.02
 """relative error of the force that stands in for the mesh's until it is measured"""
 NOMINAL_FIELD_ERROR = 0.005
 """the same for the field, mm"""
 REFINEMENT = "refinement.json"
-SAME_POINT = 1e-4
+
+
+class Round(NamedTuple):
+    """One look at the posterior and what was chosen by it."""
+
+    n_train: int
+    """runs that had trained the emulator"""
+    predicted_shift: Array
+    """(3,) how far the posterior mean of (ln kappa, r, s) may move, posterior SDs"""
+    n_added: int
+    """runs chosen"""
+
+
+@dataclass(frozen=True)
+class Loop:
+    """What the rounds so far chose for one hypothesis."""
+
+    ratios: Array
+    """(k, 2) runs added, in the order of choosing"""
+    rounds: tuple[Round, ...] = ()
+    emulators: tuple[Emulator, ...] = ()
+    """by which each round looked"""
+    done: bool = False
+    """whether the posterior mean has had its last run"""
 
 
 def run(context: Context) -> list[Path]:
     """Add runs at the posterior, train again; returns emulators, diagnostics and runs.
 
-    In two rounds: spread over the first emulator's posterior by the forces, then at the maximum
-    and the mean of the better emulator's by all data, so that the final one has been at the place
-    it names. The mean of either round is solved on the finer mesh too.
+    Raises CampaignFailed when more of a hypothesis' runs end early than the study allows.
     """
-    study = context.study
-    sets = [_first_round(context, hypothesis) for hypothesis in study.hypotheses]
-    campaigns = _run_with_checks(context, sets, CHECKED[:1], "refine")
-    sets = [
-        _second_round(context, hypothesis, run_set, added)
-        for hypothesis, run_set, added in zip(study.hypotheses, sets, campaigns, strict=True)
-    ]
-    campaigns = _run_with_checks(context, sets, CHECKED[1:], "refine again")
-    training = {}
-    errors = {}
-    for hypothesis, added in zip(study.hypotheses, campaigns, strict=True):
-        errors[hypothesis.name] = _first_errors(context, hypothesis, added)
-        training[hypothesis.name] = _training(context, hypothesis, added)
-    write_json(context.out / REFINEMENT, errors)
-    paths = fit_and_judge(context, context.out, training)
-    runs = [path for run_set in sets for path in manifest_files(run_set.store)]
-    return [*paths, context.out / REFINEMENT, *runs]
+    hypotheses = context.study.hypotheses
+    loops = {h.name: Loop(np.zeros((0, 2))) for h in hypotheses}
+    while not all(loop.done for loop in loops.values()):
+        before = loops
+        loops = {h.name: _next_round(context, h, loops[h.name]) for h in hypotheses}
+        _run_round(context, before, loops)
+    added = {h.name: load_campaign(_plan(context, h, loops[h.name].ratios)) for h in hypotheses}
+    found = {h.name: _described(context, h, loops[h.name], added[h.name]) for h in hypotheses}
+    write_json(context.out / REFINEMENT, found)
+    runs = {h.name: design_runs(context, h, added[h.name]) for h in hypotheses}
+    paths = fit_and_judge(context, context.out, runs)
+    kept = [path for h in hypotheses for path in manifest_files(refine_folder(context.out, h))]
+    return [*paths, context.out / REFINEMENT, *kept]
 
 
 def load_refinement(context: Context, hypothesis: Hypothesis) -> Campaign:
     """The runs at the posterior that `run` kept; runs nothing."""
-    return load_campaign(_kept_plan(context, hypothesis))
+    kept = read_json(context.out / REFINEMENT)[hypothesis.name]
+    return load_campaign(_plan(context, hypothesis, np.asarray(kept["ratios"], dtype=float)))
 
 
 def check_sets(context: Context) -> list[CampaignPlan]:
     """The runs on the finer mesh at the posterior's means, one set a hypothesis."""
-    sets = [_kept_plan(context, hypothesis) for hypothesis in context.study.hypotheses]
-    return _check_sets(context, sets, CHECKED)
-
-
-def _run_with_checks(
-    context: Context, sets: list[CampaignPlan], checked: list[int], name: str
-) -> list[Campaign]:
-    # The long runs on the finer mesh, which the next stage wants, go first in the same pool.
-    checks = _check_sets(context, sets, checked)
-    with progress_bar(name, "run", shown=context.show_progress) as progress:
-        return run_campaigns([*checks, *sets], context.map_fn, progress)[len(checks) :]
-
-
-def _check_sets(
-    context: Context, sets: list[CampaignPlan], checked: list[int]
-) -> list[CampaignPlan]:
+    kept = read_json(context.out / REFINEMENT)
     return [
-        CampaignPlan(
-            context.model(hypothesis, context.study.check_cells(hypothesis)),
-            run_set.theta[checked],
-            check_folder(context.out, hypothesis),
-            max_failure_rate=1.0,
-        )
-        for hypothesis, run_set in zip(context.study.hypotheses, sets, strict=True)
+        _check_plan(context, h, np.asarray(kept[h.name]["ratios"], dtype=float)[CHECKED])
+        for h in context.study.hypotheses
     ]
 
 
-def _kept_plan(context: Context, hypothesis: Hypothesis) -> CampaignPlan:
-    kept = read_json(context.out / REFINEMENT)[hypothesis.name]
-    return _plan(context, hypothesis, np.asarray(kept["ratios"], dtype=float))
+def refine_folder(out: Path, hypothesis: Hypothesis) -> Path:
+    """Where the runs at the posterior are kept."""
+    return out / "refine" / hypothesis.name
+
+
+def _next_round(context: Context, hypothesis: Hypothesis, loop: Loop) -> Loop:
+    """Look at the posterior by all runs so far and choose the runs to come."""
+    if loop.done:
+        return loop
+    found = _outlook(context, hypothesis, loop)
+    first, shift = not len(loop.ratios), found.shift
+    n_left = context.study.design.n_refine - len(loop.ratios) - 1  # the last is at the mean
+    last = not first and (shift.is_small or n_left < 1)
+    rng = stream(context.study, f"refine {hypothesis.name} {len(loop.rounds)}")
+    noise = measurement_noise(context.study)
+    n_proposed = 0 if last else min(BATCH - first, n_left)
+    parts = [found.mean[None]] if first or last else []
+    if n_proposed:
+        parts.append(found.proposals(n_proposed, noise, rng))
+    added = np.concatenate(parts)
+    facts = Round(found.emulator.header.n_train, shift.shift, len(added))
+    context.echo(
+        f"  {hypothesis.name}: {facts.n_train} runs, posterior mean may move by "
+        f"{shift.shift.max():.2g} SD (limit {STOP_BELOW:g}), {facts.n_added} added"
+    )
+    return Loop(
+        np.concatenate([loop.ratios, added]),
+        (*loop.rounds, facts),
+        (*loop.emulators, found.emulator),
+        last,
+    )
+
+
+def _run_round(context: Context, before: dict[str, Loop], loops: dict[str, Loop]) -> None:
+    """Run what the round chose for all hypotheses; the long runs on the finer mesh go first."""
+    checks, plans = [], []
+    for hypothesis in context.study.hypotheses:
+        old, new = before[hypothesis.name], loops[hypothesis.name]
+        if old.done:
+            continue
+        due = (not len(old.ratios), new.done)
+        checked = [index for index, at in zip(CHECKED, due, strict=True) if at]
+        if checked:
+            checks.append(_check_plan(context, hypothesis, new.ratios[checked]))
+        plans.append(_plan(context, hypothesis, new.ratios))
+    number = max(len(loop.rounds) for loop in loops.values())
+    with progress_bar(f"refine {number}", "run", shown=context.show_progress) as progress:
+        run_campaigns([*checks, *plans], context.map_fn, progress)
+    for hypothesis in context.study.hypotheses:
+        _stop_beyond_rate(context, hypothesis, loops[hypothesis.name])
+
+
+def _stop_beyond_rate(context: Context, hypothesis: Hypothesis, loop: Loop) -> None:
+    """Raise CampaignFailed when too many runs of design and refinement together ended early."""
+    parts = (
+        load_design(context, hypothesis),
+        load_campaign(_plan(context, hypothesis, loop.ratios)),
+    )
+    failed, total = sum(c.n_failed for c in parts), sum(len(c.theta) for c in parts)
+    rate = context.study.design.max_failure_rate
+    if failed > rate * total:
+        raise CampaignFailed(
+            f"{hypothesis.name}: {failed} of {total} runs of design and refinement ended before "
+            f"the last increment, more than the {rate:.0%} allowed; narrow the priors of r and s, "
+            "change the sampling mesh or lower the last increment",
+            n_failed=failed,
+            n_done=total,
+            n_total=total,
+        )
+
+
+def _check_plan(context: Context, hypothesis: Hypothesis, ratios: Array) -> CampaignPlan:
+    model = context.model(hypothesis, context.study.check_cells(hypothesis))
+    folder = check_folder(context.out, hypothesis)
+    return CampaignPlan(model, ratios, folder, max_failure_rate=1.0)
 
 
 def _plan(context: Context, hypothesis: Hypothesis, ratios: Array) -> CampaignPlan:
@@ -117,133 +188,90 @@ def _plan(context: Context, hypothesis: Hypothesis, ratios: Array) -> CampaignPl
         ratios,
         refine_folder(context.out, hypothesis),
         design={"kind": "posterior", "seed": context.study.seed},
-        max_failure_rate=1.0,
+        max_failure_rate=1.0,  # held against the rate of all runs by `_stop_beyond_rate`
     )
 
 
-def refine_folder(out: Path, hypothesis: Hypothesis) -> Path:
-    """Where the runs at the posterior are kept."""
-    return out / "refine" / hypothesis.name
+def _outlook(context: Context, hypothesis: Hypothesis, loop: Loop) -> Outlook:
+    """The posterior by the runs so far and what is known of the mesh's error.
 
-
-def refinement_points(quadrature: Quadrature, n: int, *given: Array) -> Array:
-    """(n, 2) ratios (r, s) spread over the posterior: first its mean, then ever the farthest node.
-
-    Farthest from the mean, the points `given` (2,) and those before, in posterior SDs, among the
-    nodes that hold `CANDIDATE_MASS` of the posterior.
+    Before any run at the posterior: by the first emulator and the forces alone, as a first emulator
+    cannot tell the narrow region that a field leaves.
     """
-    weights = quadrature.weights / quadrature.weights.sum()
-    order = np.argsort(-weights)
-    kept = order[: int(np.searchsorted(np.cumsum(weights[order]), CANDIDATE_MASS)) + 1]
-    sd = quadrature.sd[1:]
-    candidates = quadrature.x[kept][:, 1:]
-    chosen = [quadrature.mean[1:]]
-    while len(chosen) < n:
-        distance = np.min(
-            [np.linalg.norm((candidates - point) / sd, axis=1) for point in (*given, *chosen)],
-            axis=0,
-        )
-        chosen.append(candidates[int(np.argmax(distance))])
-    return np.array(chosen)
-
-
-def _first_round(context: Context, hypothesis: Hypothesis) -> CampaignPlan:
-    emulator = load_emulator(context.out / FIRST, hypothesis)
-    first = integrate(_posterior(context.study, context.out, emulator, with_field=False))
-    n = context.study.design.n_refine - _n_second(context.study)
-    return _plan(context, hypothesis, refinement_points(first, n))
-
-
-def _second_round(
-    context: Context, hypothesis: Hypothesis, first: CampaignPlan, added: Campaign
-) -> CampaignPlan:
-    """The runs of the first round, then those by the emulator with them: the mean comes last."""
-    training, _ = _training(context, hypothesis, added)
-    emulator = Emulator.fit(training, context.study.seed)
-    posterior = _posterior(context.study, context.out, emulator, with_field=True)
-    quadrature = integrate(posterior)
-    rng = stream(context.study, f"refine {hypothesis.name}")
-    maximum = emulator_map(posterior, quadrature.sd, rng).x[1:]
-    n = _n_second(context.study)
-    points = np.array([maximum, *refinement_points(quadrature, n - 1, maximum)[::-1]])
-    return replace(first, theta=np.concatenate([first.theta, points]))
-
-
-def _n_second(study: Study) -> int:
-    return max(N_SECOND, study.design.n_refine // 2) if has_field(study) else N_SECOND
-
-
-def _training(
-    context: Context, hypothesis: Hypothesis, added: Campaign
-) -> tuple[TrainingSet, TrainingSet | None]:
-    """Training runs of the design and those added, and the runs held out."""
-    design, held_out = split(load_design(context, hypothesis), context.study.design.n_runs)
-    return _joined(design, added), held_out
-
-
-def _posterior(study: Study, out: Path, emulator: Emulator, *, with_field: bool) -> Posterior:
-    """The posterior by an emulator and the forces, and if asked the field where there is one.
-
-    The mesh's error is not known yet; a nominal one stands in. By a field the region would be
-    narrower than a first emulator can tell.
-    """
-    dataset = load_data(out).dataset
-    if not with_field:
+    study, dataset = context.study, load_data(context.out).dataset
+    mesh = None
+    if not len(loop.ratios):
+        emulator = load_emulator(context.out / FIRST, hypothesis)
         dataset = replace(dataset, field=None)
+    else:
+        added = load_campaign(_plan(context, hypothesis, loop.ratios))
+        runs = design_runs(context, hypothesis, added)
+        emulator = Emulator.fit(runs.training_set(study), study.seed)
+        mesh = _first_mesh_error(context, hypothesis, added)
+    forward = EmulatorForward(
+        ScaledEmulator(emulator),
+        with_field=dataset.field is not None,
+        correction=None if mesh is None else mesh.correction,
+    )
     likelihood = build_likelihood(
         dataset,
-        EmulatorForward(ScaledEmulator(emulator), with_field=dataset.field is not None),
+        forward,
         noise_of(study),
-        force_discretisation=NOMINAL_FORCE_ERROR,
-        field_floor=NOMINAL_FIELD_ERROR,
+        force_discretisation=NOMINAL_FORCE_ERROR if mesh is None else mesh.force,
+        field_floor=NOMINAL_FIELD_ERROR if mesh is None else mesh.field_floor,
+        field_patterns=None if mesh is None else mesh.field_patterns,
     )
-    return Posterior(prior_of(study), likelihood)
+    rng = stream(study, f"outlook {hypothesis.name} {len(loop.rounds)}")
+    return outlook(emulator, Posterior(prior_of(study), likelihood), forward, rng)
 
 
-def _first_errors(context: Context, hypothesis: Hypothesis, added: Campaign) -> dict[str, object]:
-    """Error of the first emulator where the posterior is, found by runs it had not seen."""
-    emulator = load_emulator(context.out / FIRST, hypothesis)
-    ok = added.reached
-    if not ok.any():
-        context.echo(f"  {hypothesis.name}: no run at the posterior reached the last increment")
-        return {"ratios": added.theta}
-    mean, covariance = emulator.unit_force(added.theta[ok])
-    relative = mean / added.force[ok] - 1.0
-    std = np.sqrt(np.einsum("nii->ni", covariance))
-    z = (mean - added.force[ok]) / std
+def _first_mesh_error(
+    context: Context, hypothesis: Hypothesis, added: Campaign
+) -> MeshError | None:
+    """As the first run says; None when it did not reach the last increment on both meshes."""
+    fine = load_campaign(_check_plan(context, hypothesis, added.theta[CHECKED[:1]]))
+    coarse = rows(added, CHECKED[:1])
+    if not (fine.reached & coarse.reached).any():
+        return None
+    refinement = context.study.refinement(hypothesis)
+    return mesh_error(fine, coarse, refinement, hypothesis.name)
+
+
+def _described(
+    context: Context, hypothesis: Hypothesis, loop: Loop, added: Campaign
+) -> dict[str, object]:
+    """The rounds, each with the error of its emulator at the runs that it chose."""
+    rounds = []
+    first = 0
+    for emulator, facts in zip(loop.emulators, loop.rounds, strict=True):
+        new = rows(added, slice(first, first + facts.n_added))
+        first += facts.n_added
+        rounds.append(facts._asdict() | _errors(emulator, new))
+    told = rounds[0]
     context.echo(
         f"  {hypothesis.name}: at the posterior the first emulator was off by "
-        f"{100 * np.sqrt(np.mean(relative**2, axis=0)).max():.2g} % (RMS, worst increment), "
-        f"{np.sqrt(np.mean(z**2)):.2g} of its stated SDs"
+        f"{100 * np.max(told['force_error']):.2g} % (RMS, worst increment), "
+        f"{told['rms_z']:.2g} of its stated SDs"
     )
     return {
-        "ratios": added.theta,
-        "relative_force_error": relative,
-        "standardised_error": z,
-        "units": {"relative_force_error": "relative", "standardised_error": "stated SD"},
+        "ratios": loop.ratios,
+        "rounds": rounds,
+        "limit": STOP_BELOW,
+        "units": {
+            "force_error": "relative, RMS over the runs added, by increment",
+            "rms_z": "stated SDs",
+            "predicted_shift": "posterior SDs of ln kappa, r, s",
+        },
     }
 
 
-def _joined(design: TrainingSet, added: Campaign) -> TrainingSet:
-    """The design's training runs with those added that reached the last increment.
-
-    Runs closer than `SAME_POINT` of the design's span to another are left out: to a Gaussian
-    process they are the same point, and would make its matrix singular.
-    """
-    span = np.ptp(design.ratios, axis=0)
-    ratios = list(design.ratios)
-    new = []
-    for index in np.flatnonzero(added.reached):
-        distance = np.abs((np.array(ratios) - added.theta[index]) / span).max(axis=1)
-        if distance.min() > SAME_POINT:
-            ratios.append(added.theta[index])
-            new.append(index)
-    displacement = design.displacement
-    if displacement is not None:
-        displacement = np.concatenate([displacement, added.displacement[new]])
-    return TrainingSet(
-        ratios=np.array(ratios),
-        force=np.concatenate([design.force, added.force[new]]),
-        displacement=displacement,
-        n_excluded=design.n_excluded + int((~added.reached).sum()),
-    )
+def _errors(emulator: Emulator, runs: Campaign) -> dict[str, Array | float]:
+    """Errors of the force at runs that the emulator had not seen; NaN where none got so far."""
+    mean, covariance = emulator.unit_force(runs.theta)
+    error = np.ma.masked_invalid(mean - runs.force)
+    relative = np.ma.masked_invalid(error / runs.force)
+    z = error / np.sqrt(np.einsum("nii->ni", covariance))
+    return {
+        "force_error": np.ma.filled(np.sqrt(np.mean(relative**2, axis=0)), np.nan),
+        "rms_z": float(np.ma.filled(np.sqrt(np.mean(z**2)), np.nan)),
+    }

@@ -15,10 +15,18 @@ from calib.study.artifacts import read_json, write_bytes
 from calib.study.assumptions import assumptions_table
 from calib.study.config import Study
 from calib.study.context import Context
+from calib.study.emulator_figures import refinement_loop
+from calib.study.emulator_tables import (
+    emulator_table,
+    emulator_tables,
+    partial_table,
+    refinement_table,
+)
 from calib.study.figure_style import save_png
 from calib.study.force_figures import MeasuredForce, PredictedForce, force_travel
 from calib.study.mesh_error import check_folder
 from calib.study.posterior_figures import Chains, Samples, chains, marginals, pairs
+from calib.study.refine_stage import REFINEMENT
 from calib.study.report import Picture, Section, render, versions_table
 from calib.study.sample_stage import StoredSamples, load_samples
 from calib.study.study_file import study_text
@@ -28,14 +36,13 @@ from calib.study.tables import (
     comparison_table,
     correlation_table,
     data_table,
-    emulator_table,
     map_table,
     mesh_table,
     optimization_table,
     published_table,
     texts,
 )
-from calib.study.train_report import emulator_figure, limits_of
+from calib.study.train_report import emulator_figure, limits_of, worst_figure
 from calib.study.train_stage import DIAGNOSTICS
 from fe.response import Array
 
@@ -49,6 +56,8 @@ class Findings:
     """hypothesis -> mesh_error.json"""
     diagnostics: dict[str, Any]
     """hypothesis -> its part of diagnostics.json"""
+    refinement: dict[str, Any]
+    """hypothesis -> its part of refinement.json"""
     maps: dict[str, Any]
     comparison: dict[str, Any]
     summaries: tuple[Summary, ...]
@@ -67,6 +76,7 @@ def read_findings(out: Path, study: Study, summaries: Sequence[Summary]) -> Find
             h.name: read_json(check_folder(out, h) / "mesh_error.json") for h in study.hypotheses
         },
         diagnostics=read_json(out / DIAGNOSTICS),
+        refinement=read_json(out / REFINEMENT),
         maps=read_json(out / "map.json"),
         comparison=read_json(out / "comparison.json"),
         summaries=tuple(summaries),
@@ -78,7 +88,7 @@ def run(context: Context) -> list[Path]:
     study, out = context.study, context.out
     findings = read_findings(out, study, load_summary(out / "posterior.nc"))
     samples = {h.name: load_samples(out, h) for h in study.hypotheses}
-    pictures = _draw(findings, samples, study, out / "figures")
+    pictures = _draw(findings, samples, study, out)
     html = render(
         study=study.name,
         seed=study.seed,
@@ -130,6 +140,8 @@ def _all_tables(findings: Findings, study: Study) -> list[Table | None]:
         ),
         mesh_table(findings.mesh),
         emulator_table(findings.diagnostics, limits_of(study)),
+        partial_table(findings.diagnostics),
+        refinement_table(findings.refinement),
         map_table(findings.maps),
         optimization_table(findings.data["published"]),
         published_table(findings.comparison),
@@ -142,7 +154,7 @@ def _sections(findings: Findings, pictures: dict[str, Picture], study: Study) ->
     tables = _all_tables(findings, study)
     n = 2 * len(findings.summaries)
     constants = tables[:n]
-    mesh, emulator, maximum, starts, published, compared, correlated = tables[n:]
+    mesh, _, _, refinement, maximum, starts, published, compared, correlated = tables[n:]
 
     def kept(*found: Table | None) -> list[Table]:
         return [table for table in found if table is not None]
@@ -157,8 +169,12 @@ def _sections(findings: Findings, pictures: dict[str, Picture], study: Study) ->
         Section("Forces", (), kept(data_table(findings.data)), (pictures["forces"],)),
         Section("Hypotheses", (), kept(compared, starts, published)),
         Section(
-            "Emulator against the FE model", (), kept(maximum, emulator), (pictures["emulator"],)
+            "Emulator against the FE model",
+            (),
+            kept(maximum, *emulator_tables(findings.diagnostics, limits_of(study))),
+            (pictures["emulator"], pictures["emulator_worst"]),
         ),
+        Section("Refinement", (), kept(refinement), (pictures["refinement"],)),
         Section("Mesh", (), kept(mesh)),
         Section("Assumptions", (), kept(assumptions_table(study), correlated)),
         Section("Chains", (), (), (pictures["chains"],)),
@@ -167,7 +183,7 @@ def _sections(findings: Findings, pictures: dict[str, Picture], study: Study) ->
 
 
 def _draw(
-    findings: Findings, samples: dict[str, StoredSamples], study: Study, folder: Path
+    findings: Findings, samples: dict[str, StoredSamples], study: Study, out: Path
 ) -> dict[str, Picture]:
     data = findings.data
     kind = "synthetic" if data["synthetic"] else "measured"
@@ -194,11 +210,20 @@ def _draw(
             emulator_figure(findings.diagnostics, study),
             "Error of the emulators' force on FE runs that were held out.",
         ),
+        "emulator_worst": (
+            worst_figure(out, findings.diagnostics, study),
+            "Largest force error of every run by an emulator that had not seen it; error of the "
+            "emulated field at each point of the front face, the worst ten ringed.",
+        ),
+        "refinement": (
+            refinement_loop(findings.refinement),
+            "How far the posterior mean may move, and the emulators' error at the runs added.",
+        ),
     }
     pictures = {}
     for name, (figure, caption) in drawn.items():
-        save_png(figure, folder / f"{name}.png")
-        pictures[name] = Picture(folder / f"{name}.png", caption)
+        save_png(figure, out / "figures" / f"{name}.png")
+        pictures[name] = Picture(out / "figures" / f"{name}.png", caption)
     return pictures
 
 

@@ -21,6 +21,7 @@ from calib.study.context import Context, stream
 from calib.study.posterior_setup import emulator_posterior
 from calib.study.progress import progress_bar
 from calib.study.sections import Hypothesis
+from calib.study.train_report import refuse_bad_emulators
 from fe.response import Array
 
 N_PREDICTIVE = 4000
@@ -57,7 +58,11 @@ class StoredSamples:
 
 
 def run(context: Context) -> list[Path]:
-    """Sample every hypothesis; returns the files samples_<hypothesis>.npz and .json."""
+    """Sample every hypothesis; returns the files samples_<hypothesis>.npz and .json.
+
+    Raises EmulatorRefused when an emulator violates a limit of the study.
+    """
+    refuse_bad_emulators(context)
     paths = []
     for hypothesis in context.study.hypotheses:
         stored = _sample(context, hypothesis)

@@ -123,22 +123,27 @@ class Mesh:
     check: Cells = (20, 8, 3)
     """three numbers of elements (x, y, z) for the runs that measure the discretisation error"""
 
-    def refinement(self, check: Cells) -> float:
-        """Edge of the sampling mesh's elements over that of `check`'s, mean of directions"""
-        return math.cbrt(math.prod(check) / math.prod(self.sampling))
-
-    def refuse_coarse(self, check: Cells, key: str) -> None:
-        """Raise Contradiction when `check`, of that key, says too little about the error."""
-        finer = is_finer(check, self.sampling)
-        if not finer or self.refinement(check) < MIN_REFINEMENT:
-            expected = (
-                f"a mesh finer than mesh.sampling {list(self.sampling)}, with elements at least "
-                f"{MIN_REFINEMENT} times smaller (cube root of the ratio of their numbers)"
-            )
-            raise Contradiction(key, check, expected)
-
     def __post_init__(self) -> None:
-        self.refuse_coarse(self.check, "check")
+        if not shows_error(self.check, self.sampling):
+            raise Contradiction("check", self.check, finer_than(self.sampling))
+
+
+def refinement(check: Cells, sampling: Cells) -> float:
+    """Edge of the sampling mesh's elements over that of `check`'s, mean of directions."""
+    return math.cbrt(math.prod(check) / math.prod(sampling))
+
+
+def shows_error(check: Cells, sampling: Cells) -> bool:
+    """Whether the difference of the two meshes says enough about the sampling mesh's error."""
+    return is_finer(check, sampling) and refinement(check, sampling) >= MIN_REFINEMENT
+
+
+def finer_than(sampling: Cells) -> str:
+    """What a checking mesh is expected to be, in words."""
+    return (
+        f"a mesh finer than the sampling mesh {list(sampling)}, with elements at least "
+        f"{MIN_REFINEMENT} times smaller (cube root of the ratio of their numbers)"
+    )
 
 
 def is_finer(fine: Cells, coarse: Cells) -> bool:
@@ -158,6 +163,9 @@ class Hypothesis:
     """contact between sample and base plate: "stick", "slide" or a coefficient of friction"""
     height: Positive | None = None
     """height of the sample under this hypothesis, mm; without it geometry.height"""
+    sampling: Cells | None = None
+    """numbers of elements (x, y, z) for the runs that train the emulator under this hypothesis;
+    without it mesh.sampling"""
     check: Cells | None = None
     """numbers of elements (x, y, z) that measure the discretisation error under this hypothesis;
     without it mesh.check"""
@@ -262,20 +270,24 @@ class Design:
     """number of runs that train the emulator"""
     n_held_out: Annotated[int, Field(ge=2)] = 4
     """number of further runs that only judge the emulator"""
-    n_refine: Annotated[int, Field(ge=3)] = 6
-    """number of runs added where the posterior is, for each hypothesis; the last two of them (half
-    of all where there is a field) at and around its maximum and mean by the emulator that has the
-    others"""
+    n_refine: Annotated[int, Field(ge=3)] = 8
+    """largest number of runs added where the posterior is, for each hypothesis; fewer when its mean
+    will not move any more"""
+    max_failure_rate: Annotated[float, Field(ge=0, lt=1)] = 0.2
+    """share of a hypothesis' runs that may end before the last increment; beyond it the study
+    stops"""
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
 class EmulatorLimits:
-    """[emulator] Largest held-out errors with which the posterior is called good."""
+    """[emulator] What an emulator learns from, and the errors above which it is refused."""
 
+    gradients: bool = True
+    """whether the derivatives of the runs by r and s teach the emulator beside their values"""
     max_force_error: Positive = 0.02
-    """largest relative error of a force"""
+    """largest relative error of a force on the runs held out"""
     max_field_error: Positive = 0.01
-    """largest root mean square error of a field, mm"""
+    """largest root mean square error of a field on the runs held out, mm"""
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)

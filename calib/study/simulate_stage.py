@@ -76,6 +76,7 @@ def design_plan(context: Context, hypothesis: Hypothesis) -> CampaignPlan:
             "n_train": study.design.n_runs,
             "n_held_out": study.design.n_held_out,
         },
+        max_failure_rate=study.design.max_failure_rate,
     )
 
 

@@ -61,6 +61,11 @@ def _data(context: Context) -> dict[str, object]:
     return settings
 
 
+def _training(context: Context) -> dict[str, object]:
+    """The data too: errors are told as shares of their noise."""
+    return {**_data(context), **_sections("design", "emulator", "seed")(context)}
+
+
 def _models(*names: str) -> Settings:
     """The forward models on the sampling mesh by all their fields, and sections."""
 
@@ -99,7 +104,7 @@ STAGES = (
         "train",
         "train the emulators",
         ("simulate",),
-        _sections("design", "emulator", "seed"),
+        _training,
         train_stage.run,
     ),
     Stage(

@@ -103,7 +103,7 @@ def run_study(study: Study, out: Path, **how: Unpack[HowToRun]) -> StudyResult:
 
     Raises StudyError for a study that cannot be run, ValueError for an executor that there is not,
     `fe.campaign.CampaignFailed` when too many simulations fail, `fe.executors.WorkerDied` when a
-    worker does.
+    worker does, `calib.study.train_report.EmulatorRefused` when an emulator violates the limits.
     """
     with _context(study, Path(out), how) as context:
         ran = run_stages(context)

@@ -173,42 +173,6 @@ def mesh_table(errors: Mapping[str, Any]) -> Table:
     )
 
 
-def emulator_table(diagnostics: Mapping[str, Any], limits: Mapping[str, float]) -> Table:
-    """Emulator errors; `diagnostics` maps a hypothesis to its part of diagnostics.json."""
-    rows = []
-    for name, found in diagnostics.items():
-        kind = "leave_one_out" if found["held_out"] is None else "held_out"
-        errors = found[kind]
-        rows.append(
-            (
-                name,
-                f"{found['n_train']} ({found['n_excluded']})",
-                f"{errors['n_runs']} ({kind.replace('_', '-')})",
-                f"{100 * max(errors['force_rms']):.3f}",
-                f"{100 * errors['force_max']:.3f}",
-                "-" if errors["field_rms"] is None else number(max(errors["field_rms"]), 2),
-                number(errors["force_rms_z"], 3),
-            )
-        )
-    return Table(
-        "Emulator against FE runs that it was not trained on",
-        (
-            "hypothesis",
-            "trained on [runs]",
-            "judged on [runs]",
-            "force [%]",
-            "largest [%]",
-            "field [mm]",
-            "z [-]",
-        ),
-        tuple(rows),
-        "trained: runs (excluded because they did not reach the last increment); force and field: "
-        "RMS over runs at the worst increment; z: RMS of error over stated SD. Limits of the "
-        f"study: force {100 * limits['max_force_error']:g} %, "
-        f"field {limits['max_field_error']:g} mm (where the data have one).",
-    )
-
-
 def published_table(comparison: Mapping[str, Any]) -> Table | None:
     """Forces that the published constants predict; None when there are no published constants."""
     rows = []

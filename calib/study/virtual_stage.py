@@ -96,9 +96,11 @@ def _virtual(study: Study) -> Virtual:
     virtual = study.virtual
     if virtual is None:
         raise StudyError("virtual: found no such section, expected one to make synthetic data")
-    if not is_finer(virtual.cells, study.mesh.sampling):
-        raise StudyError(
-            f"virtual.cells: found {list(virtual.cells)}, expected a mesh finer than "
-            f"mesh.sampling {list(study.mesh.sampling)}"
-        )
+    for hypothesis in study.hypotheses:
+        cells = study.sampling_cells(hypothesis)
+        if not is_finer(virtual.cells, cells):
+            raise StudyError(
+                f"virtual.cells: found {list(virtual.cells)}, expected a mesh finer than "
+                f"the sampling mesh {list(cells)}"
+            )
     return virtual

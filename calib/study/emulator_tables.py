@@ -1,0 +1,208 @@
+"""Tables of emulators: errors, coverage, worst runs, runs that ended early, the loop of refinement.
+
+`diagnostics` maps a hypothesis to its part of diagnostics.json, `refinement` to that of
+refinement.json.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+
+from calib.study.tables import Table, number, percent
+
+KINDS = {"leave_one_out": "leave-one-out", "held_out": "held-out"}
+PARAMETERS = ("ln kappa", "r", "s")
+
+
+def emulator_tables(
+    diagnostics: Mapping[str, Any], limits: Mapping[str, float]
+) -> list[Table | None]:
+    """All that is known of the emulators' errors, in the order in which it is read."""
+    return [
+        emulator_table(diagnostics, limits),
+        coverage_table(diagnostics),
+        *(runs_table(name, found) for name, found in diagnostics.items()),
+        partial_table(diagnostics),
+    ]
+
+
+def emulator_table(diagnostics: Mapping[str, Any], limits: Mapping[str, float]) -> Table:
+    """Errors of the emulators on runs that they were not trained on."""
+    rows = []
+    for name, found in diagnostics.items():
+        share = found["share_of_noise"]
+        for kind, errors in _kinds(found):
+            judged = kind == "held_out" or found["held_out"] is None
+            rows.append(
+                (
+                    name,
+                    f"{found['n_train']} ({found['n_with_gradients']}, {found['n_excluded']})",
+                    f"{errors['n_runs']} ({KINDS[kind]})",
+                    f"{100 * max(errors['force_rms']):.3f}",
+                    f"{100 * errors['force_max']:.3f}",
+                    "-" if errors["field_rms"] is None else number(max(errors["field_rms"]), 2),
+                    number(errors["force_rms_z"], 3),
+                    number(share["force"], 2) if judged else "",
+                    number(share["field"], 2) if judged else "",
+                )
+            )
+    return Table(
+        "Emulator against FE runs that it was not trained on",
+        (
+            "hypothesis",
+            "trained on [runs]",
+            "judged on [runs]",
+            "force [%]",
+            "largest [%]",
+            "field [mm]",
+            "z [-]",
+            "force/noise",
+            "field/noise",
+        ),
+        tuple(rows),
+        "trained: runs (those with derivatives, those excluded because they did not reach the last "
+        "increment); force and field: RMS over runs at the worst increment; z: RMS of error over "
+        "stated SD; force/noise: force error over the standard error of the measured mean; "
+        "field/noise: over the SD of a displacement. Limits of the study, for held-out runs: force "
+        f"{100 * limits['max_force_error']:g} %, field {limits['max_field_error']:g} mm (where the "
+        "data have one).",
+    )
+
+
+def coverage_table(diagnostics: Mapping[str, Any]) -> Table:
+    """How often the stated central intervals hold the FE value."""
+    rows = []
+    for name, found in diagnostics.items():
+        for kind, errors in _kinds(found):
+            for what in ("force", "field"):
+                coverage = errors[f"{what}_coverage"]
+                if coverage is None:
+                    continue
+                joint = coverage["joint"]
+                rows.append(
+                    (
+                        f"{name}, {what}",
+                        f"{errors['n_runs']} ({KINDS[kind]})",
+                        *(f"{100 * share:.0f}" for share in coverage["overall"]),
+                        "-" if joint is None else f"{100 * joint[-1]:.0f}",
+                    )
+                )
+    return Table(
+        "Share of FE values within the intervals that the emulator states [%]",
+        ("hypothesis", "runs", "of 50 %", "of 80 %", "of 95 %", "of 95 %, joint"),
+        tuple(rows),
+        "Over all increments (and points); joint: runs within the region of all increments "
+        "together. Values of one run are alike: few runs say little about a share.",
+    )
+
+
+def runs_table(name: str, found: Mapping[str, Any]) -> Table:
+    """Errors of every run of one hypothesis by an emulator that had not seen it, worst first."""
+    rows = []
+    for kind, _ in _kinds(found):
+        runs = found["runs"][kind]
+        for index, ratios in enumerate(runs["ratios"]):
+            error = np.array(runs["relative_force_error"][index])
+            z = np.abs(runs["standardised_error"][index])
+            worst = int(np.argmax(np.abs(error)))
+            field = runs["field_rms"]
+            rows.append(
+                (
+                    abs(error[worst]),
+                    (
+                        KINDS[kind],
+                        *(f"{value:.4g}" for value in ratios),
+                        percent(float(error[worst]), 3),
+                        str(worst + 1),
+                        number(float(z.max()), 3),
+                        "-" if field is None else number(max(field[index]), 2),
+                    ),
+                )
+            )
+    ordered = sorted(rows, key=lambda row: (-row[0], row[1]))
+    return Table(
+        f"{name}: runs left out or held out, worst first",
+        ("run", "r [-]", "s [-]", "force [%]", "at increment", "largest z [-]", "field [mm]"),
+        tuple(row for _, row in ordered),
+        "force: largest error of the run, emulator over FE; field: RMS at its worst increment.",
+    )
+
+
+def partial_table(diagnostics: Mapping[str, Any]) -> Table | None:
+    """Runs that ended early, held against the emulator up to the travel reached."""
+    rows = []
+    for name, found in diagnostics.items():
+        runs = found["partial_runs"]
+        for index, ratios in enumerate(runs["ratios"]):
+            relative = [value for value in runs["relative"][index] if value is not None]
+            z = [abs(value) for value in runs["standardised"][index] if value is not None]
+            rows.append(
+                (
+                    name,
+                    *(f"{value:.4g}" for value in ratios),
+                    f"{runs['reached'][index]:.4g}",
+                    str(len(relative)),
+                    percent(max(relative, key=abs), 3) if relative else "-",
+                    number(max(z), 3) if z else "-",
+                )
+            )
+    if not rows:
+        return None
+    return Table(
+        "Runs that ended before the last increment, against the emulator up to where they are good",
+        ("hypothesis", "r [-]", "s [-]", "good to [mm]", "increments", "force [%]", "largest z"),
+        tuple(rows),
+        "The emulator was trained on complete runs alone; force: largest error up to the travel "
+        "reached, beyond the complete runs an extrapolation.",
+    )
+
+
+def refinement_table(refinement: Mapping[str, Any]) -> Table:
+    """Rounds of the loop: runs, how far the posterior mean may move, error at the new runs."""
+    rows = []
+    notes = []
+    for name, found in refinement.items():
+        for entry in found["rounds"]:
+            error = [value for value in entry["force_error"] if value is not None]
+            rows.append(
+                (
+                    name,
+                    str(entry["n_train"]),
+                    *(number(value, 2) for value in entry["predicted_shift"]),
+                    str(entry["n_added"]),
+                    f"{100 * max(error):.3f}" if error else "-",
+                    number(entry["rms_z"], 2),
+                )
+            )
+        last = max(found["rounds"][-1]["predicted_shift"])
+        if last > found["limit"]:
+            notes.append(
+                f"{name}: the largest number of runs was reached while the mean may still move by "
+                f"{number(last, 2)} SD; raise design.n_refine."
+            )
+    limit = next(iter(refinement.values()))["limit"]
+    return Table(
+        "Refinement: runs added where the posterior is",
+        (
+            "hypothesis",
+            "trained on [runs]",
+            *(f"{name} may move [SD]" for name in PARAMETERS),
+            "added [runs]",
+            "force there [%]",
+            "z [-]",
+        ),
+        tuple(rows),
+        f"The loop stops when no mean would move by more than {limit:g} posterior SD if the "
+        "emulator had no error; the last run is at the mean. force there: RMS error, worst "
+        "increment, of the emulator at the runs then added, which it had not seen. "
+        + " ".join(notes),
+    )
+
+
+def _kinds(found: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
+    for kind in KINDS:
+        if found[kind] is not None:
+            yield kind, found[kind]

@@ -1,0 +1,69 @@
+"""Where the next runs of a study go, and how far the posterior mean may still move."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib.inference.coordinates import theta_of
+from calib.inference.forward import EmulatorForward
+from calib.inference.posterior import Posterior
+from calib.inference.quadrature import Quadrature, integrate
+from calib.study.judgement import Noise
+from fe.response import Array
+from surrogate import Emulator, PredictedShift, predicted_shift, propose
+
+N_SAMPLE = 400
+"""draws of the posterior among which runs are chosen and by which its shift is predicted"""
+N_DRAWS = 64
+"""draws of the emulator's error"""
+
+
+@dataclass(frozen=True)
+class Outlook:
+    """The posterior by one emulator, and what more runs could change."""
+
+    emulator: Emulator
+    quadrature: Quadrature
+    x: Array
+    """(m, 3) draws of the posterior of (ln kappa, r, s)"""
+    shift: PredictedShift
+    """of the mean of (ln kappa, r, s)"""
+
+    def proposals(self, n: int, noise: Noise, rng: np.random.Generator) -> Array:
+        """(n, 2) ratios for new runs; fewer where the draws have fewer distinct ratios."""
+        ratios = self.x[:, 1:]
+        n = min(n, len(np.unique(ratios, axis=0)))
+        force_noise = float(np.sqrt(np.mean(noise.force**2)))
+        if noise.field is None:  # the emulated field then does not enter the likelihood
+            return propose(self.emulator, ratios, n, rng, force_noise=force_noise, field_noise=1e6)
+        return propose(
+            self.emulator, ratios, n, rng, force_noise=force_noise, field_noise=noise.field
+        )
+
+    @property
+    def mean(self) -> Array:
+        """(2,) ratios of the posterior mean."""
+        found: Array = self.quadrature.mean[1:]
+        return found
+
+
+def outlook(
+    emulator: Emulator, posterior: Posterior, forward: EmulatorForward, rng: np.random.Generator
+) -> Outlook:
+    """Sample the posterior whose forward model is `forward`, that of the emulator.
+
+    The sample is drawn from the nodes of a quadrature, by their weights: independent draws.
+    """
+    quadrature = integrate(posterior)
+    weights = quadrature.weights / quadrature.weights.sum()
+    x = quadrature.x[rng.choice(len(weights), N_SAMPLE, p=weights)]
+    theta = theta_of(x)
+
+    def log_likelihood(unit_force: Array, weights: Array | None) -> Array:
+        stated = forward.stating(theta, unit_force, weights)
+        return posterior.likelihood.with_forward(stated).log_prob(theta)
+
+    shift = predicted_shift(emulator, x[:, 1:], log_likelihood, N_DRAWS, rng, quantities=x)
+    return Outlook(emulator, quadrature, x, shift)
