@@ -120,11 +120,13 @@ def _next_round(context: Context, hypothesis: Hypothesis, loop: Loop) -> Loop:
     last = not first and (shift.is_small or n_left < 1)
     rng = stream(context.study, f"refine {hypothesis.name} {len(loop.rounds)}")
     noise = measurement_noise(context.study)
-    n_proposed = 0 if last else min(BATCH - first, n_left)
-    parts = [found.mean[None]] if first or last else []
-    if n_proposed:
-        parts.append(found.proposals(n_proposed, noise, rng))
-    added = np.concatenate(parts)
+    added = found.mean[None]
+    if not (first or last):
+        design = load_design(context, hypothesis).theta[: context.study.design.n_runs]
+        runs = np.concatenate([design, loop.ratios])
+        proposed = found.proposals(min(BATCH, n_left), runs, noise, rng)
+        last = not len(proposed)
+        added = found.mean[None] if last else proposed
     facts = Round(found.emulator.header.n_train, shift.shift, len(added))
     context.echo(
         f"  {hypothesis.name}: {facts.n_train} runs, posterior mean may move by "

@@ -16,6 +16,9 @@ from surrogate import Emulator, PredictedShift, predicted_shift, propose
 
 N_SAMPLE = 400
 """draws of the posterior among which runs are chosen and by which its shift is predicted"""
+APART = 0.01
+"""share of the design's extent that a new run stays away from others: FE forces are rough over
+shorter distances, as contact points come and go, and such runs contradict each other's slopes"""
 N_DRAWS = 64
 """draws of the emulator's error"""
 
@@ -31,10 +34,14 @@ class Outlook:
     shift: PredictedShift
     """of the mean of (ln kappa, r, s)"""
 
-    def proposals(self, n: int, noise: Noise, rng: np.random.Generator) -> Array:
-        """(n, 2) ratios for new runs; fewer where the draws have fewer distinct ratios."""
-        ratios = self.x[:, 1:]
+    def proposals(self, n: int, runs: Array, noise: Noise, rng: np.random.Generator) -> Array:
+        """(n, 2) ratios for new runs, apart from the `runs` (k, 2) so far; fewer or none left."""
+        ratios, extent = self.x[:, 1:], np.ptp(self.emulator.bounds, axis=1)
+        distance = np.abs(ratios[:, None] - runs) / extent
+        ratios = ratios[(distance.max(axis=2) > APART).all(axis=1)]
         n = min(n, len(np.unique(ratios, axis=0)))
+        if len(ratios) <= ratios.shape[1] or not np.ptp(ratios, axis=0).all():
+            return np.zeros((0, ratios.shape[1]))
         force_noise = float(np.sqrt(np.mean(noise.force**2)))
         if noise.field is None:  # the emulated field then does not enter the likelihood
             return propose(self.emulator, ratios, n, rng, force_noise=force_noise, field_noise=1e6)
