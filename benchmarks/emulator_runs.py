@@ -7,7 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 
+from benchmarks.meshes import SAMPLING_CELLS
 from fe import BlockPin, BlockPinFamily, BlockPinModel, Contact, run_campaign
 from fe.campaign_result import Campaign
 from fe.response import Array
@@ -20,12 +22,20 @@ TRAINING_SEED, HELD_OUT_SEED = 1, 2
 FACTORS = {
     "r": (0.0, 1.0),
     "s": (0.0, 0.5),
-    "bulk": (50.0, 500.0),
+    "bulk": (5.0, 2000.0),
     "friction": (0.1, 1.0),
     "height": (2.5, 2.7),
-    "fillet": (0.1, 0.3),
+    "fillet": (0.2, 0.5),
 }
 """range of each factor; bulk over shear modulus, friction of pin and base, lengths in mm"""
+LOGARITHMIC = ("bulk",)
+"""factors whose logarithm is spread evenly"""
+CELLS = {
+    "stick": SAMPLING_CELLS["bar, stick"],
+    "slide": SAMPLING_CELLS["bar, frictionless"],
+    "friction": SAMPLING_CELLS["bar, friction"],
+}
+"""sampling mesh of each contact"""
 
 
 @dataclass(frozen=True)
@@ -41,16 +51,26 @@ class Design:
 
     @property
     def bounds(self) -> Array:
-        """(d, 2) box of the factors."""
-        return np.array([FACTORS[name] for name in self.names])
+        """(d, 2) box of the coordinates: factors, or their logarithms."""
+        box = np.array([FACTORS[name] for name in self.names])
+        return np.where(self._logarithmic[:, None], np.log(box), box)
 
     def training(self) -> Array:
-        """(n_runs, d) points: corners, then a Sobol sequence."""
-        return sobol_design(self.n_runs, self.bounds, TRAINING_SEED, n_corners=self.n_corners)
+        """(n_runs, d) factors: corners, then a Sobol sequence of the coordinates."""
+        points = sobol_design(self.n_runs, self.bounds, TRAINING_SEED, n_corners=self.n_corners)
+        return self._factors(points)
 
     def held_out(self, n: int) -> Array:
-        """(n, d) points of another Sobol sequence, never used in training."""
-        return sobol_design(n, self.bounds, HELD_OUT_SEED, n_corners=0)
+        """(n, d) factors of another Sobol sequence, never used in training."""
+        return self._factors(sobol_design(n, self.bounds, HELD_OUT_SEED, n_corners=0))
+
+    @property
+    def _logarithmic(self) -> npt.NDArray[np.bool_]:
+        return np.array([name in LOGARITHMIC for name in self.names])
+
+    def _factors(self, points: Array) -> Array:
+        factors: Array = np.where(self._logarithmic, np.exp(points), points)
+        return factors
 
 
 DESIGNS = (
