@@ -53,7 +53,8 @@ class Design:
     def bounds(self) -> Array:
         """(d, 2) box of the coordinates: factors, or their logarithms."""
         box = np.array([FACTORS[name] for name in self.names])
-        return np.where(self._logarithmic[:, None], np.log(box), box)
+        box[self._logarithmic] = np.log(box[self._logarithmic])
+        return box
 
     def training(self) -> Array:
         """(n_runs, d) factors: corners, then a Sobol sequence of the coordinates."""
@@ -69,7 +70,8 @@ class Design:
         return np.array([name in LOGARITHMIC for name in self.names])
 
     def _factors(self, points: Array) -> Array:
-        factors: Array = np.where(self._logarithmic, np.exp(points), points)
+        factors = points.copy()
+        factors[:, self._logarithmic] = np.exp(points[:, self._logarithmic])
         return factors
 
 
