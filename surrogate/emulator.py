@@ -263,6 +263,5 @@ def _fit_force(
         slopes=slopes,
         n_restarts=n_restarts,
         sharing=sharing,
-        stretch=True,
     )
     return modal, scale

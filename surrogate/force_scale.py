@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from surrogate.coordinates import choose_strength
+from surrogate.coordinates import choose_coordinates
 from surrogate.pod import fit_pod
 
 Array = npt.NDArray[np.float64]
@@ -51,24 +51,21 @@ class ForceScale:
 
 
 def choose_scale(x: Array, force: Array, gradient: Array | None) -> ForceScale:
-    """The scale on which forces (n, n_step) over x (n, d) are more probable, as densities in N."""
+    """The scale on which runs left out of forces (n, n_step) over x (n, d) are more probable."""
     mean = force.mean(axis=0)
     return max(
         (ForceScale(mean, log) for log in (False, True)),
-        key=lambda scale: _log_evidence(x, force, gradient, scale),
+        key=lambda scale: _score(x, force, gradient, scale),
     )
 
 
-def _log_evidence(x: Array, force: Array, gradient: Array | None, scale: ForceScale) -> float:
+def _score(x: Array, force: Array, gradient: Array | None, scale: ForceScale) -> float:
+    """Log probability density of forces left out, over their mean, in coordinates of the scale."""
     y = scale.values(force)
     pod = fit_pod(y, tolerance=0.0, max_modes=y.shape[1])
     slopes = None
     if gradient is not None:
         slopes = np.matmul(pod.modes.T, scale.slopes(force, gradient))
-    found = choose_strength(x, pod.weights(y), slopes)
-    if not scale.log:
-        return found.log_evidence
-    # dy/dforce = mean / force relative to the other scale, for every row of each run.
-    usable = 0 if slopes is None else np.isfinite(slopes).all(axis=1).sum(axis=1)
-    jacobian = ((1 + usable) * np.log(force / scale.mean).sum(axis=1))[found.part]
-    return found.log_evidence - float(jacobian.sum())
+    chosen = choose_coordinates(x, pod.weights(y), slopes)
+    # d log(f) = df / f: a density of the logarithm over f is one of f.
+    return chosen.score - scale.log * float(np.log(force / scale.mean)[chosen.part].sum())

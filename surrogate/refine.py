@@ -127,8 +127,7 @@ class _Uncertainty:
 
     @classmethod
     def of(cls, processes: GaussianProcesses, candidates: Array, weight: Array) -> _Uncertainty:
-        nugget = processes.nugget[processes.group.astype(np.int64)]
-        noise = processes.variance_scale * np.maximum(nugget, _JITTER)
+        noise = processes.variance_scale * np.maximum(processes.nugget, _JITTER)
         wide = weight if weight.ndim == 2 else weight[:, None]
         return cls(processes.covariance(candidates, candidates), noise, wide)
 

@@ -1,16 +1,15 @@
 """The few directions of the runs' information that a predicted variance depends on.
 
-The variance at x is 1 - |w(x)|^2 + nugget with w(x) = L^-1 k(x), one number for each row of the
-covariance L @ L.T of the runs.  Over the box of the design w(x) keeps close to a space of far fewer
-dimensions, as k is smooth and noise hides its finest parts.  With orthonormal directions U,
-1 - |U.T w(x)|^2 is never below the variance.
+In the basis of `surrogate.evidence` the variance at x is 1 - sum_i c_i(x)^2 / (w_i + nugget) +
+nugget, one term for each row of the runs, all of them positive. Where the eigenvalue w_i is far
+below the nugget, noise hides the direction and its term is next to nothing: leaving it out makes
+the variance larger, never smaller.
 """
 
 from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from scipy.linalg import eigh
 
 Array = npt.NDArray[np.float64]
 
@@ -18,16 +17,17 @@ TOLERANCE = 0.01
 """largest share by which a variance may be stated too large where it is checked"""
 
 
-def variance_directions(whitened: Array, variance: Array, tolerance: float = TOLERANCE) -> Array:
-    """(n_rows, q) fewest directions U that leave each variance too large by the tolerance at most.
+def unneeded(squared: Array, shares: Array, nugget: Array, tolerance: float = TOLERANCE) -> int:
+    """How many of the first directions every variance may be computed without.
 
-    `whitened` (m, n_rows) are w at sample points, `variance` (m,) 1 - |w|^2 + nugget > 0 there.
-    Directions are the principal ones of w / sqrt(variance), so that points count by their need.
+    `squared` (n_rows, m) are c^2 at m points, eigenvalues ascending, `shares` (k, n_rows)
+    1 / (w + nugget), `nugget` (k,). No variance of any process at any of the points then gets
+    larger by more than the tolerance.
     """
-    relative = whitened / np.sqrt(variance)[:, None]
-    directions = eigh(relative.T @ relative)[1][:, ::-1]
-    # What all directions from the j-th on add to the variance of each point, over that variance.
-    added = np.cumsum(((relative @ directions) ** 2)[:, ::-1], axis=1)[:, ::-1]
-    enough = np.append(added.max(axis=0), 0.0) <= tolerance
-    kept: Array = directions[:, : int(np.argmax(enough))]
-    return kept
+    few = len(squared)
+    for share, own in zip(shares, nugget, strict=True):
+        terms = share[:, None] * squared
+        variance = np.maximum(1.0 - terms.sum(axis=0), 0.0) + own
+        added = np.cumsum(terms, axis=0) / variance
+        few = min(few, int(np.count_nonzero(added.max(axis=1) <= tolerance)))
+    return few
