@@ -1,7 +1,7 @@
 """Emulators on held-out FE runs: error, coverage, time, and peers on the same runs.
 
     python benchmarks/emulator.py [--json FILE] [--designs 1 2 3] [--contact stick slide]
-                                  [--cells 12 4 2] [--held-out N] [--store FOLDER] [--no-peers]
+                                  [--held-out N] [--store FOLDER] [--no-peers]
 
 Simulations are stored one by one and reused, so that a killed benchmark goes on where it was.  One
 process with one thread.
@@ -29,7 +29,7 @@ import numpy as np
 
 from benchmarks.emulator_peers import peer_figures
 from benchmarks.emulator_refinement import refinement_run_ratio
-from benchmarks.emulator_runs import DESIGNS, Design, family, simulate
+from benchmarks.emulator_runs import CELLS, DESIGNS, Design, family, simulate
 from fe.campaign_result import Campaign
 from surrogate import Emulator, TrainingSet, held_out_residuals, named_gradient
 
@@ -39,7 +39,7 @@ N_THETA = 1000
 def main(arguments: list[str] | None = None) -> None:
     """Run the designs asked for and write the figures."""
     options = _parser().parse_args(arguments)
-    figures: dict[str, Any] = {"cells": options.cells, "designs": []}
+    figures: dict[str, Any] = {"cells": CELLS, "designs": []}
     for number in options.designs:
         design = DESIGNS[number - 1]
         # Where friction is a factor, it is the contact.
@@ -59,7 +59,6 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures here")
     parser.add_argument("--designs", type=int, nargs="+", default=[1, 2, 3], choices=[1, 2, 3])
     parser.add_argument("--contact", nargs="+", default=["stick", "slide"])
-    parser.add_argument("--cells", type=int, nargs=3, default=[12, 4, 2], metavar="N")
     parser.add_argument("--held-out", type=int, default=32, metavar="N")
     parser.add_argument("--store", type=Path, default=Path("runs/emulator_benchmark"))
     parser.add_argument("--no-peers", action="store_true", help="leave the other codes out")
@@ -69,7 +68,7 @@ def _parser() -> argparse.ArgumentParser:
 def _design(design: Design, contact: str, options: argparse.Namespace) -> dict[str, Any]:
     """Figures of one row of the table with one contact."""
     print(f"\n{', '.join(design.names)}: {design.n_runs} runs, {contact}")
-    model = family(design.names, contact, tuple(options.cells))
+    model = family(design.names, contact, CELLS[contact])
     folder = options.store / contact
     points = np.vstack([design.training(), design.held_out(options.held_out)])
     campaign = simulate(points, model, folder, _progress)
@@ -110,13 +109,14 @@ def _runs(design: Design, campaign: Campaign, rows: slice) -> TrainingSet:
         )
         for kind in ("force", "displacement")
     }
+    factors = campaign.theta[rows]
     return TrainingSet.from_runs(
-        campaign.theta[rows],
+        design.coordinates(factors),
         campaign.force[rows],
         campaign.displacement[rows],
         campaign.reached[rows],
-        force_gradient=gradients["force"],
-        displacement_gradient=gradients["displacement"],
+        force_gradient=design.by_coordinates(gradients["force"], factors),
+        displacement_gradient=design.by_coordinates(gradients["displacement"], factors),
         smooth=np.array([(run.negative_pivots <= 0).all() for run in responses]),
     )
 

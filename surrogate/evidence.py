@@ -32,7 +32,7 @@ run's derivatives are never to be trusted more than its values."""
 _STARTING_LENGTH, _STARTING_ROUGHNESS = 1.0, 1e3
 _COARSE_ROWS = 200
 """rows of the part of the runs on which the search starts"""
-_COARSE_ITERATIONS, _FINE_ITERATIONS = 40, 4
+_COARSE_ITERATIONS, _FINE_ITERATIONS = 30, 3
 _PER_DECADE, _HALVINGS = 2, 24
 _NO_EVIDENCE = 1e25
 

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from surrogate.coordinates import choose_coordinates
+from surrogate.coordinates import Chosen, choose_coordinates
 from surrogate.pod import fit_pod
 
 Array = npt.NDArray[np.float64]
@@ -50,22 +51,24 @@ class ForceScale:
         return by_input
 
 
-def choose_scale(x: Array, force: Array, gradient: Array | None) -> ForceScale:
+class ChosenScale(NamedTuple):
+    """Scale of a force, and coordinates and covariance of its modes on it."""
+
+    scale: ForceScale
+    chosen: Chosen
+
+
+def choose_scale(x: Array, force: Array, gradient: Array | None) -> ChosenScale:
     """The scale on which runs left out of forces (n, n_step) over x (n, d) are more probable."""
-    mean = force.mean(axis=0)
-    return max(
-        (ForceScale(mean, log) for log in (False, True)),
-        key=lambda scale: _score(x, force, gradient, scale),
-    )
-
-
-def _score(x: Array, force: Array, gradient: Array | None, scale: ForceScale) -> float:
-    """Log probability density of forces left out, over their mean, in coordinates of the scale."""
-    y = scale.values(force)
-    pod = fit_pod(y, tolerance=0.0, max_modes=y.shape[1])
-    slopes = None
-    if gradient is not None:
-        slopes = np.matmul(pod.modes.T, scale.slopes(force, gradient))
-    chosen = choose_coordinates(x, pod.weights(y), slopes)
-    # d log(f) = df / f: a density of the logarithm over f is one of f.
-    return chosen.score - scale.log * float(np.log(force / scale.mean)[chosen.part].sum())
+    mean, best = force.mean(axis=0), []
+    for scale in (ForceScale(mean, False), ForceScale(mean, True)):
+        y = scale.values(force)
+        pod = fit_pod(y, tolerance=0.0, max_modes=y.shape[1])
+        slopes = None
+        if gradient is not None:
+            slopes = np.matmul(pod.modes.T, scale.slopes(force, gradient))
+        chosen = choose_coordinates(x, pod.weights(y), slopes)
+        # d log(f) = df / f: a density of the logarithm over f is one of f.
+        jacobian = scale.log * np.log(force / mean)[chosen.part].sum()
+        best.append((chosen.score - jacobian, ChosenScale(scale, chosen)))
+    return max(best, key=lambda scored: scored[0])[1]

@@ -101,10 +101,8 @@ def _groups(k: int, usable: npt.NDArray[np.bool_], sharing: Sharing) -> list[npt
     until there are many runs.
     """
     if sharing == "auto":
-        if usable.any():
-            sharing = "all"
-        else:
-            sharing = "none" if len(usable) <= _MANY_RUNS else "leading"
+        few: Sharing = "none" if len(usable) <= _MANY_RUNS else "leading"
+        sharing = "all" if usable.any() else few
     n_own = {"all": 0, "leading": min(_N_LEADING, k), "none": k}[sharing]
     groups = [np.array([j]) for j in range(n_own)]
     return groups if n_own == k else [*groups, np.arange(n_own, k)]

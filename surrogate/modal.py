@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from surrogate.coordinates import choose_coordinates
+from surrogate.coordinates import Chosen, choose_coordinates
 from surrogate.covariance import FAMILIES
 from surrogate.gp import Array, GaussianProcesses, to_arrays
 from surrogate.gp_fit import Sharing, fit_processes
@@ -71,17 +71,20 @@ def fit_modal(
     max_modes: int = 12,
     n_restarts: int = 1,
     sharing: Sharing = "auto",
+    chosen: Chosen | None = None,
 ) -> ModalEmulator:
     """Fit to y (n, n_obs) over x (n, d) and its derivatives `slopes` (n, n_obs, d), if any.
 
     Coordinates and, with derivatives, the covariance are those in which the leading modes of a run
-    left out are most probable. See `fit_pod` and `fit_processes` for the other arguments.
+    left out are most probable, unless they are `chosen` already. See `fit_pod` and `fit_processes`
+    for the other arguments.
     """
     pod = fit_pod(y, tolerance=tolerance, max_modes=max_modes, weight=_inside(x))
     weights = pod.weights(y)
     by_input = None if slopes is None else np.matmul(pod.modes.T, slopes)
-    leading = None if by_input is None else by_input[:, :N_LEADING]
-    chosen = choose_coordinates(x, weights[:, :N_LEADING], leading)
+    if chosen is None:
+        leading = None if by_input is None else by_input[:, :N_LEADING]
+        chosen = choose_coordinates(x, weights[:, :N_LEADING], leading)
     processes = fit_processes(
         x,
         weights,

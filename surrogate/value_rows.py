@@ -29,7 +29,7 @@ def value_rows(family: int, length: Array, x: Array, other: Array, rows: Rows) -
 
 
 def _radial(family: int, squared: Array) -> tuple[Array, Array]:
-    """phi and phi' of scaled squared distances, see `surrogate.covariance`."""
+    """Values phi and phi' at scaled squared distances, see `surrogate.covariance`."""
     if family == 2:
         e = np.exp(-0.5 * squared)
         return e, -0.5 * e

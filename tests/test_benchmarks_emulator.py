@@ -14,7 +14,8 @@ from benchmarks.emulator_runs import DESIGNS, FACTORS, Design, family
 def test_held_out_points_are_inside_and_never_in_training(design: Design) -> None:
     training, held_out = design.training(), design.held_out(16)
     assert training.shape == (design.n_runs, len(design.names))
-    assert ((held_out > design.bounds[:, 0]) & (held_out < design.bounds[:, 1])).all()
+    inside = design.coordinates(held_out)
+    assert ((inside > design.bounds[:, 0]) & (inside < design.bounds[:, 1])).all()
     assert not any((training == point).all(axis=1).any() for point in held_out)
 
 
@@ -24,6 +25,19 @@ def test_each_factor_reaches_the_model() -> None:
     )
     assert model.bulk_ratio == 150.0 and model.contact.pin == 0.4 and model.contact.base == 0.4
     assert model.specimen.height == 2.6 and model.specimen.pin_fillet == 0.2
+
+
+def test_derivatives_by_coordinates_are_limits_of_differences() -> None:
+    """Of f = bulk r: by ln bulk it is bulk r."""
+    design = DESIGNS[1]
+    factors = np.array([[0.3, 0.1, 50.0], [0.7, 0.2, 400.0]])
+    gradient = np.stack([factors[:, 2], np.zeros(2), factors[:, 0]], axis=1)[:, None]
+    at = design.coordinates(factors)
+    found = design.by_coordinates(gradient, factors)
+    for axis, step in enumerate(1e-6 * np.eye(3)):
+        high, low = design.factors(at + step), design.factors(at - step)
+        difference = (high[:, 2] * high[:, 0] - low[:, 2] * low[:, 0]) / 2e-6
+        np.testing.assert_allclose(found[:, 0, axis], difference, rtol=1e-6, atol=1e-6)
 
 
 @pytest.mark.parametrize("contact", ["stick", "slide"])
