@@ -28,7 +28,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.emulator_peers import peer_figures
-from benchmarks.emulator_refinement import refinement_run_ratio
+from benchmarks.emulator_refinement import refinement_figures
 from benchmarks.emulator_runs import CELLS, DESIGNS, Design, family, simulate
 from fe.campaign_result import Campaign
 from surrogate import Emulator, TrainingSet, held_out_residuals, named_gradient
@@ -45,8 +45,12 @@ def main(arguments: list[str] | None = None) -> None:
         # Where friction is a factor, it is the contact.
         for contact in ("friction",) if "friction" in design.names else options.contact:
             figures["designs"].append(_design(design, contact, options))
-    figures |= refinement_run_ratio()
-    print(f"Refinement: {figures['refinement_run_ratio']:.2f} of the runs of a fixed design")
+    figures |= refinement_figures()
+    for found in figures["refinement"]:
+        print(
+            f"Refinement, {found['waves']:g} waves: {found['refinement_runs']} runs, off by "
+            f"{found['error_when_stopped']:.3f} SDs; a fixed design {found['fixed_runs']}"
+        )
     if options.json:
         options.json.write_text(json.dumps(figures, indent=2) + "\n")
         print(f"written to {options.json}")

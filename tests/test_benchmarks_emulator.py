@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from benchmarks.emulator_peers import pca_gp
-from benchmarks.emulator_refinement import _model
+from benchmarks.emulator_refinement import PROBLEMS
 from benchmarks.emulator_runs import DESIGNS, FACTORS, Design, family
 
 
@@ -47,10 +47,11 @@ def test_without_friction_the_contact_is_the_one_asked_for(contact: str) -> None
 
 
 def test_derivatives_of_the_refinement_problem_are_limits_of_differences() -> None:
-    x = np.random.default_rng(0).random((5, 2))
+    x, problem = np.random.default_rng(0).random((5, 2)), PROBLEMS[0]
     for axis, step in enumerate(1e-6 * np.eye(2)):
-        difference = (_model(x + step)[0] - _model(x - step)[0]) / 2e-6
-        np.testing.assert_allclose(_model(x)[1][:, :, axis], difference, rtol=1e-6, atol=1e-6)
+        difference = (problem.model(x + step)[0] - problem.model(x - step)[0]) / 2e-6
+        found = problem.model(x)[1][:, :, axis]
+        np.testing.assert_allclose(found, difference, rtol=1e-6, atol=1e-6)
 
 
 def test_the_peer_of_scikit_learn_meets_a_smooth_function() -> None:
@@ -58,6 +59,7 @@ def test_the_peer_of_scikit_learn_meets_a_smooth_function() -> None:
     x, new, place = rng.random((20, 2)), rng.random((10, 2)), np.linspace(0.0, 3.0, 30)
 
     def truth(points: np.ndarray) -> np.ndarray:
-        return np.sin(place + points[:, :1] + 0.5 * points[:, 1:])
+        found: np.ndarray = np.sin(place + points[:, :1] + 0.5 * points[:, 1:])
+        return found
 
     assert np.abs(pca_gp(x, truth(x), new) - truth(new)).max() < 0.01
