@@ -187,4 +187,9 @@ def _checked(emulator: Emulator, sample: Array) -> Array:
         )
     if not (np.ptp(sample, axis=0) > 0.0).all():
         raise ValueError("posterior_sample: must vary in every input")
+    unit = (sample - sample.mean(axis=0)) / sample.std(axis=0)
+    if np.linalg.matrix_rank(unit) < d:
+        raise ValueError(
+            f"posterior_sample: expected draws that span {d} inputs, found all on a line or plane"
+        )
     return sample
