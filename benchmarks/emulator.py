@@ -27,7 +27,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.emulator_peers import peer_figures
+from benchmarks.emulator_peers import PeerFigures, peer_figures
 from benchmarks.emulator_refinement import refinement_figures
 from benchmarks.emulator_runs import CELLS, DESIGNS, Design, family, simulate
 from fe.campaign_result import Campaign
@@ -97,7 +97,11 @@ def _design(design: Design, contact: str, options: argparse.Namespace) -> dict[s
     if not options.no_peers:
         peers = peer_figures(training, held_out)
         table["peers"] = {name: asdict(figures) for name, figures in peers.items()}
+        table["fe_seconds_a_run"] = float(np.mean([run.seconds for run in campaign.responses]))
+        table["runs_at_error_of"] = _runs_at_error(training, held_out, peers)
     _print(table)
+    if "runs_at_error_of" in table:
+        print("runs for the field error of each peer:", table["runs_at_error_of"])
     return table
 
 
@@ -149,6 +153,27 @@ def _figures(training: TrainingSet, held_out: TrainingSet) -> dict[str, Any]:
         "train_seconds": seconds,
         "predict_us": _microseconds(emulator, training),
     }
+
+
+def _runs_at_error(
+    training: TrainingSet, held_out: TrainingSet, peers: dict[str, PeerFigures]
+) -> dict[str, int | None]:
+    """Fewest runs with which our field is no worse than that of a peer with all of them.
+
+    In eighths of the design, from its start (it is nested); None where not even all are enough.
+    """
+    n, found = len(training.ratios), dict[str, int | None].fromkeys(peers)
+    for eighths in range(2, 9):
+        part = n * eighths // 8
+        emulator = Emulator.fit(training.subset(slice(0, part)), 1)
+        error = emulator.displacement(held_out.ratios) - held_out.displacement
+        rmse = float(np.sqrt(np.mean(error**2)))
+        for name, peer in peers.items():
+            if found[name] is None and rmse <= peer.field_rmse_mm:
+                found[name] = part
+        if None not in found.values():
+            break
+    return found
 
 
 def _force_max(relative: np.ndarray) -> list[float]:
