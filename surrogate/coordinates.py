@@ -16,7 +16,7 @@ Array = npt.NDArray[np.float64]
 
 _ROWS = 200
 """values and derivatives on which the choice is made: runs are thinned to as many"""
-_ITERATIONS = 8
+_ITERATIONS = 6
 _MIN_GAIN = 2.0
 """gain of the score below which an input is left as it is"""
 

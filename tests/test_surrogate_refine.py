@@ -48,7 +48,7 @@ def test_the_updated_variance_is_that_of_an_emulator_with_the_run() -> None:
     after = before.given(4)
     for k in range(3):
         noise = before.noise[k] * np.eye(31)
-        x = np.vstack([processes.inputs * processes.span + processes.low, candidates[4]])
+        x = np.vstack([sobol_design(10, BOX, seed=2), candidates[4]])
         joint = processes.variance_scale[k] * processes.prior(0, x, x)
         joint[:10, :10] += processes.nugget[k] * processes.variance_scale[k] * np.eye(10)
         joint[10, 10] += noise[0, 0]
