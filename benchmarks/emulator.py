@@ -1,7 +1,7 @@
 """Emulators on held-out FE runs: error, coverage, time, and peers on the same runs.
 
     python benchmarks/emulator.py [--json FILE] [--designs 1 2 3] [--contact stick slide]
-                                  [--cells 12 4 2] [--held-out N] [--store FOLDER] [--no-peers]
+                                  [--held-out N] [--store FOLDER] [--no-peers]
 
 Simulations are stored one by one and reused, so that a killed benchmark goes on where it was.  One
 process with one thread.
@@ -27,9 +27,9 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.emulator_peers import peer_figures
-from benchmarks.emulator_refinement import refinement_run_ratio
-from benchmarks.emulator_runs import DESIGNS, Design, family, simulate
+from benchmarks.emulator_peers import PeerFigures, peer_figures
+from benchmarks.emulator_refinement import refinement_figures
+from benchmarks.emulator_runs import CELLS, DESIGNS, Design, family, simulate
 from fe.campaign_result import Campaign
 from surrogate import Emulator, TrainingSet, held_out_residuals, named_gradient
 
@@ -39,14 +39,18 @@ N_THETA = 1000
 def main(arguments: list[str] | None = None) -> None:
     """Run the designs asked for and write the figures."""
     options = _parser().parse_args(arguments)
-    figures: dict[str, Any] = {"cells": options.cells, "designs": []}
+    figures: dict[str, Any] = {"cells": CELLS, "designs": []}
     for number in options.designs:
         design = DESIGNS[number - 1]
         # Where friction is a factor, it is the contact.
         for contact in ("friction",) if "friction" in design.names else options.contact:
             figures["designs"].append(_design(design, contact, options))
-    figures |= refinement_run_ratio()
-    print(f"Refinement: {figures['refinement_run_ratio']:.2f} of the runs of a fixed design")
+    figures |= refinement_figures()
+    for found in figures["refinement"]:
+        print(
+            f"Refinement, {found['waves']:g} waves: {found['refinement_runs']} runs, off by "
+            f"{found['error_when_stopped']:.3f} SDs; a fixed design {found['fixed_runs']}"
+        )
     if options.json:
         options.json.write_text(json.dumps(figures, indent=2) + "\n")
         print(f"written to {options.json}")
@@ -59,7 +63,6 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures here")
     parser.add_argument("--designs", type=int, nargs="+", default=[1, 2, 3], choices=[1, 2, 3])
     parser.add_argument("--contact", nargs="+", default=["stick", "slide"])
-    parser.add_argument("--cells", type=int, nargs=3, default=[12, 4, 2], metavar="N")
     parser.add_argument("--held-out", type=int, default=32, metavar="N")
     parser.add_argument("--store", type=Path, default=Path("runs/emulator_benchmark"))
     parser.add_argument("--no-peers", action="store_true", help="leave the other codes out")
@@ -69,7 +72,7 @@ def _parser() -> argparse.ArgumentParser:
 def _design(design: Design, contact: str, options: argparse.Namespace) -> dict[str, Any]:
     """Figures of one row of the table with one contact."""
     print(f"\n{', '.join(design.names)}: {design.n_runs} runs, {contact}")
-    model = family(design.names, contact, tuple(options.cells))
+    model = family(design.names, contact, CELLS[contact])
     folder = options.store / contact
     points = np.vstack([design.training(), design.held_out(options.held_out)])
     campaign = simulate(points, model, folder, _progress)
@@ -94,7 +97,11 @@ def _design(design: Design, contact: str, options: argparse.Namespace) -> dict[s
     if not options.no_peers:
         peers = peer_figures(training, held_out)
         table["peers"] = {name: asdict(figures) for name, figures in peers.items()}
+        table["fe_seconds_a_run"] = float(np.mean([run.seconds for run in campaign.responses]))
+        table["runs_at_error_of"] = _runs_at_error(training, held_out, peers)
     _print(table)
+    if "runs_at_error_of" in table:
+        print("runs for the field error of each peer:", table["runs_at_error_of"])
     return table
 
 
@@ -110,13 +117,14 @@ def _runs(design: Design, campaign: Campaign, rows: slice) -> TrainingSet:
         )
         for kind in ("force", "displacement")
     }
+    factors = campaign.theta[rows]
     return TrainingSet.from_runs(
-        campaign.theta[rows],
+        design.coordinates(factors),
         campaign.force[rows],
         campaign.displacement[rows],
         campaign.reached[rows],
-        force_gradient=gradients["force"],
-        displacement_gradient=gradients["displacement"],
+        force_gradient=design.by_coordinates(gradients["force"], factors),
+        displacement_gradient=design.by_coordinates(gradients["displacement"], factors),
         smooth=np.array([(run.negative_pivots <= 0).all() for run in responses]),
     )
 
@@ -145,6 +153,27 @@ def _figures(training: TrainingSet, held_out: TrainingSet) -> dict[str, Any]:
         "train_seconds": seconds,
         "predict_us": _microseconds(emulator, training),
     }
+
+
+def _runs_at_error(
+    training: TrainingSet, held_out: TrainingSet, peers: dict[str, PeerFigures]
+) -> dict[str, int | None]:
+    """Fewest runs with which our field is no worse than that of a peer with all of them.
+
+    In eighths of the design, from its start (it is nested); None where not even all are enough.
+    """
+    n, found = len(training.ratios), dict[str, int | None].fromkeys(peers)
+    for eighths in range(2, 9):
+        part = n * eighths // 8
+        emulator = Emulator.fit(training.subset(slice(0, part)), 1)
+        error = emulator.displacement(held_out.ratios) - held_out.displacement
+        rmse = float(np.sqrt(np.mean(error**2)))
+        for name, peer in peers.items():
+            if found[name] is None and rmse <= peer.field_rmse_mm:
+                found[name] = part
+        if None not in found.values():
+            break
+    return found
 
 
 def _force_max(relative: np.ndarray) -> list[float]:

@@ -251,7 +251,7 @@ def _field_shape(displacement: Array | None) -> tuple[int, int, int] | None:
 def _fit_force(
     runs: TrainingSet, seed: int, n_restarts: int, sharing: Sharing
 ) -> tuple[ModalEmulator, ForceScale]:
-    scale = choose_scale(runs.ratios, runs.force, runs.force_gradient)
+    scale, chosen = choose_scale(runs.ratios, runs.force, runs.force_gradient)
     slopes = None
     if runs.force_gradient is not None:
         slopes = scale.slopes(runs.force, runs.force_gradient)
@@ -263,6 +263,6 @@ def _fit_force(
         slopes=slopes,
         n_restarts=n_restarts,
         sharing=sharing,
-        stretch=True,
+        chosen=chosen,
     )
     return modal, scale

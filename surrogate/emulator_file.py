@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 Array = npt.NDArray[np.float64]
 
-EMULATOR_VERSION = 3
+EMULATOR_VERSION = 4
 _MAGIC = "softcal emulator"
 
 

@@ -1,8 +1,11 @@
 """Evidence of shared covariance parameters given values and derivatives, and its maximum.
 
-All outputs of a group have the covariance A_j (R + diag(nuggets)), with a common correlation R and
-their own amplitudes A_j. The amplitudes have a closed form, so that only lengths and nuggets, given
-as shares of the amplitude, are searched (profile likelihood: Santner, Williams & Notz 2018, 4.3).
+Output j of a group has the covariance A_j (R + delta_j D): a common correlation R and shape D of
+the noise, diagonal, with its own amplitude A_j and nugget delta_j, so that strong outputs may be
+exact where weak ones are mostly noise. With B.T @ R @ B = diag(w) and B.T @ D @ B = 1 the inverse
+is B diag(1 / (w + delta_j)) B.T: one decomposition serves all outputs. Amplitudes have a closed
+form and nuggets are searched one by one, so that only what is shared, lengths and D, is searched
+together (profile likelihood: Santner, Williams & Notz 2018, 4.3).
 """
 
 from __future__ import annotations
@@ -11,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from scipy.linalg import lapack
+from scipy.linalg import LinAlgError, eigh
 from scipy.optimize import minimize
 
 from surrogate.covariance import Rows, covariance, prior_variance, rows_of, slopes_by_length
@@ -20,28 +23,38 @@ Array = npt.NDArray[np.float64]
 
 LENGTH_BOUNDS = (0.05, 20.0)
 """correlation lengths, in extents of the training inputs"""
-NUGGET_BOUNDS = (1e-10, 1.0)
-"""nugget as a share of the amplitude: from exact data to as much noise as signal"""
+NUGGET_BOUNDS = (1e-10, 1e2)
+"""nugget as a share of the amplitude: from exact data to little but noise"""
 ROUGHNESS_BOUNDS = (10.0, 1e9)
 """share of noise in the derivatives over that in the values. What a smooth covariance takes for
 noise is a roughness of short length, whose derivatives are larger by the ratio of the lengths: a
 run's derivatives are never to be trusted more than its values."""
-_STARTING_LENGTH, _STARTING_NUGGET, _STARTING_ROUGHNESS = 1.0, 1e-6, 1e3
-_COARSE_ROWS = 280
+_STARTING_LENGTH, _STARTING_ROUGHNESS = 1.0, 1e3
+_COARSE_ROWS = 200
 """rows of the part of the runs on which the search starts"""
-_COARSE_ITERATIONS, _FINE_ITERATIONS = 60, 6
+_COARSE_ITERATIONS, _FINE_ITERATIONS = 30, 3
+_PER_DECADE, _HALVINGS = 2, 24
 _NO_EVIDENCE = 1e25
 
 
 class Hyperparameters(NamedTuple):
-    """Parameters of one covariance at unit amplitude."""
+    """What the outputs of a group share."""
 
     length: Array
     """(d,) correlation lengths"""
-    nugget: float
-    """noise variance of values"""
-    slope_nugget: float
-    """noise variance of derivatives over their prior variance"""
+    roughness: float
+    """noise of derivatives over their prior variance, as a share of the nugget of the values"""
+
+
+class Spectrum(NamedTuple):
+    """Correlation R and noise D of the rows, both diagonal in one basis."""
+
+    values: Array
+    """(n_rows,) w >= 0"""
+    basis: Array
+    """(n_rows, n_rows) B with B.T @ R @ B = diag(w), B.T @ D @ B = 1"""
+    noise: Array
+    """(n_rows,) diagonal of D"""
 
 
 class Fitted(NamedTuple):
@@ -49,6 +62,8 @@ class Fitted(NamedTuple):
 
     family: int
     hyperparameters: Hyperparameters
+    nugget: Array
+    """(k,) noise variance of values over the amplitude"""
     log_evidence: float
     part: npt.NDArray[np.int64]
     """runs whose evidence it is"""
@@ -56,50 +71,99 @@ class Fitted(NamedTuple):
     """their values and derivatives"""
 
 
-def noise_variance(family: int, parameters: Hyperparameters, rows: Rows) -> Array:
-    """(n_rows,) noise variance of each row at unit amplitude."""
-    slopes = parameters.slope_nugget * prior_variance(family, parameters.length, rows)
-    noise: Array = np.where(rows.is_slope, slopes, parameters.nugget)
-    return noise
+def noise_shape(family: int, parameters: Hyperparameters, rows: Rows) -> Array:
+    """(n_rows,) diagonal of D: noise variance of each row over that of values."""
+    slopes = parameters.roughness * prior_variance(family, parameters.length, rows)
+    shape: Array = np.where(rows.is_slope, slopes, 1.0)
+    return shape
 
 
-def noisy_covariance(family: int, parameters: Hyperparameters, x: Array, rows: Rows) -> Array:
-    """(n_rows, n_rows) covariance of the noisy rows at x (n, d), at unit amplitude."""
+def spectrum(family: int, parameters: Hyperparameters, x: Array, rows: Rows) -> Spectrum:
+    """Decomposition for rows at x (n, d), at unit amplitude.
+
+    Raises ValueError where LAPACK does not converge, as with numbers that are not finite.
+    """
+    noise = noise_shape(family, parameters, rows)
+    root = 1.0 / np.sqrt(noise)
     matrix = covariance(family, parameters.length, x, rows, x, rows)
-    matrix[np.diag_indices_from(matrix)] += noise_variance(family, parameters, rows)
-    return matrix
+    matrix *= root
+    matrix *= root[:, None]
+    try:
+        values, vectors = eigh(matrix, overwrite_a=True, driver="evd")
+    except LinAlgError as error:
+        raise ValueError(f"y: no covariance of the runs can be decomposed ({error})") from error
+    return Spectrum(np.maximum(values, 0.0), root[:, None] * vectors, noise)
+
+
+def best_nuggets(values: Array, rotated: Array) -> Array:
+    """(k,) nuggets of the largest evidence; `rotated` (n_rows, k) are B.T @ y.
+
+    The best of a grid, then its two neighbours closed in by the golden section.
+    """
+    squared = rotated**2
+    low, high = np.log10(NUGGET_BOUNDS)
+    grid = np.linspace(low, high, int(_PER_DECADE * (high - low)) + 1)
+    each = np.array([_profile(values, squared, np.full(squared.shape[1], 10.0**g)) for g in grid])
+    best = np.argmax(each, axis=0)
+    left, right = grid[np.maximum(best - 1, 0)], grid[np.minimum(best + 1, len(grid) - 1)]
+    golden = (np.sqrt(5.0) - 1.0) / 2.0
+    for _ in range(_HALVINGS):
+        first, second = right - golden * (right - left), left + golden * (right - left)
+        higher = _profile(values, squared, 10.0**first) > _profile(values, squared, 10.0**second)
+        left, right = np.where(higher, left, first), np.where(higher, second, right)
+    middle = 0.5 * (left + right)
+    # The end of a bracket at a bound of the search is never reached from inside.
+    for bound in (low, high):
+        middle = np.where(np.abs(middle - bound) < 1e-3, bound, middle)
+    nuggets: Array = 10.0**middle
+    return nuggets
+
+
+def _profile(values: Array, squared: Array, nugget: Array) -> Array:
+    """(k,) log evidence of each output with its best amplitude, without what is the same for all.
+
+    `squared` (n_rows, k) are the outputs in the basis, squared; `nugget` (k,).
+    """
+    n = len(values)
+    total = values[:, None] + nugget
+    amplitude = np.maximum(np.sum(squared / total, axis=0) / n, np.finfo(float).tiny)
+    value: Array = -0.5 * (n * np.log(amplitude) + np.sum(np.log(total), axis=0))
+    return value
 
 
 def log_evidence(
-    family: int, parameters: Hyperparameters, x: Array, rows: Rows, y: Array
+    family: int,
+    parameters: Hyperparameters,
+    x: Array,
+    rows: Rows,
+    y: Array,
+    nugget: Array | None = None,
 ) -> tuple[float, Array]:
     """Log evidence of outputs y (n_rows, k) with their best amplitudes, and its slope.
 
-    The slope is by ln of lengths, nugget and slope nugget. A covariance that is not positive
-    definite in floating point has the evidence -inf and no slope.
+    `nugget` (k,): by default the best, then the slope is that of the maximum over nuggets.
+    The slope is by ln of lengths and of the roughness.
     """
     n, k = y.shape
-    matrix = noisy_covariance(family, parameters, x, rows)
-    factor, failed = lapack.dpotrf(matrix, lower=1, clean=1)
-    if failed:
-        return -np.inf, np.zeros(len(parameters.length) + 2)
-    alpha = lapack.dpotrs(factor, y, lower=1)[0]
-    amplitude = np.maximum(np.einsum("nk,nk->k", y, alpha) / n, np.finfo(float).tiny)
-    half_logdet = np.sum(np.log(np.diag(factor)))
-    value = -0.5 * n * np.sum(np.log(2.0 * np.pi * amplitude) + 1.0) - k * half_logdet
-    inverse = lapack.dpotri(factor, lower=1)[0]
-    inverse = inverse + inverse.T  # LAPACK gives the lower half
-    inverse[np.diag_indices_from(inverse)] *= 0.5
-    weight = 0.5 * ((alpha / amplitude) @ alpha.T - k * inverse)
-    by_length = slopes_by_length(family, parameters.length, x, rows, weight)
-    by_noise = np.diag(weight) * noise_variance(family, parameters, rows)
+    found = spectrum(family, parameters, x, rows)
+    rotated = found.basis.T @ y
+    if nugget is None:
+        nugget = best_nuggets(found.values, rotated)
+    constant = -0.5 * k * (n * (np.log(2.0 * np.pi) + 1.0) + np.sum(np.log(found.noise)))
+    value = float(np.sum(_profile(found.values, rotated**2, nugget)) + constant)
+    inverse = 1.0 / (found.values[:, None] + nugget)
+    amplitude = np.maximum(np.sum(rotated**2 * inverse, axis=0) / n, np.finfo(float).tiny)
+    alpha = found.basis @ (rotated * inverse)
+    weight = (alpha / amplitude) @ alpha.T
+    weight -= (found.basis * inverse.sum(axis=1)) @ found.basis.T
+    by_length = slopes_by_length(family, parameters.length, x, rows, 0.5 * weight)
+    explained = found.basis**2 @ (inverse @ nugget)
+    by_noise = 0.5 * found.noise * (alpha**2 @ (nugget / amplitude) - explained)
     # The noise of derivatives is a share of their prior variance, which falls as length^-2.
     for axis in range(len(by_length)):
         own = rows.of_point[:, 1 + axis]
         by_length[axis] -= 2.0 * by_noise[own[own >= 0]].sum()
-    is_slope = rows.is_slope
-    slope = [*by_length, by_noise[~is_slope].sum(), by_noise[is_slope].sum()]
-    return float(value), np.array(slope)
+    return value, np.array([*by_length, by_noise[rows.is_slope].sum()])
 
 
 def maximise_evidence(
@@ -110,49 +174,50 @@ def maximise_evidence(
     rng: np.random.Generator,
     n_restarts: int,
     *,
-    coarse_rows: int | None = None,
+    start: Hyperparameters | None = None,
+    max_iterations: int = _COARSE_ITERATIONS,
 ) -> Fitted:
     """Family and parameters of the largest evidence of outputs y (n_rows, k).
 
     `usable` (n, d) marks the derivatives among the rows. Each family is searched from a fixed
-    point and `n_restarts` random ones, on a part of the runs where all have more than 280 rows;
-    the best family is then followed on all of them.  `coarse_rows` takes as many rows instead, and
-    stays with them.
-    Raises ValueError when no covariance is positive definite.
+    point, the best one also from `n_restarts` random ones, on a part of the runs where all have
+    more than 200 rows; what is found is then followed on all of them. `start` takes the place of
+    the fixed point. Raises ValueError where nothing can be decomposed.
     """
-    part, part_rows, part_y = _thinned(usable, y, coarse_rows or _COARSE_ROWS)
-    starts = _starts(x.shape[1], rng, n_restarts)
-    found = [
-        (family, *_search(family, x[part], part_rows, part_y, start, _COARSE_ITERATIONS))
-        for family in families
-        for start in starts
-    ]
+    part, part_rows, part_y = _thinned(usable, y, _COARSE_ROWS)
+    fixed, *random = _starts(x.shape[1], rng, n_restarts)
+    if start is not None:
+        fixed = np.log([*start.length, start.roughness])
+
+    def searched(family: int, at: Array) -> tuple[int, Array, float]:
+        return family, *_search(family, x[part], part_rows, part_y, at, max_iterations)
+
+    found = [searched(family, fixed) for family in families]
+    family = max(found, key=lambda entry: entry[2])[0]
+    found += [searched(family, point) for point in random]
     family, best, value = max(found, key=lambda entry: entry[2])
-    if not np.isfinite(value):
-        raise ValueError("y: no covariance of the runs is positive definite; are points the same?")
-    if len(part) < len(x) and coarse_rows is None:
-        part, part_rows = np.arange(len(x)), rows_of(usable)
+    if len(part) < len(x):
+        part, part_rows, part_y = np.arange(len(x)), rows_of(usable), y
         best, value = _search(family, x, part_rows, y, best, _FINE_ITERATIONS)
-    return Fitted(family, _unpacked(best), value, part, part_rows.n_rows)
+    parameters = _unpacked(best)
+    decomposed = spectrum(family, parameters, x[part], part_rows)
+    nugget = best_nuggets(decomposed.values, decomposed.basis.T @ part_y)
+    return Fitted(family, parameters, nugget, value, part, part_rows.n_rows)
 
 
-def bounds_reached(parameters: Hyperparameters, has_slopes: bool) -> list[str]:
+def bounds_reached(parameters: Hyperparameters, nugget: Array, has_slopes: bool) -> list[str]:
     """Names of the parameters at a bound of the search, with the bound."""
-    names = [f"length {axis}" for axis in range(len(parameters.length))]
-    values = [*parameters.length, parameters.nugget]
-    bounds = [LENGTH_BOUNDS] * len(names) + [NUGGET_BOUNDS]
-    names.append("nugget")
+    checked = [(f"length {i}", v, LENGTH_BOUNDS) for i, v in enumerate(parameters.length)]
+    checked += [("nugget", value, NUGGET_BOUNDS) for value in nugget]
     if has_slopes:
-        names.append("slope nugget over nugget")
-        values.append(parameters.slope_nugget / parameters.nugget)
-        bounds.append(ROUGHNESS_BOUNDS)
+        checked.append(("slope nugget over nugget", parameters.roughness, ROUGHNESS_BOUNDS))
     reached = []
-    for name, value, (low, high) in zip(names, values, bounds, strict=True):
+    for name, value, (low, high) in checked:
         if value <= low * 1.001:
             reached.append(f"{name} at its lower bound {low:g}")
         if value >= high / 1.001:
             reached.append(f"{name} at its upper bound {high:g}")
-    return reached
+    return list(dict.fromkeys(reached))
 
 
 def _thinned(
@@ -168,10 +233,10 @@ def _thinned(
 
 
 def _starts(d: int, rng: np.random.Generator, n_restarts: int) -> list[Array]:
-    fixed = np.log([*[_STARTING_LENGTH] * d, _STARTING_NUGGET, _STARTING_ROUGHNESS])
+    fixed = np.log([*[_STARTING_LENGTH] * d, _STARTING_ROUGHNESS])
     random = [
-        np.concatenate([rng.uniform(np.log(0.2), np.log(5.0), d), np.log(10.0) * noise])
-        for noise in rng.uniform([-9.0, 1.0], [-3.0, 5.0], (n_restarts, 2))
+        np.append(rng.uniform(np.log(0.2), np.log(5.0), d), np.log(10.0) * rng.uniform(1.0, 5.0))
+        for _ in range(n_restarts)
     ]
     return [fixed, *random]
 
@@ -181,13 +246,9 @@ def _search(
 ) -> tuple[Array, float]:
     def negative(packed: Array) -> tuple[float, Array]:
         value, slope = log_evidence(family, _unpacked(packed), x, rows, y)
-        if not np.isfinite(value):
-            return _NO_EVIDENCE, slope
-        # From ln of both nuggets to ln of the nugget and of the ratio of the two.
-        by_nugget = slope[-2] + slope[-1]
-        return -value, -np.array([*slope[:-2], by_nugget, slope[-1]])
+        return (-value, -slope) if np.isfinite(value) else (_NO_EVIDENCE, slope)
 
-    limits = [LENGTH_BOUNDS] * x.shape[1] + [NUGGET_BOUNDS, ROUGHNESS_BOUNDS]
+    limits = [LENGTH_BOUNDS] * x.shape[1] + [ROUGHNESS_BOUNDS]
     result = minimize(
         negative,
         start,
@@ -196,9 +257,9 @@ def _search(
         bounds=[(np.log(low), np.log(high)) for low, high in limits],
         options={"maxiter": max_iterations},
     )
-    return result.x, -float(result.fun) if result.fun < _NO_EVIDENCE else -np.inf
+    return result.x, -float(result.fun)
 
 
 def _unpacked(packed: Array) -> Hyperparameters:
     values = np.exp(packed)
-    return Hyperparameters(values[:-2], float(values[-2]), float(values[-2] * values[-1]))
+    return Hyperparameters(values[:-1], float(values[-1]))

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from surrogate.coordinates import choose_strength
+from surrogate.coordinates import Chosen, choose_coordinates
 from surrogate.pod import fit_pod
 
 Array = npt.NDArray[np.float64]
@@ -50,25 +51,24 @@ class ForceScale:
         return by_input
 
 
-def choose_scale(x: Array, force: Array, gradient: Array | None) -> ForceScale:
-    """The scale on which forces (n, n_step) over x (n, d) are more probable, as densities in N."""
-    mean = force.mean(axis=0)
-    return max(
-        (ForceScale(mean, log) for log in (False, True)),
-        key=lambda scale: _log_evidence(x, force, gradient, scale),
-    )
+class ChosenScale(NamedTuple):
+    """Scale of a force, and coordinates and covariance of its modes on it."""
+
+    scale: ForceScale
+    chosen: Chosen
 
 
-def _log_evidence(x: Array, force: Array, gradient: Array | None, scale: ForceScale) -> float:
-    y = scale.values(force)
-    pod = fit_pod(y, tolerance=0.0, max_modes=y.shape[1])
-    slopes = None
-    if gradient is not None:
-        slopes = np.matmul(pod.modes.T, scale.slopes(force, gradient))
-    found = choose_strength(x, pod.weights(y), slopes)
-    if not scale.log:
-        return found.log_evidence
-    # dy/dforce = mean / force relative to the other scale, for every row of each run.
-    usable = 0 if slopes is None else np.isfinite(slopes).all(axis=1).sum(axis=1)
-    jacobian = ((1 + usable) * np.log(force / scale.mean).sum(axis=1))[found.part]
-    return found.log_evidence - float(jacobian.sum())
+def choose_scale(x: Array, force: Array, gradient: Array | None) -> ChosenScale:
+    """The scale on which runs left out of forces (n, n_step) over x (n, d) are more probable."""
+    mean, best = force.mean(axis=0), []
+    for scale in (ForceScale(mean, False), ForceScale(mean, True)):
+        y = scale.values(force)
+        pod = fit_pod(y, tolerance=0.0, max_modes=y.shape[1])
+        slopes = None
+        if gradient is not None:
+            slopes = np.matmul(pod.modes.T, scale.slopes(force, gradient))
+        chosen = choose_coordinates(x, pod.weights(y), slopes)
+        # d log(f) = df / f: a density of the logarithm over f is one of f.
+        jacobian = scale.log * np.log(force / mean)[chosen.part].sum()
+        best.append((chosen.score - jacobian, ChosenScale(scale, chosen)))
+    return max(best, key=lambda scored: scored[0])[1]

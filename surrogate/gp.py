@@ -7,15 +7,22 @@ from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
-from scipy.linalg import solve_triangular
 
 from surrogate.covariance import FAMILIES, Rows, covariance, mean_gradient, rows_of, values_only
+from surrogate.design import unit_design
 from surrogate.evidence import Hyperparameters
+from surrogate.value_rows import value_rows
+from surrogate.variance_directions import unneeded
 from surrogate.warp import warp_slope, warped
 
 Array = npt.NDArray[np.float64]
 
-_CHUNK = 4096
+_CHUNK = 128
+"""points predicted at a time: their covariances with the runs stay in the cache"""
+_MANY_ROWS = 200
+"""training rows above which a variance is computed from the directions it depends on"""
+_N_SAMPLE = 1024
+"""points of the box at which these directions are chosen"""
 
 
 @dataclass(frozen=True)
@@ -57,13 +64,16 @@ class GaussianProcesses:
     length: Array
     """(g, d) correlation lengths, stretched unit box"""
     nugget: Array
-    """(g,) noise variance of values over the amplitude"""
-    slope_nugget: Array
-    """(g,) noise variance of derivatives over their prior variance"""
+    """(k,) noise variance of values over the amplitude"""
+    roughness: Array
+    """(g,) noise variance of derivatives over their prior variance, as a share of the nugget"""
     alpha: Array
     """(k, n_rows) inverse covariance at unit amplitude times targets"""
-    cholesky: Array
-    """(g, n_rows, n_rows) lower Cholesky factor of the covariance at unit amplitude"""
+    basis: Array
+    """(g, n_rows, n_rows) B, see `surrogate.evidence`: that inverse is
+    B diag(1 / (eigenvalues + nugget)) B.T"""
+    eigenvalues: Array
+    """(g, n_rows) ascending"""
 
     def __post_init__(self) -> None:
         n, d, k, g = *self.inputs.shape, len(self.offset), len(self.family)
@@ -71,11 +81,12 @@ class GaussianProcesses:
         shapes = {
             **dict.fromkeys(("low", "span", "strength"), (d,)),
             "usable": (n, d),
-            **dict.fromkeys(("offset", "scale", "group", "amplitude", "inflation"), (k,)),
+            **dict.fromkeys(("offset", "scale", "group", "amplitude", "inflation", "nugget"), (k,)),
             **dict.fromkeys(("targets", "alpha"), (k, n_rows)),
-            **dict.fromkeys(("nugget", "slope_nugget"), (g,)),
+            "roughness": (g,),
             "length": (g, d),
-            "cholesky": (g, n_rows, n_rows),
+            "basis": (g, n_rows, n_rows),
+            "eigenvalues": (g, n_rows),
         }
         for name, shape in shapes.items():
             found = getattr(self, name).shape
@@ -92,27 +103,41 @@ class GaussianProcesses:
         return self._rows
 
     def hyperparameters(self, group: int) -> Hyperparameters:
-        """Lengths and nuggets of a group."""
-        return Hyperparameters(
-            self.length[group], float(self.nugget[group]), float(self.slope_nugget[group])
-        )
+        """Lengths and roughness of a group."""
+        return Hyperparameters(self.length[group], float(self.roughness[group]))
 
     def members(self, group: int) -> npt.NDArray[np.int64]:
         """Processes of a group."""
         return np.flatnonzero(self.group == group)
 
     def predict(self, x: Array) -> tuple[Array, Array]:
-        """Mean (m, k) and variance (m, k) of new runs at inputs x (m, d), in output units."""
-        if len(x) <= _CHUNK:
-            return self._predict(x)
-        parts = [self._predict(x[i : i + _CHUNK]) for i in range(0, len(x), _CHUNK)]
-        return np.concatenate([p[0] for p in parts]), np.concatenate([p[1] for p in parts])
+        """Mean (m, k) and variance (m, k) of new runs at inputs x (m, d), in output units.
+
+        With more than 200 training rows the variance is larger than the exact one by up to 1 %, as
+        it is computed from the directions that matter (see `surrogate.variance_directions`).
+        """
+        scaled = self.scaled(x)
+        mean, variance = np.empty((len(x), len(self.offset))), np.empty((len(self.offset), len(x)))
+        for group, (members, weights) in enumerate(self._weights):
+            directions, share = self._directions[group]
+            nugget = self.nugget[members, None]
+            for first in range(0, len(x), _CHUNK):
+                part = slice(first, first + _CHUNK)
+                cross = self._cross(group, scaled[part])
+                mean[part, members] = (weights @ cross).T
+                rest = 1.0 - share @ (directions @ cross) ** 2
+                # Rounding may take it below its least value, zero, near the training points.
+                variance[members, part] = np.maximum(rest, 0.0) + nugget
+        variance *= self.variance_scale[:, None]
+        return self.offset + self.scale * mean, variance.T
 
     def mean(self, x: Array) -> Array:
         """(m, k) mean at inputs x (m, d), in output units: `predict` without its variance."""
         scaled, mean = self.scaled(x), np.empty((len(x), len(self.offset)))
         for group, (members, weights) in enumerate(self._weights):
-            mean[:, members] = self._cross(group, scaled) @ weights
+            for first in range(0, len(x), _CHUNK):
+                part = slice(first, first + _CHUNK)
+                mean[part, members] = (weights @ self._cross(group, scaled[part])).T
         found: Array = self.offset + self.scale * mean
         return found
 
@@ -127,7 +152,7 @@ class GaussianProcesses:
                 scaled,
                 self.inputs,
                 self._rows,
-                weights,
+                np.ascontiguousarray(weights.T),
             ).transpose(0, 2, 1)
         by_unit = warp_slope((x - self.low) / self.span, self.strength)
         gradient *= by_unit[:, None, :] * (self.scale[:, None] / self.span)
@@ -140,9 +165,11 @@ class GaussianProcesses:
         """
         joint = np.empty((len(self.offset), len(x), len(other)))
         for group in range(len(self.family)):
-            here, there = self.whitened(group, x), self.whitened(group, other)
-            prior = self.prior(group, x, other)
-            joint[self.members(group)] = prior - here @ there.T
+            basis, prior = self.basis[group].T, self.prior(group, x, other)
+            here = basis @ self._cross(group, self.scaled(x))
+            there = basis @ self._cross(group, self.scaled(other))
+            for member, share in zip(self.members(group), self._shares(group), strict=True):
+                joint[member] = prior - here.T @ (share[:, None] * there)
         return joint * self.variance_scale[:, None, None]
 
     def prior(self, group: int, x: Array, other: Array) -> Array:
@@ -157,11 +184,6 @@ class GaussianProcesses:
             values_only(len(other), d),
         )
 
-    def whitened(self, group: int, x: Array) -> Array:
-        """(m, n_rows) W with W @ W.T what the runs explain of the covariance at x (m, d)."""
-        explained: Array = self._cross(group, self.scaled(x)) @ self._inverse_factor[group].T
-        return explained
-
     def leave_one_out(self) -> tuple[Array, Array]:
         """Mean (n, k) and variance (n, k) at each training input given the other runs only.
 
@@ -172,13 +194,14 @@ class GaussianProcesses:
         n, k = len(self.inputs), len(self.offset)
         mean, variance = np.empty((k, n)), np.empty((k, n))
         for group in range(len(self.family)):
-            members, inverse = self.members(group), self._inverse_factor[group]
+            members, shares = self.members(group), self._shares(group)
             for run, rows in enumerate(self._rows.of_point):
                 own = rows[rows >= 0]
-                left_out = np.linalg.inv(inverse[:, own].T @ inverse[:, own])
-                error = left_out[0] @ self.alpha[np.ix_(members, own)].T
+                basis = self.basis[group][own]
+                left_out = np.linalg.inv((basis * shares[:, None]) @ basis.T)[:, 0]
+                error = np.sum(left_out * self.alpha[np.ix_(members, own)], axis=1)
                 mean[members, run] = self.targets[members, run] - error
-                variance[members, run] = left_out[0, 0]
+                variance[members, run] = left_out[:, 0]
         variance *= self.variance_scale[:, None]
         return (self.offset[:, None] + self.scale[:, None] * mean).T, variance.T
 
@@ -192,29 +215,10 @@ class GaussianProcesses:
         scale: Array = self.inflation * self.amplitude * self.scale**2
         return scale
 
-    def _predict(self, x: Array) -> tuple[Array, Array]:
-        scaled = self.scaled(x)
-        mean, variance = np.empty((len(x), len(self.offset))), np.empty((len(self.offset), len(x)))
-        for group, (members, weights) in enumerate(self._weights):
-            cross = self._cross(group, scaled)
-            mean[:, members] = cross @ weights
-            explained = cross @ self._inverse_factor[group].T
-            rest = 1.0 - np.einsum("mn,mn->m", explained, explained)
-            # Rounding may take the rest below its least value, zero, near the training points.
-            variance[members] = np.maximum(rest, 0.0) + self.nugget[group]
-        variance *= self.variance_scale[:, None]
-        return self.offset + self.scale * mean, variance.T
-
     def _cross(self, group: int, scaled: Array) -> Array:
-        """(m, n_rows) covariance at unit amplitude of values at scaled (m, d) and training rows."""
-        return covariance(
-            int(self.family[group]),
-            self.length[group],
-            scaled,
-            values_only(*scaled.shape),
-            self.inputs,
-            self._rows,
-        )
+        """(n_rows, m) covariance at unit amplitude of training rows and values at scaled (m, d)."""
+        family, length = int(self.family[group]), self.length[group]
+        return value_rows(family, length, scaled, self.inputs, self._rows)
 
     @cached_property
     def _rows(self) -> Rows:
@@ -222,15 +226,30 @@ class GaussianProcesses:
 
     @cached_property
     def _weights(self) -> list[tuple[npt.NDArray[np.int64], Array]]:
-        """Members of each group and their weights (n_rows, k_g)."""
+        """Members of each group and their weights (k_g, n_rows)."""
         groups = [self.members(group) for group in range(len(self.family))]
-        return [(members, np.ascontiguousarray(self.alpha[members].T)) for members in groups]
+        return [(members, self.alpha[members]) for members in groups]
+
+    def _shares(self, group: int) -> Array:
+        """(k_g, n_rows) 1 / (eigenvalues + nugget) of each member of a group."""
+        nugget = self.nugget[self.members(group), None]
+        shares: Array = 1.0 / (self.eigenvalues[group] + nugget)
+        return shares
 
     @cached_property
-    def _inverse_factor(self) -> list[Array]:
-        """(n_rows, n_rows) inverse of the lower Cholesky factor of each group."""
-        identity = np.eye(self._rows.n_rows)
-        return [solve_triangular(c, identity, lower=True) for c in self.cholesky]
+    def _directions(self) -> list[tuple[Array, Array]]:
+        """D (q, n_rows) and s (k_g, q) with s @ (D @ cross)^2 what the runs explain, by group."""
+        d, found = self.inputs.shape[1], []
+        # Runs too: the variance is least there, and refinement puts them where the posterior is.
+        sample = np.vstack([unit_design(_N_SAMPLE, d, 0, n_corners=0), self.inputs])
+        for group in range(len(self.family)):
+            directions, shares = self.basis[group].T, self._shares(group)
+            first = 0
+            if self._rows.n_rows > _MANY_ROWS:
+                squared = (directions @ self._cross(group, sample)) ** 2
+                first = unneeded(squared, shares, self.nugget[self.members(group)])
+            found.append((np.ascontiguousarray(directions[first:]), shares[:, first:]))
+        return found
 
 
 def to_arrays(processes: GaussianProcesses) -> dict[str, Array]:

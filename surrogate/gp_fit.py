@@ -7,7 +7,6 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from scipy.linalg import lapack
 from sklearn.exceptions import ConvergenceWarning
 from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel, Matern, WhiteKernel
@@ -16,11 +15,12 @@ from surrogate.covariance import FAMILIES, rows_of
 from surrogate.evidence import (
     LENGTH_BOUNDS,
     NUGGET_BOUNDS,
+    ROUGHNESS_BOUNDS,
     Fitted,
     Hyperparameters,
     bounds_reached,
     maximise_evidence,
-    noisy_covariance,
+    spectrum,
 )
 from surrogate.gp import GaussianProcesses
 from surrogate.warp import warp_slope, warped
@@ -32,11 +32,8 @@ Sharing = Literal["auto", "all", "leading", "none"]
 AMPLITUDE_BOUNDS = (1e-2, 1e4)
 """variance of a process over that of its outputs, in the search of scikit-learn"""
 _N_LEADING = 2
-_FEW_OUTPUTS = 6
 _MANY_RUNS = 40
 """runs without derivatives above which covariances are shared: what a search costs is cubic"""
-_MANY_ROWS = 300
-"""rows above which runs with derivatives have one covariance for all outputs"""
 _MATERN_NU = {"matern32": 1.5, "matern52": 2.5}
 
 
@@ -99,16 +96,13 @@ def fit_processes(
 def _groups(k: int, usable: npt.NDArray[np.bool_], sharing: Sharing) -> list[npt.NDArray[np.int64]]:
     """Outputs that share a covariance.
 
-    By default, measured on FE runs: with derivatives few outputs share one covariance, many have
-    one for each of the leading modes and one for the rest, as the weak ones are rough where the
-    leading ones are smooth. Without, each has its own until there are many runs.
+    By default, measured on FE runs: with derivatives all, as each has its own nugget (those with a
+    covariance of their own do no better, and predictions take longer). Without, each has its own
+    until there are many runs.
     """
     if sharing == "auto":
-        n_rows = usable.shape[0] + np.count_nonzero(usable)
-        if usable.any():
-            sharing = "all" if k <= _FEW_OUTPUTS or n_rows > _MANY_ROWS else "leading"
-        else:
-            sharing = "none" if len(usable) <= _MANY_RUNS else "leading"
+        few: Sharing = "none" if len(usable) <= _MANY_RUNS else "leading"
+        sharing = "all" if usable.any() else few
     n_own = {"all": 0, "leading": min(_N_LEADING, k), "none": k}[sharing]
     groups = [np.array([j]) for j in range(n_own)]
     return groups if n_own == k else [*groups, np.arange(n_own, k)]
@@ -144,27 +138,22 @@ def scale_runs(
 def posterior(
     scaled: Scaled, groups: list[npt.NDArray[np.int64]], fitted: list[Fitted]
 ) -> GaussianProcesses:
-    """Condition processes with given hyperparameters on the runs.
-
-    Raises ValueError when a covariance is not positive definite in floating point.
-    """
+    """Condition processes with given hyperparameters on the runs."""
     k, n_rows = scaled.targets.shape
     rows = rows_of(scaled.usable)
     d = scaled.inputs.shape[1]
-    group, amplitude, inflation = np.empty(k), np.empty(k), np.empty(k)
-    alpha, factors = np.empty((k, n_rows)), []
+    group, nugget, amplitude, inflation = (np.empty(k) for _ in range(4))
+    alpha, found = np.empty((k, n_rows)), []
     for place, (members, fit) in enumerate(zip(groups, fitted, strict=True)):
-        matrix = noisy_covariance(fit.family, fit.hyperparameters, scaled.inputs, rows)
-        factor, failed = lapack.dpotrf(matrix, lower=1, clean=1)
-        if failed:
-            raise ValueError("nugget: the covariance of the runs is not positive definite")
-        targets = scaled.targets[members]
-        alpha[members] = lapack.dpotrs(factor, targets.T, lower=1)[0].T
-        amplitude[members] = np.einsum("kn,kn->k", targets, alpha[members]) / n_rows
-        group[members] = place
-        n_fitted = 2 + (d + 1 + scaled.usable.any()) / len(members)
+        decomposed = spectrum(fit.family, fit.hyperparameters, scaled.inputs, rows)
+        rotated = decomposed.basis.T @ scaled.targets[members].T
+        solved = rotated / (decomposed.values[:, None] + fit.nugget)
+        alpha[members] = (decomposed.basis @ solved).T
+        amplitude[members] = np.einsum("nk,nk->k", rotated, solved) / n_rows
+        group[members], nugget[members] = place, fit.nugget
+        n_fitted = 3 + (d + scaled.usable.any()) / len(members)
         inflation[members] = n_rows / max(n_rows - n_fitted, 1.0)
-        factors.append(np.ascontiguousarray(factor))
+        found.append(decomposed)
     return GaussianProcesses(
         low=scaled.low,
         span=scaled.span,
@@ -179,10 +168,11 @@ def posterior(
         inflation=inflation,
         family=np.array([float(fit.family) for fit in fitted]),
         length=np.array([fit.hyperparameters.length for fit in fitted]),
-        nugget=np.array([fit.hyperparameters.nugget for fit in fitted]),
-        slope_nugget=np.array([fit.hyperparameters.slope_nugget for fit in fitted]),
+        nugget=nugget,
+        roughness=np.array([fit.hyperparameters.roughness for fit in fitted]),
         alpha=alpha,
-        cholesky=np.array(factors),
+        basis=np.array([np.ascontiguousarray(decomposed.basis) for decomposed in found]),
+        eigenvalues=np.array([decomposed.values for decomposed in found]),
     )
 
 
@@ -192,7 +182,8 @@ def at_bounds(processes: GaussianProcesses) -> list[str]:
     found = []
     for group in range(len(processes.family)):
         members = ", ".join(str(member) for member in processes.members(group))
-        reached = bounds_reached(processes.hyperparameters(group), has_slopes)
+        nugget = processes.nugget[processes.members(group)]
+        reached = bounds_reached(processes.hyperparameters(group), nugget, has_slopes)
         found += [f"{what} (processes {members})" for what in reached]
     return found
 
@@ -250,7 +241,7 @@ def from_regressor(regressor: GaussianProcessRegressor, family: int) -> Fitted:
     amplitude, shape = kernel.k1.k1.constant_value, kernel.k1.k2
     length = np.array(np.broadcast_to(shape.length_scale, regressor.X_train_.shape[1]), dtype=float)
     nugget = max(kernel.k2.noise_level / amplitude, NUGGET_BOUNDS[0])
-    parameters = Hyperparameters(length, float(nugget), NUGGET_BOUNDS[0])
+    parameters = Hyperparameters(length, ROUGHNESS_BOUNDS[0])  # there are no derivatives
     n = len(regressor.X_train_)
     value = float(regressor.log_marginal_likelihood_value_)
-    return Fitted(family, parameters, value, np.arange(n), n)
+    return Fitted(family, parameters, np.array([nugget]), value, np.arange(n), n)

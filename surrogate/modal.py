@@ -8,12 +8,13 @@ from functools import cached_property
 
 import numpy as np
 
-from surrogate.coordinates import choose_strength
+from surrogate.coordinates import Chosen, choose_coordinates
+from surrogate.covariance import FAMILIES
 from surrogate.gp import Array, GaussianProcesses, to_arrays
 from surrogate.gp_fit import Sharing, fit_processes
 from surrogate.pod import Pod, fit_pod
 
-N_LEADING = 3
+N_LEADING = 6
 """modes that choose the coordinates: the others may be little more than noise"""
 
 
@@ -70,28 +71,29 @@ def fit_modal(
     max_modes: int = 12,
     n_restarts: int = 1,
     sharing: Sharing = "auto",
-    stretch: bool = False,
+    chosen: Chosen | None = None,
 ) -> ModalEmulator:
     """Fit to y (n, n_obs) over x (n, d) and its derivatives `slopes` (n, n_obs, d), if any.
 
-    With `stretch` the inputs are stretched as the leading modes want it. See `fit_pod` and
-    `fit_processes` for the other arguments.
+    Coordinates and, with derivatives, the covariance are those in which the leading modes of a run
+    left out are most probable, unless they are `chosen` already. See `fit_pod` and `fit_processes`
+    for the other arguments.
     """
     pod = fit_pod(y, tolerance=tolerance, max_modes=max_modes, weight=_inside(x))
     weights = pod.weights(y)
     by_input = None if slopes is None else np.matmul(pod.modes.T, slopes)
-    strength = None
-    if stretch:
+    if chosen is None:
         leading = None if by_input is None else by_input[:, :N_LEADING]
-        strength = choose_strength(x, weights[:, :N_LEADING], leading).strength
+        chosen = choose_coordinates(x, weights[:, :N_LEADING], leading)
     processes = fit_processes(
         x,
         weights,
         seed,
         slopes=by_input,
-        strength=strength,
+        strength=chosen.strength,
         n_restarts=n_restarts,
         sharing=sharing,
+        families=FAMILIES if by_input is None else (chosen.family,),
     )
     return ModalEmulator(pod, processes)
 

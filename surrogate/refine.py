@@ -130,8 +130,7 @@ class _Uncertainty:
 
     @classmethod
     def of(cls, processes: GaussianProcesses, candidates: Array, weight: Array) -> _Uncertainty:
-        nugget = processes.nugget[processes.group.astype(np.int64)]
-        noise = processes.variance_scale * np.maximum(nugget, _JITTER)
+        noise = processes.variance_scale * np.maximum(processes.nugget, _JITTER)
         wide = weight if weight.ndim == 2 else weight[:, None]
         return cls(processes.covariance(candidates, candidates), noise, wide)
 
@@ -191,4 +190,9 @@ def _checked(emulator: Emulator, sample: Array) -> Array:
         )
     if not (np.ptp(sample, axis=0) > 0.0).all():
         raise ValueError("posterior_sample: must vary in every input")
+    unit = (sample - sample.mean(axis=0)) / sample.std(axis=0)
+    if np.linalg.matrix_rank(unit) < d:
+        raise ValueError(
+            f"posterior_sample: expected draws that span {d} inputs, found all on a line or plane"
+        )
     return sample

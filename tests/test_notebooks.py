@@ -26,6 +26,7 @@ def test_notebooks_are_committed_without_output(path: Path) -> None:
 EXPECTED = {
     "01_thesis_forces": (5, "simulate   up to date"),
     "02_forward_model": (4, "converged: reached every asked travel"),
+    "03_emulator": (5, "16 runs of 3 travels, 840 points of the front face"),
 }
 """pictures that a notebook shows, and words that it prints"""
 

@@ -10,11 +10,21 @@ from scipy.stats import binom, chi2
 from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel, Matern, WhiteKernel
 
-from surrogate.covariance import FAMILIES, covariance, rows_of
+from surrogate.covariance import FAMILIES, covariance, rows_of, values_only
 from surrogate.design import sobol_design
-from surrogate.evidence import Fitted, Hyperparameters, log_evidence
+from surrogate.evidence import (
+    Fitted,
+    Hyperparameters,
+    best_nuggets,
+    log_evidence,
+    noise_shape,
+    spectrum,
+)
 from surrogate.gp import GaussianProcesses
 from surrogate.gp_fit import at_bounds, fit_processes, posterior, scale_runs
+from surrogate.value_rows import value_rows
+from surrogate.variance_directions import unneeded
+from tests.dense_processes import dense_covariance
 
 BOX = np.array([[0.0, 1.0], [0.0, 0.5]])
 UNIT = np.array([[0.0, 1.0], [0.0, 1.0]])
@@ -55,8 +65,9 @@ def _known(
     targets = y.T
     if slopes is not None:
         targets = np.hstack([targets, slopes.transpose(0, 2, 1)[scaled.usable].T])
-    parameters = Hyperparameters(np.array(length), nugget, 1e-8)
-    fitted = Fitted(FAMILIES.index(family), parameters, 0.0, np.arange(len(x)), len(x))
+    parameters = Hyperparameters(np.array(length), 1e-8 / nugget)
+    place, runs = FAMILIES.index(family), np.arange(len(x))
+    fitted = Fitted(place, parameters, np.full(k, nugget), 0.0, runs, len(x))
     processes = posterior(scaled._replace(targets=targets), [np.arange(k)], [fitted])
     return replace(processes, amplitude=np.ones(k), inflation=np.ones(k))
 
@@ -92,7 +103,8 @@ def test_the_evidence_is_that_of_scikit_learn_at_the_best_amplitude(family: int)
     target = (y[:, :1] - y[:, 0].mean()) / y[:, 0].std()
     length, nugget = np.array([0.4, 0.7]), 0.02
     rows = rows_of(np.zeros(x.shape, dtype=bool))
-    found, _ = log_evidence(family, Hyperparameters(length, nugget, 1e-8), x, rows, target)
+    parameters = Hyperparameters(length, 1.0)
+    found, _ = log_evidence(family, parameters, x, rows, target, np.array([nugget]))
     shape = [Matern(length, nu=1.5), Matern(length, nu=2.5), RBF(length)][family]
 
     def reference(amplitude: float) -> float:
@@ -114,16 +126,51 @@ def test_the_slope_of_the_evidence_is_the_limit_of_differences(family: int) -> N
     x, usable = rng.random((12, 3)), rng.random((12, 3)) > 0.3
     rows = rows_of(usable)
     y = rng.normal(size=(rows.n_rows, 2))
-    packed = np.log([0.5, 0.8, 1.3, 0.01, 0.02])
+    packed = np.log([0.5, 0.8, 1.3, 20.0])
 
-    def at(point: np.ndarray) -> tuple[float, np.ndarray]:
+    def at(point: np.ndarray, nugget: np.ndarray | None) -> tuple[float, np.ndarray]:
         values = np.exp(point)
-        parameters = Hyperparameters(values[:3], float(values[3]), float(values[4]))
-        return log_evidence(family, parameters, x, rows, y)
+        parameters = Hyperparameters(values[:3], float(values[3]))
+        return log_evidence(family, parameters, x, rows, y, nugget)
 
-    for axis, step in enumerate(1e-5 * np.eye(5)):
-        difference = (at(packed + step)[0] - at(packed - step)[0]) / 2e-5
-        assert at(packed)[1][axis] == pytest.approx(difference, rel=1e-6, abs=1e-6)
+    for nugget, rtol in ((np.array([0.01, 0.3]), 1e-6), (None, 1e-3)):
+        for axis, step in enumerate(1e-5 * np.eye(4)):
+            difference = (at(packed + step, nugget)[0] - at(packed - step, nugget)[0]) / 2e-5
+            assert at(packed, nugget)[1][axis] == pytest.approx(difference, rel=rtol, abs=1e-4)
+
+
+def test_each_output_gets_the_nugget_of_its_largest_evidence() -> None:
+    """Against the evidence at 200 nuggets, one output at a time."""
+    x = sobol_design(12, UNIT, seed=3)
+    rows = rows_of(np.ones(x.shape, dtype=bool))
+    rng = np.random.default_rng(0)
+    parameters = Hyperparameters(np.array([0.6, 0.9]), 30.0)
+    matrix = covariance(1, parameters.length, x, rows, x, rows)
+    noise = noise_shape(1, parameters, rows)
+    draw = np.linalg.cholesky(matrix + 1e-9 * np.diag(noise))
+    y = np.stack([draw @ rng.normal(size=rows.n_rows) for _ in range(2)], axis=1)
+    y[:, 1] += 0.3 * np.sqrt(noise) * rng.normal(size=rows.n_rows)
+    found = spectrum(1, parameters, x, rows)
+    nuggets = best_nuggets(found.values, found.basis.T @ y)
+    for output, nugget in zip(y.T, nuggets, strict=True):
+        at = [
+            log_evidence(1, parameters, x, rows, output[:, None], np.array([value]))[0]
+            for value in np.append(nugget, np.logspace(-10.0, 2.0, 200))
+        ]
+        assert at[0] >= max(at[1:]) - 1e-6
+    assert nuggets[0] < 1e-4 and 0.01 < nuggets[1] < 1.0
+
+
+def test_the_basis_makes_covariance_and_noise_diagonal() -> None:
+    x = sobol_design(8, UNIT, seed=3)
+    rows = rows_of(np.random.default_rng(0).random(x.shape) > 0.3)
+    parameters = Hyperparameters(np.array([0.6, 0.9]), 50.0)
+    found = spectrum(2, parameters, x, rows)
+    matrix = covariance(2, parameters.length, x, rows, x, rows)
+    basis = found.basis
+    np.testing.assert_allclose(basis.T @ matrix @ basis, np.diag(found.values), atol=1e-12)
+    own = basis.T @ (noise_shape(2, parameters, rows)[:, None] * basis)
+    np.testing.assert_allclose(own, np.eye(rows.n_rows), atol=1e-12)
 
 
 @pytest.mark.parametrize("family", FAMILIES)
@@ -145,7 +192,7 @@ def test_slopes_that_are_missing_teach_nothing_and_the_others_all() -> None:
     assert processes.rows.n_rows == 10 + 9 + 5
     full = _known(x, _outputs(x), [0.9, 1.1], 1e-6, _slopes(x))
     keep = np.concatenate([np.arange(10), 10 + np.flatnonzero(processes.usable.ravel() > 0)])
-    matrix = full.cholesky[0] @ full.cholesky[0].T
+    matrix = dense_covariance(full, 0)
     targets = full.targets[:, keep]
     alpha = np.linalg.solve(matrix[np.ix_(keep, keep)], targets.T).T
     np.testing.assert_allclose(processes.alpha, alpha, rtol=1e-6, atol=1e-6)
@@ -155,10 +202,13 @@ def test_slopes_that_are_missing_teach_nothing_and_the_others_all() -> None:
 
 
 def test_slopes_make_it_better_at_equal_runs() -> None:
-    """Largest error on new points from 6 runs: at least three times smaller, in every output."""
+    """Largest error on new points from 6 runs: at least three times smaller, in every output.
+
+    Each output has its own covariance either way, so that derivatives alone make the difference.
+    """
     x, new = sobol_design(6, UNIT, seed=3), np.random.default_rng(0).random((200, 2))
-    with_slopes = fit_processes(x, _outputs(x), 1, slopes=_slopes(x))
-    plain = fit_processes(x, _outputs(x), 1)
+    with_slopes = fit_processes(x, _outputs(x), 1, slopes=_slopes(x), sharing="none")
+    plain = fit_processes(x, _outputs(x), 1, sharing="none")
     error = np.abs(with_slopes.predict(new)[0] - _outputs(new)).max(axis=0)
     plain_error = np.abs(plain.predict(new)[0] - _outputs(new)).max(axis=0)
     assert (error < plain_error / 3.0).all()
@@ -172,7 +222,8 @@ def test_the_noise_of_slopes_is_found_apart_from_that_of_values() -> None:
     noisy = slopes + 0.2 * np.random.default_rng(1).normal(size=slopes.shape)
     p = fit_processes(x, y, 1, slopes=noisy)
     curvature = {0: 3.0, 1: 5.0 / 3.0, 2: 1.0}[int(p.family[0])]
-    variance = p.slope_nugget[0] * p.amplitude[0] * curvature / p.length[0] ** 2
+    noise = p.roughness[0] * p.nugget[0]
+    variance = noise * p.amplitude[0] * curvature / p.length[0] ** 2
     std = np.sqrt(variance) * p.scale[0]
     np.testing.assert_allclose(std, 0.2, rtol=0.3)
     assert p.nugget[0] * p.amplitude[0] < 1e-5
@@ -223,6 +274,44 @@ def test_leave_one_out_is_prediction_from_the_other_runs(noise: float, with_slop
         expected, expected_variance = others.predict(x[run : run + 1])
         np.testing.assert_allclose(mean[run], expected[0], atol=1e-7)
         np.testing.assert_allclose(variance[run], 1.4 * expected_variance[0], rtol=1e-5)
+
+
+@pytest.mark.parametrize("family", range(3))
+def test_covariances_laid_out_for_speed_are_the_same_numbers(family: int) -> None:
+    rng = np.random.default_rng(0)
+    x, other, usable = rng.random((7, 3)), rng.random((5, 3)), rng.random((5, 3)) > 0.3
+    other[0] = x[0]
+    rows, length = rows_of(usable), np.array([0.5, 0.8, 1.3])
+    expected = covariance(family, length, x, values_only(7, 3), other, rows)
+    found = value_rows(family, length, x, other, rows)
+    np.testing.assert_allclose(found, expected.T, rtol=1e-12, atol=1e-14)
+
+
+def test_variances_of_many_runs_are_larger_than_exact_by_a_hundredth_at_most() -> None:
+    """80 runs with derivatives, 240 rows, some 150 directions; the exact one by Cholesky."""
+    rng = np.random.default_rng(0)
+    x, new = sobol_design(80, UNIT, seed=3), rng.random((300, 2))
+    y, slopes = _outputs(x), _slopes(x)
+    y += 1e-2 * rng.normal(size=y.shape)
+    slopes += 0.1 * rng.normal(size=slopes.shape)
+    p = fit_processes(x, y, 1, slopes=slopes, families=("rbf",), n_restarts=0)
+    assert len(p._directions[0][0]) < 0.8 * p.rows.n_rows
+    cross = value_rows(2, p.length[0], p.scaled(new), p.inputs, p.rows)
+    for k in range(3):
+        explained = np.linalg.solve(np.linalg.cholesky(dense_covariance(p, k)), cross)
+        exact = (1.0 - np.sum(explained**2, axis=0) + p.nugget[k]) * p.variance_scale[k]
+        share = p.predict(new)[1][:, k] / exact
+        assert share.min() > 1.0 - 1e-6 and share.max() < 1.012
+
+
+def test_directions_that_add_too_much_anywhere_are_needed() -> None:
+    """Two processes, three directions, two points; by hand."""
+    squared = np.array([[1e-6, 1e-6], [1e-4, 4e-3], [0.5, 0.5]])
+    nugget = np.array([0.1, 10.0])
+    shares = np.ones((2, 3))
+    assert unneeded(squared, shares, nugget, 1e-5) == 1
+    assert unneeded(squared, shares, nugget, 1e-2) == 2
+    assert unneeded(squared, shares, nugget, 1e-8) == 0
 
 
 def test_inflation_multiplies_the_variance_and_leaves_the_mean() -> None:

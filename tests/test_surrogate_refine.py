@@ -48,9 +48,9 @@ def test_the_updated_variance_is_that_of_an_emulator_with_the_run() -> None:
     after = before.given(4)
     for k in range(3):
         noise = before.noise[k] * np.eye(31)
-        x = np.vstack([processes.inputs * processes.span + processes.low, candidates[4]])
+        x = np.vstack([sobol_design(10, BOX, seed=2), candidates[4]])
         joint = processes.variance_scale[k] * processes.prior(0, x, x)
-        joint[:10, :10] += processes.nugget[0] * processes.variance_scale[k] * np.eye(10)
+        joint[:10, :10] += processes.nugget[k] * processes.variance_scale[k] * np.eye(10)
         joint[10, 10] += noise[0, 0]
         cross = processes.variance_scale[k] * processes.prior(0, candidates, x)
         prior = processes.variance_scale[k] * processes.prior(0, candidates, candidates)
@@ -108,6 +108,7 @@ def test_the_predicted_shift_falls_with_runs_and_then_says_stop() -> None:
     [
         (np.ones((5, 3)), 1, r"posterior_sample: expected shape \(m, 2\)"),
         (np.ones((5, 2)), 1, "posterior_sample: must vary"),
+        (np.linspace(0, 1, 9)[:, None] * [1.0, 2.0], 1, "expected draws that span 2 inputs"),
         (_sample(4), 9, "n: expected 1 to 4"),
         (_sample(4), 0, "n: expected 1 to 4"),
     ],
