@@ -20,7 +20,7 @@ class MeanField(NamedTuple):
     """(n,) points that are in it"""
     displacement: Array
     """(n_step, n_kept, 3) mean, mm"""
-    count: Array
+    n_samples: Array
     """(n_kept,) number of samples with the point in all steps"""
     patterns: Array
     """(q, n_step, n_kept, 3) errors of the mean of known shape, one SD each, mm: the directions in
@@ -45,12 +45,12 @@ def mean_field(fields: Array, min_share: float, noise_std: Array | None) -> Mean
     Raises ValueError when no point is left.
     """
     n = len(fields)
-    complete = np.isfinite(fields).all(axis=(1, 3))
-    count = complete.sum(axis=0)
-    kept = count >= max(min_share * n, 1)
+    complete: BoolArray = np.asarray(np.isfinite(fields).all(axis=(1, 3)))
+    count: Array = np.asarray(complete.sum(axis=0), dtype=np.float64)
+    kept: BoolArray = np.asarray(count >= max(min_share * n, 1))
     if not kept.any():
         raise ValueError("expected points that enough samples have, found none")
-    has = complete[:, None, kept, None]
+    has = complete[:, kept][:, None, :, None]
     values = np.where(has, fields[:, :, kept], 0.0)
     mean = values.sum(axis=0) / count[kept][:, None]
     off = np.where(has, values - mean, 0.0)

@@ -1,4 +1,4 @@
-"""Where the pin touches, and the load cell's zero: slack, drift and compliance of a test machine."""
+"""Where the pin touches, and the load cell's zero: slack and drift of a test machine."""
 
 from __future__ import annotations
 
@@ -113,4 +113,5 @@ def force_zero(time: Array, travel: Array, force: Array, contact: float) -> Arra
         zeros.append(force[start:end].mean())
         counts.append(end - start)
     enough = np.array(counts) >= max(counts) / 10  # a few readings in passing say little
-    return np.interp(time, np.array(times)[enough], np.array(zeros)[enough])
+    zero: Array = np.interp(time, np.array(times)[enough], np.array(zeros)[enough])
+    return zero

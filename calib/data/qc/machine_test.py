@@ -72,7 +72,7 @@ def machine_test(record: MachineRecord, protocol: Protocol, machine: Machine) ->
     for hold in steps:
         during = (time >= hold.start) & (time <= hold.end)
         if np.count_nonzero(during) < 5:
-            raise NotAsPlanned("readings of a hold", np.count_nonzero(during), 5)
+            raise NotAsPlanned("readings of a hold", int(during.sum()), 5)
         plateaus.append(relaxation(time[during], force[during], machine.force_window))
         late = during & (time >= hold.end - machine.force_window * (hold.end - hold.start))
         places.append(float(travel[late].mean()))
@@ -93,7 +93,8 @@ def _loading_ramp(time: Array, position: Array, steps: list[Hold]) -> BoolArray:
     depth = steps[0].position
     deep = before & (position > depth + 0.3)
     if not deep.any():
-        return (time <= steps[min(3, len(steps) - 1)].end) & (position >= position[0] - 1e-9)
+        ramp = (time <= steps[min(3, len(steps) - 1)].end) & (position >= position[0] - 1e-9)
+        return np.asarray(ramp)
     last = int(np.flatnonzero(deep)[-1])
     # back from the last peak to where the pin was highest since the peak before
     start = last

@@ -7,7 +7,7 @@ from functools import partial
 
 import numpy as np
 
-from calib.data.qc.experiment_file import Experiment, Mapping
+from calib.data.qc.experiment_file import Experiment, Mapping, RigidBody
 from calib.data.qc.lab_files import SampleFiles, frame_times
 from calib.data.qc.lattice import Lattice, lattice_of
 from calib.data.qc.machine_test import MachineTest, NotAsPlanned, at_travel, machine_test
@@ -36,7 +36,7 @@ class FaceField:
     cleaned: Cleaned
     """of the frames after the reference"""
 
-    def mapped(self, points: Array, method: Mapping, rigid: str) -> tuple[Array, Array]:
+    def mapped(self, points: Array, method: Mapping, rigid: RigidBody) -> tuple[Array, Array]:
         """(n_hold, n, 3) field of half the face at points (n, 2), both in our frame, mm.
 
         Both halves are mapped, rigid motion is taken off, and one is folded onto the other; with
@@ -47,7 +47,7 @@ class FaceField:
             at = self.lattice.coordinates(self.placement.points(points * np.array([sign, 1.0])))
             moved = map_field(self.cleaned.displacement, at, method)
             halves.append(moved @ self.placement.rotation.T)
-        right, left, motion = without_rigid_motion(*halves, points, rigid)  # type: ignore[arg-type]
+        right, left, motion = without_rigid_motion(halves[0], halves[1], points, rigid)
         return folded(right, left), motion
 
 
