@@ -209,16 +209,16 @@ def _noise(
 ) -> FieldNoise:
     """The larger of what static frames and what the samples' scatter say, over the root of n."""
     n = len(fields)
-    off = fields[:, :, mean.kept] - mean.displacement
-    repeats = _repeats(off, points[mean.kept], mean)
+    repeats = _repeats(points[mean.kept], mean)
     std = repeats.std if static is None else np.maximum(static[1].std, mean.residual_std)
     effective = len(mean.n_samples) / np.sum(1.0 / mean.n_samples)
     at_points, at_places = (None, None) if static is None else static
     return FieldNoise(at_points, at_places, repeats, std / np.sqrt(min(effective, n)))
 
 
-def _repeats(off: Array, points: Array, mean: MeanField) -> NoiseFloor:
+def _repeats(points: Array, mean: MeanField) -> NoiseFloor:
     """Noise by the samples: steps of one sample share its reference as static frames do theirs."""
+    off = mean.residual
     floors = [noise_floor(one, points) for one in off if _is_enough(one)]
     if not floors:
         raise ValueError("expected one sample or more with enough points in common, found none")

@@ -11,7 +11,6 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import least_squares
-from scipy.stats import theilslopes
 
 from calib.data.qc.lattice import Lattice
 from fe.response import Array
@@ -20,6 +19,8 @@ WINDOW = 3.0
 """mm on each side of the pin over which the field is held against its mirror image"""
 LARGEST_SHIFT = 1.5
 """mm around the largest displacement in which the pin is looked for"""
+LARGEST_EDGE = 0.5
+"""mm that points may end before the edge of a sample"""
 MOST_POINTS = 3000
 """of the fit of a plane"""
 
@@ -40,7 +41,7 @@ class Placement(NamedTuple):
     x_shift: float
     """mm from the sample's middle to the pin, along x"""
     width: float
-    """mm between the sides of the points seen"""
+    """mm between the outermost points seen"""
     plane_rms: float
     """mm, points about the fitted plane"""
 
@@ -51,10 +52,18 @@ class Placement(NamedTuple):
         return found
 
 
-def place(lattice: Lattice, frames: list[int], base: float | None = None) -> Placement:
-    """Placement of a sample; `frames` are those with load, the deepest last.
+def place(
+    lattice: Lattice,
+    frames: list[int],
+    width: float,
+    edge: float | None = None,
+    base: float | None = None,
+) -> Placement:
+    """Placement of a sample of `width` [mm]; `frames` are those with load, the deepest last.
 
-    `base` is the height of the base in the file's axes [mm] where it is known.
+    Points end half a subset before the edge. How far, in mm, is `edge`, or what the points seen
+    lack of the width on each side. `base` is the height of the base in the file's axes [mm] where
+    it is known.
     Raises ValueError when the points do not show a face and a pin.
     """
     present = lattice.present()
@@ -62,14 +71,13 @@ def place(lattice: Lattice, frames: list[int], base: float | None = None) -> Pla
     slope_x, slope_y, rms = _plane(cloud)
     upright = _axes(slope_x, slope_y, 0.0)
     low = _lowest(lattice.position @ upright.T)
-    roll = float(np.arctan(theilslopes(low[:, 1], low[:, 0])[0]))
+    roll = float(np.arctan(np.polyfit(low[:, 0], low[:, 1], 1)[0]))
     rotation = _axes(slope_x, slope_y, roll)
     turned = lattice.position @ rotation.T
-    # the edge lies between the last row with points and the first without
-    half = 0.5 * lattice.spacing
-    low = _lowest(turned)
-    bottom = float(np.median(low[:, 1])) - half
     left, right = _sides(turned)
+    if edge is None:
+        edge = float(np.clip(0.5 * (width - (right - left)), 0.0, LARGEST_EDGE))
+    bottom = float(np.median(_lowest(turned)[:, 1])) - edge
     pin = _pin(lattice, turned, rotation, frames)
     z = float(np.median(turned[present][:, 2]))
     origin = rotation.T @ np.array([pin, bottom, z])
@@ -83,7 +91,7 @@ def place(lattice: Lattice, frames: list[int], base: float | None = None) -> Pla
         tilt_deg=float(np.degrees(np.arctan(slope_y))),
         roll_deg=float(np.degrees(roll)),
         x_shift=pin - 0.5 * (left + right),
-        width=right - left + 2 * half,
+        width=right - left,
         plane_rms=rms,
     )
 

@@ -12,10 +12,10 @@ import numpy as np
 from calib.data.dataset_file import save_dataset
 from calib.data.qc.noise_floor import NoiseFloor
 from calib.data.qc.pipeline import QcResult
+from calib.data.qc.quality import eligibility
 from calib.data.qc.statistics import (
     QcTable,
     all_tables,
-    eligibility_table,
     requirements,
     table_csv,
 )
@@ -69,7 +69,7 @@ def qc_report(result: QcResult, version: str) -> dict[str, object]:
         "synthetic": experiment.synthetic,
         "inputs": result.inputs,
         "units": {"length": "mm", "force": "N", "angle": "degree", "time": "s"},
-        "eligible": dict(eligibility_table(result).rows),
+        "eligible": dict(eligibility(len(result.samples), result.rejections)),
         "thresholds": {
             name: getattr(experiment.quality, name)
             for name in experiment.quality.__dataclass_fields__

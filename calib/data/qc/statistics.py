@@ -7,10 +7,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from calib.data.qc.experiment_file import Mapping
 from calib.data.qc.pipeline import QcResult, sample_field
 from calib.data.qc.plateaus import converged_after, cycle_changes
 from calib.data.qc.quality import eligibility
-from calib.data.qc.sample import Sample
 from calib.data.requirements import Outcome, force_deviation, requirements_table
 from fe.response import Array
 
@@ -88,12 +88,14 @@ def placement_table(result: QcResult) -> QcTable:
         *(f"{name}_mm" if name in names[3:] else name for name in names),
         "contact_mm",
         "contact_sd_mm",
+        "contact_by_force_mm",
+        "contact_by_force_sd_mm",
         "clock_offset_s",
         "clock_half_width_s",
         "outliers",
         "points",
     )
-    rows = []
+    rows: list[tuple[Cell, ...]] = []
     for sample, kept in zip(result.samples, result.kept, strict=True):
         face, machine, together = sample.face, sample.machine, sample.synchronised
         if face is None or machine is None or together is None:
@@ -106,6 +108,8 @@ def placement_table(result: QcResult) -> QcTable:
                 *(float(getattr(face.placement, name)) for name in names),
                 machine.contact.travel,
                 machine.contact.travel_sd,
+                machine.contact.by_force,
+                machine.contact.by_force_sd,
                 together.offset,
                 together.half_width,
                 int(face.cleaned.is_outlier.sum()),
@@ -207,32 +211,17 @@ def cycles_table(result: QcResult) -> QcTable:
 
 
 def accuracy_table(result: QcResult) -> QcTable:
-    """Steps of machine and DIC (Table 3.5).
-
-    The pin is not in the field; the DIC's step is that of the points that go down farthest, which
-    is less than the pin's where it hides those it touches.
-    """
+    """Mean step of the pin by machine and by DIC (Table 3.5), where points of the pin are named."""
     columns = ("sample", "utm_step_mm", "dic_step_mm", "absolute_relative_error_percent")
     rows = []
     for sample in result.samples:
-        steps = _steps(sample)
-        if steps is not None:
-            machine, dic = steps
+        face = sample.face
+        if face is not None and face.pin_travel is not None and face.travel.size > 1:
+            n = face.travel.size - 1
+            machine = -float(face.travel[-1] - face.travel[0]) / n
+            dic = float(face.pin_travel[-1] - face.pin_travel[0]) / n
             rows.append((sample.name, machine, dic, 100 * abs(dic - machine) / abs(machine)))
     return QcTable("displacement_accuracy", "Displacement accuracy", columns, tuple(rows))
-
-
-def _steps(sample: Sample) -> tuple[float, float] | None:
-    """Mean step of machine and DIC between the frames, downwards negative, mm."""
-    face = sample.face
-    if face is None or face.travel.size < 2:
-        return None
-    down = (face.cleaned.displacement @ face.placement.rotation.T)[..., 1].reshape(
-        face.travel.size, -1
-    )
-    deepest = np.nanpercentile(down, 1.0, axis=1)
-    n = face.travel.size - 1
-    return -float(np.ptp(face.travel)) / n, float(deepest[-1] - deepest[0]) / n
 
 
 def mapping_table(result: QcResult) -> QcTable:
@@ -241,10 +230,15 @@ def mapping_table(result: QcResult) -> QcTable:
     kept = [s for s, good in zip(result.samples, result.kept, strict=True) if good]
     if not kept:
         return QcTable("mapping", "Mapping", columns, ())
-    ways = ("shape", "linear", "cubic")
+    ways: tuple[Mapping, ...] = ("shape", "linear", "cubic")
     fields = {way: sample_field(kept[0], result.experiment, result.points, way) for way in ways}
     rows: list[tuple[Cell, ...]] = []
-    for one, other in (("shape", "linear"), ("linear", "cubic"), ("shape", "cubic")):
+    pairs: tuple[tuple[Mapping, Mapping], ...] = (
+        ("shape", "linear"),
+        ("linear", "cubic"),
+        ("shape", "cubic"),
+    )
+    for one, other in pairs:
         off = fields[one] - fields[other]
         known = np.isfinite(off).all(axis=(0, 2))
         rms = np.sqrt((off[:, known] ** 2).mean(axis=(0, 1))) if known.any() else np.full(3, np.nan)
