@@ -29,7 +29,10 @@ class Rejection(NamedTuple):
         """One sentence."""
         value, threshold = (_shown(v) for v in (self.value, self.threshold))
         unit = f" {self.unit}" if self.unit else ""
-        return f"{self.sample}: {self.reason}: found {value}{unit}, expected {threshold}{unit}"
+        bound = {"protocol": "", "min_points": "at least "}.get(self.rule, "at most ")
+        return (
+            f"{self.sample}: {self.reason}: found {value}{unit}, expected {bound}{threshold}{unit}"
+        )
 
 
 class Rule(NamedTuple):

@@ -44,7 +44,7 @@ def write_results(result: QcResult, out: Path, version: str) -> list[Path]:
     if result.dataset is None:
         (out / DATASET).unlink(missing_ok=True)
     else:
-        save_dataset(out / DATASET, result.dataset, result.inputs)
+        save_dataset(out / DATASET, result.dataset, f"{version} {result.inputs}")
         paths.append(out / DATASET)
     return paths
 
