@@ -61,6 +61,20 @@ def result(lab: Path) -> QcResult:
     return analyse(lab)
 
 
+@pytest.fixture
+def some(lab: Path, tmp_path: Path):
+    """Copies some samples of the laboratory into one of their own, with more in its toml."""
+
+    def copied(*names: str, text: str = EXPERIMENT) -> Path:
+        folder = tmp_path / "lab"
+        for name in (*names, "static"):
+            shutil.copytree(lab / name, folder / name)
+        (folder / "experiment.toml").write_text(text)
+        return folder
+
+    return copied
+
+
 def test_exactly_the_misplaced_samples_are_rejected_with_value_and_threshold(result):
     found = {(r.sample, r.rule): r for r in result.rejections}
     assert set(found) == {
@@ -164,16 +178,16 @@ def test_the_verb_writes_data_set_report_tables_and_figures(lab, tmp_path, capsy
     assert "force_deviation" in (tmp_path / "tables" / "requirements.txt").read_text()
 
 
-def test_the_same_files_give_the_same_bytes(tmp_path):
-    folder = write_laboratory(tmp_path / "lab", {f"S{i}": GOOD[f"S{i}"] for i in (1, 2, 3)})
+def test_the_same_files_give_the_same_bytes(some, tmp_path):
+    folder = some("S1", "S2", "S3")
     for name in ("a", "b"):
         assert main(["qc", str(folder), "--out", str(tmp_path / name)]) == 0
     for name in ("dataset.npz", "qc.json"):
         assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
 
 
-def test_too_few_good_samples_are_a_result_and_no_data_set(tmp_path, capsys):
-    folder = write_laboratory(tmp_path / "lab", {"S1": GOOD["S1"], **BAD})
+def test_too_few_good_samples_are_a_result_and_no_data_set(some, capsys):
+    folder = some("S1", *BAD)
     assert main(["qc", str(folder)]) == 1
     assert "fewer than two samples meet the rules" in capsys.readouterr().err
     report = json.loads((folder / "qc" / "qc.json").read_text())
@@ -181,15 +195,13 @@ def test_too_few_good_samples_are_a_result_and_no_data_set(tmp_path, capsys):
     assert not (folder / "qc" / "dataset.npz").exists()
 
 
-def test_a_sample_whose_test_stopped_early_is_rejected_by_the_protocol(tmp_path):
-    folder = write_laboratory(tmp_path / "lab", {f"S{i}": GOOD[f"S{i}"] for i in (1, 2, 3)})
+def test_a_sample_whose_test_stopped_early_is_rejected_by_the_protocol(some):
+    folder = some("S1", "S2", "S3")
     path = folder / "S2" / "machine.csv"
     lines = path.read_text().splitlines()
-    head = [i for i, line in enumerate(lines) if line.startswith("time_s")][0]
+    head = next(i for i, line in enumerate(lines) if line.startswith("time_s"))
     kept = lines[: head + 1 + 640]  # 32 s: before the third hold
-    kept = [
-        line.replace(lines[2], "# samples: 640") if i == 2 else line for i, line in enumerate(kept)
-    ]
+    kept[2] = "# samples: 640"
     path.write_text("\n".join(kept) + "\n")
     found = analyse(folder)
     [rejection] = found.rejections
@@ -239,9 +251,9 @@ BREAKS = {
 
 
 @pytest.mark.parametrize("case", BREAKS)
-def test_bad_input_is_one_sentence_with_file_place_found_and_expected(tmp_path, capsys, case):
+def test_bad_input_is_one_sentence_with_file_place_found_and_expected(some, capsys, case):
     name, old, new, place, said = BREAKS[case]
-    folder = write_laboratory(tmp_path / "lab", {f"S{i}": GOOD[f"S{i}"] for i in (1, 2)})
+    folder = some("S1", "S2")
     path = folder / name
     text = path.read_text()
     assert old in text
@@ -324,7 +336,7 @@ def test_a_study_of_an_experiment_runs_to_its_posterior_with_the_field(lab, resu
         "n_refine = 6": "n_refine = 4",
         "n_ensembles = 4": "n_ensembles = 2",
         "n_walkers = 32": "n_walkers = 16",
-        "max_steps = 20000": "max_steps = 200",
+        "max_steps = 20000": "max_steps = 100",
     }
     study = load_study(study_file(tmp_path, lab, **text))
     out = tmp_path / "out"

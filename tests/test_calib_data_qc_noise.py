@@ -120,9 +120,8 @@ def test_points_that_too_few_samples_have_are_left_out():
 
 
 def test_covariance_of_forces_is_that_between_samples():
-    forces = np.random.default_rng(3).multivariate_normal(
-        [1, 2], [[0.04, 0.05], [0.05, 0.09]], 4000
-    )
+    truth = [[0.04, 0.05], [0.05, 0.09]]
+    forces = np.random.default_rng(3).multivariate_normal([1, 2], truth, 4000)
     mean, covariance = mean_force(forces)
     np.testing.assert_allclose(mean, [1, 2], atol=0.02)
     np.testing.assert_allclose(covariance, truth, rtol=0.08)
