@@ -33,6 +33,9 @@ class FieldData:
     patterns: Array | None = None
     """(q, n_step, n_point, 3) further errors of known shape, each of one SD, mm: the directions in
     which samples differ, as they enter the error of their mean; None where there are none"""
+    nugget: float = 1e-6
+    """share of the noise variance that is not correlated between points, (0, 1); the default only
+    keeps the correlation of points much closer than the length from being singular"""
 
     def __post_init__(self) -> None:
         if self.points.ndim != 2 or self.points.shape[1] != 2:
@@ -52,6 +55,8 @@ class FieldData:
             )
         if not 0 <= self.reference_share < 1:
             raise ValueError(f"reference_share: expected in [0, 1), got {self.reference_share}")
+        if not 0 < self.nugget < 1:
+            raise ValueError(f"nugget: expected in (0, 1), got {self.nugget}")
         if self.patterns is not None:
             if self.patterns.ndim != 4 or self.patterns.shape[1:] != shape:
                 expected = f"(q, {shape[0]}, {shape[1]}, 3)"

@@ -16,7 +16,7 @@ from fe.response import Array
 VERSION = 1
 """of the file's layout; another one is refused"""
 _FORCES = ("travel", "force_mean", "force_sd")
-_NOISE = ("correlation_length", "reference_share")
+_NOISE = ("correlation_length", "reference_share", "nugget")
 
 Arrays = dict[str, Any]
 """arrays by name"""
@@ -53,9 +53,8 @@ def dataset_of_arrays(arrays: Arrays) -> Dataset:
             points=arrays["points"],
             displacement=arrays["displacement"],
             noise_std=arrays["noise_std"],
-            correlation_length=float(arrays["correlation_length"]),
-            reference_share=float(arrays["reference_share"]),
             patterns=arrays.get("patterns"),
+            **{name: float(arrays[name]) for name in _NOISE},
         )
     if "sample_names" in arrays:
         names = tuple(str(name) for name in arrays["sample_names"])

@@ -205,7 +205,9 @@ def field_covariance(
     if patterns.shape[1:] != (n_step, n_point, 3):
         expected = f"(q, {n_step}, {n_point}, 3)"
         raise ValueError(f"patterns: expected shape {expected}, found {patterns.shape}")
-    correlation = spatial_correlation(field.points, field.correlation_length, kernel)
+    correlation = spatial_correlation(
+        field.points, field.correlation_length, kernel, nugget=field.nugget
+    )
     smooth = spatial_correlation(
         field.points, FLOOR_LENGTH, "squared_exponential", nugget=FLOOR_NUGGET
     )

@@ -9,6 +9,7 @@ import numpy as np
 
 from calib.data import PUBLISHED_CONSTANTS, Dataset
 from calib.data.dataset_file import dataset_arrays, dataset_of_arrays
+from calib.inference.field_noise import NUGGET
 from calib.study.artifacts import read_json, write_json, write_npz
 from calib.study.config import SAME_TRAVEL, Study, StudyError
 from calib.study.data_source import measured_dataset
@@ -104,5 +105,6 @@ def load_data(out: Path) -> StudyData:
         raise ValueError(f"{out / DATA}.npz: not readable ({error}); delete it") from error
     facts_of_old = ("name", "synthetic", "n_samples", "correlation_length", "reference_share")
     known = {name: np.asarray(facts[name]) for name in facts_of_old if name in facts}
+    known["nugget"] = np.asarray(NUGGET)
     dataset = dataset_of_arrays({**known, **arrays})
     return StudyData(dataset, facts["published"], facts["truth"], facts["truth_hypothesis"])

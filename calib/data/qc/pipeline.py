@@ -23,6 +23,8 @@ from fe.response import Array
 
 THESIS_GRID = (35, 24)
 """points of half the face along x and y (thesis, section 4.4.2)"""
+SMALLEST_NUGGET = 1e-6
+"""with less the correlation of close points is singular"""
 
 
 @dataclass(frozen=True)
@@ -179,12 +181,14 @@ def _with_dataset(
     noise = _noise(fields, result.points, mean, static)
     force, covariance = mean_force(forces)
     n, n_step = forces.shape
+    floor = noise.static or noise.repeats
     field = FieldData(
         points=result.points[mean.kept],
         displacement=mean.displacement,
         noise_std=noise.mean_std,
-        correlation_length=(noise.static or noise.repeats).correlation_length,
-        reference_share=(noise.static or noise.repeats).reference_share,
+        correlation_length=floor.correlation_length,
+        reference_share=floor.reference_share,
+        nugget=max(floor.nugget, SMALLEST_NUGGET),
         patterns=mean.patterns if len(mean.patterns) else None,
     )
     names = tuple(s.name for s, good in zip(result.samples, kept, strict=True) if good)
