@@ -21,6 +21,7 @@ FIELD = FieldData(
     0.4,
     0.5,
     0.01 * RNG.standard_normal((2, 3, 6, 3)),
+    nugget=0.1,
 )
 FORCES = np.random.default_rng(1).normal([1.0, 2.0, 3.0], 0.1, (8, 3))
 COVARIANCE = np.cov(FORCES, rowvar=False)
@@ -127,6 +128,23 @@ def test_what_contradicts_itself_is_refused(change, message):
 def test_patterns_of_another_shape_are_refused():
     with pytest.raises(ValueError, match=r"patterns: expected shape \(q, 3, 6, 3\)"):
         replace(FIELD, patterns=np.zeros((1, 2, 6, 3)))
+
+
+@pytest.mark.parametrize("nugget", [0.0, 1.0, -0.1, np.nan])
+def test_an_impossible_nugget_is_refused(nugget):
+    with pytest.raises(ValueError, match="nugget: expected in"):
+        replace(FIELD, nugget=nugget)
+
+
+def test_the_nugget_is_part_of_the_fields_covariance():
+    white = replace(FIELD, patterns=None, nugget=1 - 1e-9)
+    residual = RNG.standard_normal((1, 3, 6, 3))
+    # points that share nothing: only increments are correlated, half and half
+    steps = np.linalg.inv(0.5 * np.eye(3) + 0.5)
+    scaled = residual[0] / FIELD.noise_std
+    expected = np.einsum("ipc,ij,jpc->", scaled, steps, scaled)
+    found = field_covariance(white).inner(residual, residual)[0, 0]
+    assert found == pytest.approx(expected, rel=1e-6)
 
 
 def test_a_measured_covariance_is_that_of_the_likelihood():
