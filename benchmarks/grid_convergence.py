@@ -16,14 +16,15 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from benchmarks.mesh_convergence import TRAVEL, Mesh, field_difference, similar, simulate
+from benchmarks.mesh_convergence import TRAVEL, Case, Mesh, field_difference, similar, simulate
+from benchmarks.meshes import Pin
 from fe import Response
-from fe.specimens.block_pin import Interface
 
 Array = npt.NDArray[np.float64]
 
 RATIOS = np.array([0.5, 0.05])
-INTERFACES: tuple[Interface, ...] = ("slide", "stick", 0.3)
+PINS: tuple[Pin, ...] = ("bar", "round")
+CASES = tuple(Case(pin, touch) for pin in PINS for touch in ("slide", "stick", 0.3))
 SAFETY = 1.25
 """of a study on three meshes"""
 
@@ -64,11 +65,11 @@ def figures(folder: Path) -> dict[str, Any]:
         "gci_seconds": {},
         "gci_meshes": {},
     }
-    for interface in INTERFACES:
-        meshes = similar(interface)[-3:]
+    for case in CASES:
+        meshes = similar(case)
         size = np.array([1.0 / mesh.cells[0] for mesh in meshes])[::-1]
-        runs = [_run(folder, interface, mesh) for mesh in meshes][::-1]
-        name = interface if isinstance(interface, str) else f"friction {interface:g}"
+        runs = [_run(folder, case, mesh) for mesh in meshes][::-1]
+        name = str(case)
         force = np.array([run.force for run in runs])
         e21, e32 = field_difference(runs[1], runs[0]), field_difference(runs[2], runs[1])
         by_force = [index_percent(force[:, i], size) for i in range(len(TRAVEL))]
@@ -88,7 +89,7 @@ def _by_travel(values: list[Any]) -> dict[str, Any]:
     return {str(d): value for d, value in zip(TRAVEL, values, strict=True)}
 
 
-def _run(folder: Path, interface: Interface, mesh: Mesh) -> Response:
-    response = simulate(folder, interface, mesh, RATIOS)
-    print(f"  {interface}, {mesh}: {response.seconds:.0f} s, {response.status}", flush=True)
+def _run(folder: Path, case: Case, mesh: Mesh) -> Response:
+    response = simulate(folder, case, mesh, RATIOS)
+    print(f"  {case}, {mesh}: {response.seconds:.0f} s, {response.status}", flush=True)
     return response

@@ -1,12 +1,13 @@
 """Force and front-face field of the thesis specimen on ever finer meshes, as a Markdown table.
 
     python -m benchmarks.mesh_convergence [stick|slide|COEFFICIENT OF FRICTION] [r s]
-        [--runs FOLDER]
+        [--pin bar|round] [--cells 12x4x2 ...] [--step MM] [--plane-strain] [--runs FOLDER]
 
 Runs one mesh after the other in one process with one thread, at kappa = 1 MPa, and prints the
 difference of each from the finest: force in %, field as RMS over the components at 840 points
-in mm.  Every run is kept in the folder, also for `benchmarks.grid_convergence`, and not repeated:
-delete the folder when the model changes.
+in mm.  Every run is kept in the folder, also for `benchmarks.grid_convergence`, under a name that
+changes with the model and the code (`benchmarks.run_key`), and not repeated.  Meshes are those of
+a design sample and of a fit and three similar ones, or the given `--cells`, the finest last.
 """
 
 from __future__ import annotations
@@ -20,7 +21,8 @@ from typing import NamedTuple, cast
 import numpy as np
 import numpy.typing as npt
 
-from benchmarks.meshes import FITTING_CELLS, SAMPLING_CELLS
+from benchmarks.meshes import FITTING_CELLS, SAMPLING_CELLS, Pin
+from benchmarks.run_key import run_key
 from fe import BlockPin, BlockPinModel, Contact, Response, load_response, save_response
 from fe.specimens.block_pin import Interface
 from fe.steps import StepOptions
@@ -42,35 +44,63 @@ class Mesh(NamedTuple):
         return f"{' x '.join(map(str, self.cells))}, {self.step:g}"
 
 
+class Case(NamedTuple):
+    """What a study is of."""
+
+    pin: Pin
+    interface: Interface
+    """the same on pin and base"""
+    plane_strain: bool = False
+
+    def __str__(self) -> str:
+        """As in docs/verification/fe.json, where a bar has no name."""
+        named = isinstance(self.interface, str)
+        words = ["round"] if self.pin == "round" else []
+        words += ["plane strain"] if self.plane_strain else []
+        return ", ".join([*words, str(self.interface) if named else f"friction {self.interface:g}"])
+
+
 GLUED = tuple(Mesh((4 * n, 4 * n, 2 * n), 0.05) for n in (2, 3, 4))
 SLIDING = tuple(Mesh((4 * n, 2 * n, n), 0.05) for n in (2, 3, 4))
+RUBBING = tuple(Mesh((4 * n, 2 * n, n), 0.05) for n in (3, 4, 5))
+STUCK_TO_ROUND = tuple(Mesh((2 * n, n, 2 * n), 0.05) for n in (3, 4, 6))
+UNDER_ROUND = tuple(Mesh((2 * n, n, 2 * n), 0.05) for n in (3, 4, 5))
 """coarse to fine, similar to each other"""
 
 
-def similar(interface: Interface) -> tuple[Mesh, ...]:
+def similar(case: Case) -> tuple[Mesh, ...]:
     """Three meshes of the index, coarse to fine."""
-    return GLUED if interface == "stick" else SLIDING
+    if case.pin == "round":
+        return STUCK_TO_ROUND if case.interface == "stick" else UNDER_ROUND
+    return {"stick": GLUED, "slide": SLIDING}.get(str(case.interface), RUBBING)
 
 
-def single(interface: Interface) -> tuple[Mesh, ...]:
-    """Meshes of a design sample, the fitting mesh last."""
-    touch = {"stick": "stick", "slide": "frictionless"}.get(str(interface), "friction")
-    cells = (SAMPLING_CELLS[f"bar, {touch}"], FITTING_CELLS[f"bar, {touch}"])
+def single(case: Case) -> tuple[Mesh, ...]:
+    """Meshes of a design sample and of a fit."""
+    touch = {"stick": "stick", "slide": "frictionless"}.get(str(case.interface), "friction")
+    cells = (SAMPLING_CELLS[f"{case.pin}, {touch}"], FITTING_CELLS[f"{case.pin}, {touch}"])
     return tuple(Mesh(one, 0.05) for one in cells)
 
 
-def simulate(folder: Path, interface: Interface, mesh: Mesh, ratios: Array) -> Response:
+def simulate(folder: Path, case: Case, mesh: Mesh, ratios: Array) -> Response:
     """The thesis specimen, the same interface on pin and base, from the folder if it is there.
 
     `seconds` of the response are of the processor, not of the clock.
     """
-    name = f"{interface}-{'x'.join(map(str, mesh.cells))}-{mesh.step:g}"
-    path = folder / f"{name}-{'-'.join(f'{v:g}' for v in ratios)}.npz"
+    contact = Contact(case.interface, case.interface)
+    steps = StepOptions(largest=mesh.step)
+    model = BlockPinModel(
+        BlockPin(pin=case.pin),
+        contact,
+        mesh.cells,
+        TRAVEL,
+        steps=steps,
+        plane_strain=case.plane_strain,
+    )
+    words = [str(case), "x".join(map(str, mesh.cells)), *(f"{v:g}" for v in ratios)]
+    path = folder / f"{'-'.join(words).replace(', ', '-').replace(' ', '-')}-{run_key(model)}.npz"
     if path.exists():
         return load_response(path)
-    contact = Contact(interface, interface)
-    steps = StepOptions(largest=mesh.step)
-    model = BlockPinModel(BlockPin(), contact, mesh.cells, TRAVEL, steps=steps)
     start = time.process_time()
     response = replace(model(ratios), seconds=time.process_time() - start)
     folder.mkdir(parents=True, exist_ok=True)
@@ -86,24 +116,47 @@ def field_difference(one: Response, other: Response) -> Array:
 
 def main(arguments: list[str] | None = None) -> None:
     """Print the tables."""
-    parser = argparse.ArgumentParser(prog="benchmarks.mesh_convergence")
-    parser.add_argument("interface", nargs="?", default="slide")
-    parser.add_argument("ratios", nargs="*", type=float, default=[0.5, 0.05], metavar="r s")
-    parser.add_argument("--runs", type=Path, default=RUNS)
-    options = parser.parse_args(arguments)
+    options = _options(arguments)
     named = options.interface in ("stick", "slide")
     interface = cast(Interface, options.interface if named else float(options.interface))
+    case = Case(options.pin, interface, options.plane_strain)
     ratios = np.array(options.ratios)
-    print(f"{interface}, r = {ratios[0]:g}, s = {ratios[1]:g}, kappa = 1 MPa\n")
+    family = similar(case)
+    meshes = [*(mesh for mesh in single(case) if mesh not in family), *family]
+    if options.cells:
+        meshes = [Mesh(cells, options.step) for cells in options.cells]
+    print(f"{case}, r = {ratios[0]:g}, s = {ratios[1]:g}, kappa = 1 MPa\n")
     print("| elements, step mm | " + " | ".join(f"F({d}) N" for d in TRAVEL), end=" | ")
     print("s | pivots < 0 |\n" + "|---" * (len(TRAVEL) + 3) + "|")
-    meshes, runs = (*single(interface), *similar(interface)), []
+    runs = []
     for mesh in meshes:
-        run = simulate(options.runs, interface, mesh, ratios)
+        run = simulate(options.runs, case, mesh, ratios)
         runs.append(run)
         forces = " | ".join(f"{f:.2f}" for f in run.force)
         negative = int(run.negative_pivots.max())
         print(f"| {mesh} | {forces} | {run.seconds:.0f} | {negative} |", flush=True)
+    _print_differences(meshes, runs)
+
+
+def _options(arguments: list[str] | None) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(prog="benchmarks.mesh_convergence")
+    parser.add_argument("interface", nargs="?", default="slide")
+    parser.add_argument("ratios", nargs="*", type=float, default=[0.5, 0.05], metavar="r s")
+    parser.add_argument("--pin", choices=("bar", "round"), default="bar")
+    parser.add_argument("--cells", nargs="+", type=_cells, metavar="12x4x2")
+    parser.add_argument("--step", type=float, default=0.05, help="largest, mm, of --cells")
+    parser.add_argument("--plane-strain", action="store_true", help="--cells with one along z")
+    parser.add_argument("--runs", type=Path, default=RUNS)
+    return parser.parse_args(arguments)
+
+
+def _cells(text: str) -> tuple[int, int, int]:
+    nx, ny, nz = (int(n) for n in text.split("x"))
+    return nx, ny, nz
+
+
+def _print_differences(meshes: list[Mesh], runs: list[Response]) -> None:
+    """Table of the differences from the last."""
     print("\n| elements, step mm | " + " | ".join(f"force {d} %" for d in TRAVEL), end=" | ")
     print(" | ".join(f"field {d} mm" for d in TRAVEL) + " |")
     print("|---" * (2 * len(TRAVEL) + 1) + "|")

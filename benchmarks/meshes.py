@@ -11,17 +11,17 @@ SAMPLING_CELLS: dict[str, Cells] = {
     "bar, stick": (12, 6, 2),
     "bar, friction": (12, 4, 2),
     "bar, frictionless": (12, 4, 2),
-    "round, stick": (8, 4, 8),
-    "round, friction": (8, 4, 8),
-    "round, frictionless": (8, 4, 8),
+    "round, stick": (6, 4, 6),
+    "round, friction": (6, 3, 6),
+    "round, frictionless": (6, 4, 6),
 }
 """of a design sample: Q2 elements of a quarter along x, y, z"""
 FITTING_CELLS: dict[str, Cells] = {
-    "bar, stick": (14, 12, 5),
-    "bar, friction": (16, 5, 2),
+    "bar, stick": (15, 14, 5),
+    "bar, friction": (16, 8, 4),
     "bar, frictionless": (16, 5, 2),
     "round, stick": (12, 6, 12),
-    "round, friction": (12, 6, 12),
-    "round, frictionless": (12, 6, 12),
+    "round, friction": (10, 5, 10),
+    "round, frictionless": (10, 5, 10),
 }
 """of the runs that a fit is checked or corrected with"""

@@ -17,6 +17,7 @@ from fe.simulate import Specimen, simulate
 from fe.specimens.block_pin import BlockPin, BlockPinModel, Contact
 from fe.specimens.block_pin_family import FAMILY, BlockPinFamily
 from fe.specimens.cylinder import Cylinder, CylinderModel
+from fe.specimens.disc_pin import Disc, DiscPinModel
 from fe.specimens.tensile import NotchedPlate, TensileModel
 from fe.specimens.uniaxial import Bar, UniaxialModel
 from fe.vtk_export import export_vtk
@@ -34,6 +35,8 @@ __all__ = [
     "Contact",
     "Cylinder",
     "CylinderModel",
+    "Disc",
+    "DiscPinModel",
     "NotchedPlate",
     "Parameter",
     "Response",

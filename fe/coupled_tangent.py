@@ -1,4 +1,4 @@
-"""The whole tangent of a block that rubs: the symmetric one with friction's unsymmetric part."""
+"""The whole tangent of what rubs: the symmetric one with friction's unsymmetric part."""
 
 from __future__ import annotations
 
@@ -14,9 +14,13 @@ IntArray = npt.NDArray[np.int64]
 
 
 class CoupledTangent:
-    """Puts the two parts together over the pattern of both triangles."""
+    """Puts the two parts together over the pattern of both triangles.
 
-    def __init__(self, pattern: Pattern, face_nodes: IntArray) -> None:
+    `parts` are the nodes (n, a) of the faces or elements on which friction acts, one array for each
+    kind.
+    """
+
+    def __init__(self, pattern: Pattern, *parts: IntArray) -> None:
         n = pattern.indptr.size - 1
         places = sp.csr_matrix(
             (np.arange(1.0, pattern.indices.size + 1), pattern.indices, pattern.indptr), (n, n)
@@ -26,15 +30,17 @@ class CoupledTangent:
         self._from = full.data.astype(np.int64) - 1
         self._indptr = full.indptr.astype(np.int32)
         self._indices = full.indices.astype(np.int32)
-        self._slots = entry_slots(
-            face_nodes, pattern.number, self._indptr, self._indices, upper=False
-        )
+        self._slots = [
+            entry_slots(nodes, pattern.equation, self._indptr, self._indices, upper=False)
+            for nodes in parts
+        ]
 
-    def matrix(self, upper: Array, coupling: Array) -> GeneralMatrix:
-        """Sum of the symmetric tangent's `upper` entries (nnz,) and `coupling`, N/mm.
+    def matrix(self, upper: Array, *couplings: Array) -> GeneralMatrix:
+        """Sum of the symmetric tangent's `upper` entries (nnz,) and the couplings, N/mm.
 
-        `coupling` (n_face, n_a, 3, 3, n_a) is indexed [a, i, k, b].
+        Those are (n, a, 3, 3, a) for each kind of parts, indexed [a, i, k, b].
         """
         data = upper[self._from]
-        add_entries(coupling, self._slots, data)
+        for coupling, slots in zip(couplings, self._slots, strict=True):
+            add_entries(coupling, slots, data)
         return GeneralMatrix(self._indptr, self._indices, data)

@@ -28,14 +28,38 @@ FACE_ORDER = 9
 class Pattern:
     """Upper-triangular CSR pattern of the free unknowns and the slots of element entries."""
 
-    number: IntArray
+    equation: IntArray
     """(3 n_node,) equation of each unknown, -1 where prescribed"""
+    number: IntArray
+    """the same, but -1 for all but the first of unknowns that share an equation"""
     indptr: Int32Array
     indices: Int32Array
     element_slots: Int32Array
     """(n_elem, 27, 3, 3, 27) slot of entry [a, i, k, b], -1 where dropped"""
     face_slots: Int32Array
     """(n_face, 9, 3, 3, 9)"""
+
+    @property
+    def n_free(self) -> int:
+        """Number of equations."""
+        return self.indptr.size - 1
+
+    def restrict(self, full: Array) -> Array:
+        """(n_free,) or (n_free, k) sums over the equations of nodal (n_node, 3[, k]) values."""
+        free = self.equation >= 0
+        flat = full.reshape(free.size, *full.shape[2:])[free]
+        if self.equation is self.number:  # none is shared
+            return flat
+        total = np.zeros((self.n_free, *full.shape[2:]))
+        np.add.at(total, self.equation[free], flat)
+        return total
+
+    def expand(self, values: Array) -> Array:
+        """(n_node, 3) from free values (n_free,), zero where prescribed: `restrict` transposed."""
+        free = self.equation >= 0
+        full = np.zeros(free.size)
+        full[free] = values[self.equation[free]]
+        return full.reshape(-1, 3)
 
 
 def elements(mesh: MeshHex) -> tuple[Elements, Basis]:
@@ -99,6 +123,7 @@ def pattern(element_nodes: IntArray, face_nodes: IntArray, fixed: BoolArray) -> 
     indptr = upper.indptr.astype(np.int32)
     indices = upper.indices.astype(np.int32)
     return Pattern(
+        equation=number,
         number=number,
         indptr=indptr,
         indices=indices,
@@ -157,3 +182,10 @@ def add_entries(tangent: Array, slots: Int32Array, data: Array) -> None:
                         slot = slots[e, a, i, k, b]
                         if slot >= 0:
                             data[slot] += tangent[e, a, i, k, b]
+
+
+def sum_to_nodes(nodes: IntArray, values: Array, n_node: int) -> Array:
+    """(n_node, 3) sum of nodal vectors (n, a, 3) over the parts that share a node."""
+    index = 3 * nodes[..., None] + np.arange(3)
+    total = np.bincount(index.ravel(), weights=values.ravel(), minlength=3 * n_node)
+    return total.astype(np.float64, copy=False).reshape(-1, 3)

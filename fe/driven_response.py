@@ -4,23 +4,31 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 import numpy.typing as npt
 import scipy.sparse as sp
+from skfem import Basis
 from threadpoolctl import threadpool_limits
 
-from fe import linear_solver
+from fe import seen
 from fe.driven import DrivenProblem
+from fe.driven_parameters import Shape, dimensions, known_names, parameters, shape_slope
 from fe.driving import Solution, solve
-from fe.ending import ending
-from fe.force_control import Control, check_targets
+from fe.field_motion import passing
+from fe.force_control import Control
+from fe.material_parameters import MaterialParameters, all_parameters, ratio_parameters
 from fe.materials.material import Material, mooney_rivlin_of_ratios
-from fe.materials.mooney_rivlin import RATIO_DERIVATIVES
 from fe.newton import NewtonOptions
+from fe.parameters import Parameters, check_names
+from fe.plate import PlateSlopes
 from fe.progress import Progress, listener
 from fe.response import Response
+from fe.seen import FieldObjective, Seen
+from fe.sensitivity import Objective
 from fe.steps import StepOptions
+from fe.weak_form import Elements
 
 Array = npt.NDArray[np.float64]
 
@@ -36,22 +44,23 @@ class DrivenSpecimen:
     """(n_point, n_node) nodal values to values at the field points"""
     symmetry: float
     """how many such parts the whole specimen has"""
+    basis: Basis
+    """of one displacement"""
+
+    @property
+    def elements(self) -> Elements:
+        """Tables of the mesh."""
+        return self.problem.elements
 
 
 @dataclass(frozen=True)
 class Schedule:
-    """At which travels (mm) or forces (N) the response is asked, and how the solver gets there.
-
-    Raises ValueError unless one of the two is given, above 0 and increasing.
-    """
+    """At which travels (mm) or forces (N) the response is asked, and how the solver gets there."""
 
     travel: tuple[float, ...]
     steps: StepOptions
     newton: NewtonOptions
     force: tuple[float, ...] = ()
-
-    def __post_init__(self) -> None:
-        check_targets(self.travel, self.force)
 
     @property
     def control(self) -> Control:
@@ -59,99 +68,136 @@ class Schedule:
         return "force" if self.force else "travel"
 
 
-def respond(
-    specimen: DrivenSpecimen,
-    material: Material,
-    schedule: Schedule,
-    progress: Progress | None = None,
-) -> Response:
-    """Response with derivatives in every constant and, last, the bulk modulus."""
-    names = (*material.law.constant_names, "bulk")
-    return _run(specimen, material, schedule, np.eye(len(names)), names, progress)
+class DrivenModel(Protocol):
+    """A specimen of some dimensions with how it is meshed, moved and seen."""
+
+    @property
+    def specimen(self) -> Any:
+        """Its dimensions, a dataclass of lengths, mm."""
+        ...
+
+    @property
+    def bulk_ratio(self) -> float:
+        """Bulk modulus over mu = 2 kappa where ratios are asked."""
+        ...
+
+    @property
+    def sensitivities(self) -> tuple[str, ...] | None:
+        """Parameters of the gradients; None are those that the response is a function of."""
+        ...
+
+    @property
+    def schedule(self) -> Schedule:
+        """What is asked."""
+        ...
+
+    def discretise(self) -> DrivenSpecimen:
+        """Tables of the mesh, constraints and field points."""
+        ...
+
+    def shape(self, specimen: Any) -> Shape:
+        """What moves with the dimensions, at those of `specimen`."""
+        ...
 
 
-def respond_to_ratios(
-    specimen: DrivenSpecimen, ratios: Array, bulk_ratio: float, schedule: Schedule
-) -> Response:
-    """Response at kappa = 1 MPa with derivatives in (r, s), bulk modulus 2 `bulk_ratio` MPa.
+class _Run(NamedTuple):
+    """A discretised specimen of one material and what is asked of it."""
+
+    discrete: DrivenSpecimen
+    schedule: Schedule
+    material: Material
+    along: Parameters[PlateSlopes | None]
+    seen: Seen
+
+
+def parameter_names(model: DrivenModel, material: Material | None) -> tuple[str, ...]:
+    """Names that `sensitivities` may have: of ratios, or of a material if one is given."""
+    own = ("r", "s", "bulk_ratio") if material is None else all_parameters(material).names
+    return (*own, *known_names(model.discretise().problem, model.specimen))
+
+
+def respond(model: DrivenModel, material: Material, progress: Progress | None = None) -> Response:
+    """Response of any material, by default with derivatives in its constants and bulk modulus."""
+    return _respond(_of(model, material), progress)
+
+
+def respond_to_ratios(model: DrivenModel, ratios: Array) -> Response:
+    """Response at kappa = 1 MPa, by default with derivatives in (r, s).
 
     Raises ValueError when the ratios do not give a material (two finite numbers).
     """
-    ratios = np.asarray(ratios, dtype=np.float64)
-    if ratios.shape != (2,) or not np.isfinite(ratios).all():
-        raise ValueError(f"ratios: expected two finite numbers (r, s), found {ratios}")
-    material = mooney_rivlin_of_ratios(ratios, 1.0, 2.0 * bulk_ratio)
-    directions = np.hstack([RATIO_DERIVATIVES, np.zeros((2, 1))])
-    return _run(specimen, material, schedule, directions, ("r", "s"))
+    material = mooney_rivlin_of_ratios(ratios, 1.0, 2.0 * model.bulk_ratio)
+    return _respond(_run(model, material, ratio_parameters(material), ("r", "s")), None)
+
+
+def objective_gradients(model: DrivenModel, material: Material, objective: FieldObjective) -> Array:
+    """(n_step, n_p) derivatives of a scalar of each travel's response, by the adjoint."""
+    run = _of(model, material)
+
+    def states(of_state: Objective) -> Any:
+        return _solve(run, None, of_state).states
+
+    return seen.objective_gradients(states, run.seen, objective)
+
+
+def solve_for(model: DrivenModel, material: Material, progress: Progress | None) -> Solution:
+    """States of the modelled part at the targets reached."""
+    return _solve(_of(model, material), progress)
+
+
+def _of(model: DrivenModel, material: Material) -> _Run:
+    known = all_parameters(material)
+    return _run(model, material, known, known.names)
 
 
 def _run(
-    specimen: DrivenSpecimen,
-    material: Material,
-    schedule: Schedule,
-    directions: Array,
-    parameters: tuple[str, ...],
-    progress: Progress | None = None,
-) -> Response:
-    started = time.perf_counter()
+    model: DrivenModel, material: Material, known: MaterialParameters, default: tuple[str, ...]
+) -> _Run:
+    names = default if model.sensitivities is None else model.sensitivities
+    discrete, schedule, specimen = model.discretise(), model.schedule, model.specimen
+    check_names(names, (*known.names, *known_names(discrete.problem, specimen)))
+    lengths, n_node = dimensions(specimen), discrete.probe.shape[1]
+    moved = {name: shape_slope(model.shape, specimen, name) for name in names if name in lengths}
+    at = model.shape(specimen).points
+    passed = np.zeros((*at.shape, len(names)))
+    for name, slope in moved.items():
+        by_mesh = discrete.probe @ slope.nodes
+        passed[..., names.index(name)] = slope.points - by_mesh[:, : at.shape[1]]
+    return _Run(
+        discrete=discrete,
+        schedule=schedule,
+        material=material,
+        along=parameters(names, known, discrete.problem, moved, material.shear_modulus),
+        seen=Seen(
+            targets=np.asarray(schedule.travel or schedule.force),
+            control=schedule.control,
+            points=discrete.points,
+            probe=discrete.probe,
+            motion=passing(passed, at, lambda: discrete.basis, n_node - discrete.basis.N),
+            factor=discrete.symmetry,
+            names=names,
+        ),
+    )
+
+
+def _solve(run: _Run, progress: Progress | None, objective: Objective | None = None) -> Solution:
+    schedule, symmetry = run.schedule, run.discrete.symmetry
     with threadpool_limits(limits=1):
-        solution = solve(
-            specimen.problem,
-            material,
-            schedule.travel or tuple(f / specimen.symmetry for f in schedule.force),
-            directions=directions,
+        return solve(
+            run.discrete.problem,
+            run.material,
+            schedule.travel or tuple(f / symmetry for f in schedule.force),
+            parameters=run.along,
             steps=schedule.steps,
             newton=schedule.newton,
             control=schedule.control,
-            listen=listener(progress, specimen.symmetry),
+            objective=objective,
+            listen=listener(progress, symmetry),
         )
+
+
+def _respond(run: _Run, progress: Progress | None) -> Response:
+    started = time.perf_counter()
+    states, outcome, n_factorisations = _solve(run, progress)
     seconds = time.perf_counter() - started
-    return _response(specimen, solution, schedule, parameters, seconds)
-
-
-def _response(
-    specimen: DrivenSpecimen,
-    solution: Solution,
-    schedule: Schedule,
-    parameters: tuple[str, ...],
-    seconds: float,
-) -> Response:
-    n_step = len(schedule.travel or schedule.force)
-    n_point, n_parameter = len(specimen.points), len(parameters)
-    by_force = schedule.control == "force"
-    travel = np.full(n_step, np.nan) if by_force else np.array(schedule.travel)
-    travel_gradient = np.full((n_step, n_parameter), np.nan) if by_force else np.zeros((0, 0))
-    force = np.full(n_step, np.nan)
-    displacement = np.full((n_step, n_point, 3), np.nan)
-    force_gradient = np.full((n_step, n_parameter), np.nan)
-    displacement_gradient = np.full((n_step, n_point, 3, n_parameter), np.nan)
-    negative = np.full(n_step, -1, dtype=np.int64)
-    for i, state in enumerate(solution.states):
-        travel[i] = state.travel
-        if by_force:
-            travel_gradient[i] = state.travel_gradient
-        force[i] = specimen.symmetry * state.force
-        force_gradient[i] = specimen.symmetry * state.force_gradient
-        displacement[i] = specimen.probe @ state.u
-        for j in range(n_parameter):
-            displacement_gradient[i, :, :, j] = specimen.probe @ state.u_gradient[:, :, j]
-        negative[i] = state.negative_pivots
-    complete = len(solution.states) == n_step
-    end = ending(solution.outcome, schedule.control, specimen.symmetry, complete=complete)
-    return Response(
-        travel=travel,
-        force=force,
-        displacement=displacement,
-        force_gradient=force_gradient,
-        displacement_gradient=displacement_gradient,
-        reached=end.reached,
-        status=end.status,
-        message=end.message,
-        negative_pivots=negative,
-        n_factorisations=solution.n_factorisations,
-        seconds=seconds,
-        points=specimen.points,
-        parameters=parameters,
-        solver=linear_solver.installed_library().name,
-        travel_gradient=travel_gradient,
-    )
+    return seen.response(states, outcome, run.seen, n_factorisations, seconds)

@@ -1,4 +1,4 @@
-"""March a prescribed motion from 0 to the asked travels, with sensitivities in the material.
+"""March a prescribed motion from 0 to the asked travels, with sensitivities.
 
 The tangent predictor moves all nodes at once; fe.newton then finds the equilibrium at the travel.
 """
@@ -6,7 +6,8 @@ The tangent predictor moves all nodes at once; fe.newton then finds the equilibr
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -25,15 +26,13 @@ from fe.force_control import (
 from fe.linear_solver import SymmetricSolver
 from fe.materials.material import Material
 from fe.newton import Equilibrium, NewtonOptions, descent_direction, equilibrate
-from fe.plate import PlateMemory, initial_memory, renewed_anchors, renewed_limits
+from fe.parameters import Parameters
+from fe.plate import PlateMemory, PlateSlopes, initial_memory, no_slopes, renewed_anchors
 from fe.progress import Progress
+from fe.sensitivity import Objective, Tangent, adjoint, direct
 from fe.steps import March, StepOptions, stride
 
 Array = npt.NDArray[np.float64]
-
-FRICTION_TOLERANCE = 1e-3
-"""change of the friction limits between passes, relative to their norm"""
-FRICTION_PASSES = 20
 
 
 @dataclass(frozen=True)
@@ -45,21 +44,22 @@ class DrivenState:
     u: Array
     """(n_node, 3) mm"""
     u_gradient: Array
-    """(n_node, 3, n_direction) du along the directions, mm; NaN with friction"""
-    force: float
+    """(n_node, 3, n_p) du/d parameter, mm; (n_node, 3, 0) where an objective's gradient was asked
+    and nothing rubs"""
+    pin_force: float
     """dE/dtravel, N"""
     force_gradient: Array
-    """(n_direction,) N; NaN with friction, 0 where the force was asked"""
+    """(n_p,) N, 0 where the force was asked; (0,) where `u_gradient` is empty"""
     travel_gradient: Array
-    """(n_direction,) dtravel along the directions, mm; NaN with friction, 0 where the travel was
-    asked"""
+    """(n_p,) dtravel/d parameter, mm; 0 where the travel was asked"""
     energy: float
     """stored energy with that of contact, N mm"""
     negative_pivots: int
+    objective_gradient: Array
+    """(n_p,) of the objective, (0,) without one"""
 
 
-@dataclass(frozen=True)
-class Solution:
+class Solution(NamedTuple):
     """All states that a march reached."""
 
     states: list[DrivenState]
@@ -67,39 +67,50 @@ class Solution:
     n_factorisations: int
 
 
+class _Asked(NamedTuple):
+    """What is wanted of each step."""
+
+    parameters: Parameters[PlateSlopes | None]
+    control: Control
+    objective: Objective | None
+
+
+def no_parameters(problem: DrivenProblem, material: Material) -> Parameters[PlateSlopes | None]:
+    """For a march without sensitivities."""
+    return Parameters(
+        names=(),
+        constants=np.zeros((0, len(material.constants))),
+        bulk=np.zeros(0),
+        motion=np.zeros((0, *problem.motion.shape)),
+        surface=None if problem.plate is None else no_slopes(problem.plate.edges, 0),
+    )
+
+
 def solve(
     problem: DrivenProblem,
     material: Material,
     targets: Sequence[float],
     *,
-    directions: Array,
     steps: StepOptions,
     newton: NewtonOptions,
+    parameters: Parameters[PlateSlopes | None] | None = None,
     control: Control = "travel",
+    objective: Objective | None = None,
     listen: Progress | None = None,
 ) -> Solution:
     """States at the targets (increasing) up to the one that cannot be reached.
 
     Targets are travels, mm, or with `control` "force" forces of the modelled part, N.
-    `listen` hears of each accepted step.
-    `directions` (n_direction, n_constant + 1) are the changes of constants and bulk modulus along
-    which derivatives are taken.
+    `listen` hears of each accepted step.  Sensitivities are in `parameters`, none when not given,
+    of all displacements or, by the adjoint, of an `objective` at asked travels.
     """
     solver = SymmetricSolver(problem.pattern.indptr, problem.pattern.indices)
     outcome = March(listen=listen)
+    along = no_parameters(problem, material) if parameters is None else parameters
+    asked = _Asked(along, control, objective)
+    potential = DrivenPotential(problem, material)
     try:
-        states = list(
-            drive(
-                DrivenPotential(problem, material),
-                solver,
-                targets,
-                outcome,
-                directions=directions,
-                steps=steps,
-                newton=newton,
-                control=control,
-            )
-        )
+        states = list(drive(potential, solver, targets, outcome, asked, steps, newton))
         return Solution(states, outcome, solver.n_factorisations)
     finally:
         solver.close()
@@ -110,48 +121,47 @@ def drive(
     solver: SymmetricSolver,
     targets: Sequence[float],
     outcome: March,
-    *,
-    directions: Array,
+    asked: _Asked,
     steps: StepOptions,
     newton: NewtonOptions,
-    control: Control,
 ) -> Iterator[DrivenState]:
     """Yield the solution at each target; what happened is left in `outcome`.
 
     Also whether the force fell: compressed mixed elements can leave the wanted solution for one of
     their own that is stable.
     """
-    plate = potential.problem.plate
-    memory = renewed = None if plate is None else initial_memory(plate)
-    rubs = plate is not None and plate.friction > 0.0
+    plate, slopes = potential.problem.plate, asked.parameters.surface
+    memory: PlateMemory | None = None
+    if plate is not None and slopes is not None:
+        memory = initial_memory(plate, slopes)
     state: DrivenState | None = None
-    force = 0.0
+    tangent = Tangent(potential, solver)
 
     def aim(start: Start, travel: float) -> tuple[Array, Array]:
         return _predict(potential, solver, start, travel, newton)
 
     def attempt(start: tuple[Array, Array], travel: float) -> Equilibrium:
-        nonlocal renewed
-        found, renewed = _equilibrate(potential, solver, start, travel, memory, newton)
-        return found
+        return equilibrate(potential, solver, *start, travel, memory, newton)
 
     def accept(found: Found) -> Start:
-        nonlocal memory, state, force
-        now = found.equilibrium.assembly.pin_force
-        if now < FALL * force:
+        nonlocal memory, state
+        before = 0.0 if state is None else state.pin_force
+        if found.equilibrium.assembly.pin_force < FALL * before:
             outcome.fall(found)
-        force, memory = now, renewed
-        state = _state(potential, solver, found, directions, state, control)
-        return restore(found.as_start()) if rubs else found.as_start()
+        state = _state(potential, solver, tangent, found, memory, asked, state)
+        if not np.isfinite(state.force_gradient).all():
+            outcome.warn(f"no derivatives from a travel of {found.travel:.4f} mm on")
+        if not potential.has_friction or plate is None or slopes is None:
+            return found.as_start()
+        memory = renewed_anchors(plate, slopes, state.u, state.u_gradient)
+        return restore(found.as_start())
 
     def restore(start: Start) -> Start:
         assembly = potential.assemble(start.u, start.p, start.travel, memory)
         return start._replace(assembly=assembly, negative=solver.factorise(assembly.data))
 
     here = restore(Start(*potential.zero_state(), None, 0.0, 0))
-    # a force that friction has a part in is not settled further than friction is
-    tolerance = FRICTION_TOLERANCE if rubs else newton.tolerance
-    way = Way(aim, attempt, accept, restore, control, tolerance)
+    way = Way(aim, attempt, accept, restore, asked.control, newton.tolerance)
     for _ in stride(potential, solver, way, here, targets, steps, outcome):
         assert state is not None
         yield state
@@ -174,69 +184,46 @@ def _predict(
     return start.u + du, start.p + potential.pressure_step(du)
 
 
-def _equilibrate(
-    potential: DrivenPotential,
-    solver: SymmetricSolver,
-    start: tuple[Array, Array],
-    travel: float,
-    memory: PlateMemory | None,
-    newton: NewtonOptions,
-) -> tuple[Equilibrium, PlateMemory | None]:
-    """Equilibrium at `travel`, friction limits renewed until they settle; the memory after it."""
-    u, p = start
-    plate = potential.problem.plate
-    modulus = potential.solid.material.shear_modulus
-    iterations = 0
-    for _ in range(FRICTION_PASSES):
-        found = equilibrate(potential, solver, u, p, travel, memory, newton)
-        iterations += found.iterations
-        if not found.converged or plate is None or memory is None or plate.friction == 0.0:
-            return found, memory
-        u, p = found.u, found.p
-        ends = potential.end_forces(u, p, travel, memory)
-        renewed = renewed_limits(plate, memory, u, travel, modulus, ends)
-        before = np.concatenate([memory.end_limit, memory.edge_limit.ravel()])
-        after = np.concatenate([renewed.end_limit, renewed.edge_limit.ravel()])
-        settled = np.linalg.norm(after - before) <= FRICTION_TOLERANCE * np.linalg.norm(after)
-        memory = renewed
-        if settled:
-            return found, renewed_anchors(plate, memory, u)
-    return replace(found, converged=False, reason="the friction did not settle"), memory
-
-
 def _state(
     potential: DrivenPotential,
     solver: SymmetricSolver,
+    tangent: Tangent,
     found: Found,
-    directions: Array,
+    memory: PlateMemory | None,
+    asked: _Asked,
     before: DrivenState | None,
-    control: Control,
 ) -> DrivenState:
-    """The solution with its derivatives from the factorised tangent; `before` is the last one's."""
-    at, travel = found.equilibrium, found.travel
-    n = len(directions)
-    plate = potential.problem.plate
-    if plate is not None and plate.friction > 0.0:
-        unknown = np.full(n, np.nan)
-        gradient = Sensitivity(np.full((*at.u.shape, n), np.nan), unknown, unknown)
-    else:
-        slopes, direct = potential.force_slopes(at.u, travel, directions)
-        free = solver.solve(-slopes)
-        columns = [potential.expand(column) for column in free.T]
-        by_force = at.assembly.by_travel @ free + direct
-        gradient = Sensitivity(np.stack(columns, axis=2), by_force, np.zeros(n))
-        if control == "force":
-            moved = gradient.travel if before is None else before.travel_gradient
-            along, slope = travel_slope(potential, solver, at.assembly)
-            u_slope = potential.expand(along) + potential.problem.motion
-            gradient = at_moving_travel(gradient, u_slope, slope, moved, meets=found.arrived)
+    """The solution with its derivatives from the factorised tangent; `before` is the last one's.
+
+    They are taken where the caller asks for them, and with friction for the sake of its anchors.
+    """
+    at, travel, along = found.equilibrium, found.travel, asked.parameters
+    n_p = len(along.names)
+    moved = np.zeros(n_p) if before is None else before.travel_gradient
+    gradient = Sensitivity(np.zeros((*at.u.shape, 0)), np.zeros(0), moved)
+    by_objective = np.zeros(0)
+    if potential.has_friction or found.arrived:
+        partials = potential.partials(at.u, travel, memory, at.assembly, along)
+        prescribed = potential.problem.motion[..., None] * -along.zeroes.astype(np.float64)
+        if potential.has_friction or asked.objective is None:
+            fixed = direct(potential, tangent, at.assembly, partials)
+            gradient = Sensitivity(fixed.u + prescribed, fixed.force, moved)
+            if asked.control == "force":
+                free, slope = travel_slope(potential, solver, at.assembly)
+                u_slope = potential.expand(free) + potential.problem.motion
+                gradient = at_moving_travel(gradient, u_slope, slope, moved, meets=found.arrived)
+        if found.arrived and asked.objective is not None:
+            by_u, by_force = asked.objective(travel, at.u, at.assembly.pin_force)
+            by_objective = adjoint(potential, tangent, at.assembly, partials, by_u, by_force)
+            by_objective = by_objective + np.einsum("ni,nij->j", by_u, prescribed)
     return DrivenState(
         travel=travel,
         u=at.u,
         u_gradient=gradient.u,
-        force=at.assembly.pin_force,
+        pin_force=at.assembly.pin_force,
         force_gradient=gradient.force,
         travel_gradient=gradient.travel,
         energy=at.assembly.energy,
         negative_pivots=found.negative,
+        objective_gradient=by_objective,
     )

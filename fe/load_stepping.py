@@ -26,6 +26,7 @@ from fe.parameters import Parameters
 from fe.potential import Potential
 from fe.sensitivity import Gradient, Objective, Tangent, adjoint, direct, partials
 from fe.steps import March, StepOptions, stride
+from fe.surface_slopes import SurfaceSlopes
 
 Array = npt.NDArray[np.float64]
 
@@ -64,7 +65,7 @@ def march(
     targets: Sequence[float],
     outcome: March,
     *,
-    parameters: Parameters,
+    parameters: Parameters[SurfaceSlopes],
     stick_to_pin: bool,
     stick_to_floor: bool,
     steps: StepOptions,
@@ -90,7 +91,7 @@ class History:
     """What steps remember and how that depends on the parameters."""
 
     memory: ContactMemory
-    parameters: Parameters
+    parameters: Parameters[SurfaceSlopes]
     stick: tuple[bool, bool]
     """whether points that touch pin and floor are tied to them from then on"""
     control: Control

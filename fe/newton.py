@@ -14,7 +14,6 @@ from typing import Any, TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from fe.friction import Frame
 from fe.linear_solver import SymmetricSolver
 from fe.negative_curvature import flip_negative
 from fe.newton_problem import NewtonProblem
@@ -194,7 +193,7 @@ def _line_search(
     du: Array,
     travel: float,
     memory: Memory,
-    frame: Frame | None,
+    frame: Any,
     reference: float,
     slope: float,
     indefinite: bool,

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Protocol, TypeVar
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
 from fe.discretisation import Pattern
-from fe.friction import Frame
 from fe.linear_solver import GeneralMatrix
 from fe.potential import Assembly
 
@@ -39,10 +38,12 @@ class NewtonProblem(Protocol[Memory_contra]):
         """What the potential is of."""
         ...
 
-    def energy(
-        self, u: Array, travel: float, memory: Memory_contra, frame: Frame | None = None
-    ) -> float:
-        """Potential, N mm; inf where some det F <= 0."""
+    def zero_state(self) -> tuple[Array, Array]:
+        """Undeformed displacement (n_node, 3) mm and pressure (n_elem, n_p) MPa."""
+        ...
+
+    def energy(self, u: Array, travel: float, memory: Memory_contra, frame: Any = None) -> float:
+        """Potential, N mm, with the friction of a frame; inf where some det F <= 0."""
         ...
 
     def assemble(self, u: Array, p: Array, travel: float, memory: Memory_contra) -> Assembly:
@@ -51,6 +52,10 @@ class NewtonProblem(Protocol[Memory_contra]):
 
     def expand(self, free: Array) -> Array:
         """(n_node, 3) displacement from its (n_free,) free values; prescribed ones are zero."""
+        ...
+
+    def restrict(self, full: Array) -> Array:
+        """(n_free,) or (n_free, k) from (n_node, 3[, k]): the transpose of `expand`."""
         ...
 
     def pressure_step(self, du: Array) -> Array:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Generic, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -16,11 +17,29 @@ Array = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 
 TRAVEL_ZERO = "travel_zero"
-"""name of the travel, mm, by which the pin starts above the block"""
+"""name of the travel, mm, that pin, plates or clamps make before the body is moved"""
+
+Surface = TypeVar("Surface")
+"""how what touches the body depends on the parameters"""
+
+
+def check_asked(sensitivities: tuple[str, ...] | None) -> None:
+    """Raise ValueError for one name where a tuple of names is expected."""
+    if isinstance(sensitivities, str):
+        raise ValueError(f"sensitivities: expected a tuple, found {sensitivities!r}")
+
+
+def check_names(names: tuple[str, ...], known: tuple[str, ...]) -> None:
+    """Raise ValueError for a name that is not known."""
+    for name in names:
+        if name not in known:
+            raise ValueError(
+                f"sensitivities: expected names among {', '.join(known)}, found {name!r}"
+            )
 
 
 @dataclass(frozen=True)
-class Parameters:
+class Parameters(Generic[Surface]):
     """Derivatives of everything in a discrete problem in n_p parameters, per unit of each."""
 
     names: tuple[str, ...]
@@ -30,16 +49,12 @@ class Parameters:
     """(n_p,) of the bulk modulus, MPa"""
     motion: Array
     """(n_p, n_node, 3) of the nodes' reference positions, mm"""
-    surface: SurfaceSlopes
+    surface: Surface
 
     @property
-    def at_rest(self) -> SurfaceSlopes:
-        """The surfaces at travel 0, where the pin stands on the block wherever its travel begins.
-
-        So a zero of the travel that is off shifts all travels, and nothing else.
-        """
-        off = np.array([name == TRAVEL_ZERO for name in self.names], dtype=bool)
-        return self.surface._replace(height=np.where(off, 0.0, self.surface.height))
+    def zeroes(self) -> npt.NDArray[np.bool_]:
+        """(n_p,) which of them is the zero of the travel."""
+        return np.array([name == TRAVEL_ZERO for name in self.names], dtype=bool)
 
     @property
     def changing(self) -> IntArray:
@@ -54,6 +69,25 @@ class Parameters:
     def directions(self, material: Material) -> Directions:
         """What the element residual is differentiated along, `changing` and `moving` in order."""
         return directions(material, self.constants[self.changing], self.motion[self.moving])
+
+    def add_inner(self, total: Array, inner: Array) -> None:
+        """Add to `total` (n, n_p) the derivatives along `directions`, bulk between the two.
+
+        `inner` (n, n_c + 1 + n_v).
+        """
+        changing, moving = self.changing, self.moving
+        total[:, changing] += inner[:, : changing.size]
+        total += np.outer(inner[:, changing.size], self.bulk)
+        total[:, moving] += inner[:, changing.size + 1 :]
+
+
+def at_rest(parameters: Parameters[SurfaceSlopes]) -> SurfaceSlopes:
+    """The surfaces at travel 0, where the pin stands on the block wherever its travel begins.
+
+    So a zero of the travel that is off shifts all travels, and nothing else.
+    """
+    surface = parameters.surface
+    return surface._replace(height=np.where(parameters.zeroes, 0.0, surface.height))
 
 
 def carry_faces(surface: SurfaceSlopes, faces: Faces, nodes: Array, motion: Array) -> SurfaceSlopes:

@@ -1,11 +1,10 @@
-"""Plane-strain and axisymmetric Q2/P1 elements as tables of the three-dimensional kernel.
+"""Axisymmetric Q2/P1 elements as tables of the three-dimensional kernel.
 
 The kernel of fe.weak_form builds F = I + sum_a u_a (x) G_a from three displacements a node and any
-gradients G_a, so a plane element is a table whose third gradients are zero: F33 = 1 (plane strain).
-In cylindrical axes the third column of F is (0, 0, 1 + u_r / r): the hoop stretch is a third
-displacement with the gradient (0, 0, N_a / r) that is equal to u_r.  Each node therefore has a
-second, *hoop* node at its place, in the same element, whose third displacement shares the equation
-of the node's first.  Kernel, condensed pressure and laws are then those of the solid, bit for bit.
+gradients G_a.  In cylindrical axes the third column of F is (0, 0, 1 + u_r / r): the hoop stretch
+is a third displacement with the gradient (0, 0, N_a / r) that is equal to u_r.  Each node therefore
+has a second, *hoop* node at its place, in the same element, whose third displacement shares the
+equation of the node's first.  Kernel, condensed pressure and laws are those of the solid.
 """
 
 from __future__ import annotations
@@ -21,24 +20,6 @@ Array = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 
 
-def plane_strain_elements(mesh: MeshQuad, thickness: float = 1.0) -> tuple[Elements, Basis]:
-    """Tables of a plane mesh (x, y) of a slice of the given thickness (mm), u_z = 0.
-
-    Also returns the scikit-fem basis of one displacement; its unknowns are the nodes.
-    Raises ValueError for a thickness that is not above 0.
-    """
-    if not thickness > 0.0:
-        raise ValueError(f"thickness: expected a length above 0 mm, found {thickness}")
-    basis = Basis(mesh, ElementQuad2(), intorder=VOLUME_ORDER)
-    return _table(
-        basis,
-        _in_plane(basis),
-        np.ascontiguousarray(basis.element_dofs.T, dtype=np.int64),
-        _positions(basis),
-        thickness * np.asarray(basis.dx),
-    ), basis
-
-
 def axisymmetric_elements(mesh: MeshQuad) -> tuple[Elements, Basis]:
     """Tables of a mesh of the half section (r, z), r >= 0 mm, of a body of revolution.
 
@@ -50,12 +31,13 @@ def axisymmetric_elements(mesh: MeshQuad) -> tuple[Elements, Basis]:
         raise ValueError(f"mesh: expected radii of 0 mm and more, found {mesh.p[0].min()}")
     basis = Basis(mesh, ElementQuad2(), intorder=VOLUME_ORDER)
     radius = np.asarray(basis.global_coordinates())[0]
-    gradients = _in_plane(basis)
+    in_plane = np.stack([np.asarray(phi[0].grad) for phi in basis.basis]).transpose(2, 3, 1, 0)
+    gradients = np.concatenate([in_plane, np.zeros_like(in_plane[:, :, :1])], axis=2)
     hoop = np.zeros_like(gradients)
     shape = np.stack([np.broadcast_to(np.asarray(phi[0]), radius.shape) for phi in basis.basis])
     hoop[:, :, 2, :] = (shape / radius).transpose(1, 2, 0)
     nodes = basis.element_dofs.T
-    positions = _positions(basis)
+    positions = np.vstack([basis.doflocs, np.zeros(basis.N)]).T
     return _table(
         basis,
         np.concatenate([gradients, hoop], axis=3),
@@ -63,11 +45,6 @@ def axisymmetric_elements(mesh: MeshQuad) -> tuple[Elements, Basis]:
         np.vstack([positions, positions]),
         2.0 * np.pi * radius * np.asarray(basis.dx),
     ), basis
-
-
-def plane_strain_fixed(fixed: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
-    """(3 n_node,) prescribed unknowns from those in the plane (n_node, 2): u_z joins them."""
-    return np.hstack([fixed, np.ones((len(fixed), 1), dtype=bool)]).ravel()
 
 
 def hoop_equations(fixed: npt.NDArray[np.bool_]) -> IntArray:
@@ -85,23 +62,12 @@ def hoop_equations(fixed: npt.NDArray[np.bool_]) -> IntArray:
 
 
 def with_hoop(values: Array) -> Array:
-    """(2 n_node, 3) vectors of an axisymmetric table from (u_r, u_z) (n_node, 2)."""
+    """(2 n_node, 3) vectors of an axisymmetric table from (u_r, u_z) (n_node, 2), mm."""
     n_node = len(values)
     full = np.zeros((2 * n_node, 3))
     full[:n_node, :2] = values
     full[n_node:, 2] = values[:, 0]
     return full
-
-
-def _in_plane(basis: Basis) -> Array:
-    """(n_elem, n_q, 3, 9) gradients with a third component of zero, 1/mm."""
-    gradients = np.stack([np.asarray(phi[0].grad) for phi in basis.basis]).transpose(2, 3, 1, 0)
-    return np.concatenate([gradients, np.zeros_like(gradients[:, :, :1])], axis=2)
-
-
-def _positions(basis: Basis) -> Array:
-    """(n_node, 3) mm."""
-    return np.vstack([basis.doflocs, np.zeros(basis.N)]).T
 
 
 def _table(

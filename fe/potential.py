@@ -3,22 +3,23 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from fe import contact, friction, weak_form
+from fe import contact, friction
 from fe.contact import Faces
 from fe.contact_memory import ContactMemory
 from fe.contact_slopes import contact_pull
 from fe.coupled_tangent import CoupledTangent
-from fe.discretisation import Pattern, add_entries
+from fe.discretisation import Pattern, add_entries, sum_to_nodes
 from fe.friction import Frame
 from fe.linear_solver import GeneralMatrix
 from fe.materials.material import Material
-from fe.materials.volumetric import deviation_slopes
 from fe.pin_surface import RigidPin
-from fe.shape_slopes import Directions, residual_slopes
+from fe.shape_slopes import Directions
+from fe.solid import Solid
 from fe.surface_slopes import SurfaceSlopes
 from fe.touch import FrictionLaw
 from fe.weak_form import Elements
@@ -36,12 +37,6 @@ class Problem:
     pin: RigidPin
     material: Material
     friction: FrictionLaw = FrictionLaw()  # noqa: RUF009 - immutable
-
-    def __post_init__(self) -> None:
-        if not np.isfinite(self.material.bulk):
-            raise ValueError(
-                f"material: expected a finite bulk modulus, MPa, found {self.material.bulk}"
-            )
 
 
 @dataclass(frozen=True)
@@ -65,17 +60,19 @@ class Assembly:
     """derivative of `pin_force` in the travel at fixed displacement, N/mm"""
     force_scale: float
     """norm of the contact forces, N: what the residual is small against"""
-    frame: Frame | None
-    """friction frozen at this state, None without friction"""
+    frame: Any
+    """friction frozen at this state as the potential takes it, None without friction"""
 
 
 class Potential:
-    """Assembles one `Problem`, holding the element work arrays between calls."""
+    """Assembles one `Problem`, holding the element work arrays between calls.
+
+    Raises ValueError when the material is incompressible (infinite bulk modulus).
+    """
 
     def __init__(self, problem: Problem) -> None:
         self.problem = problem
-        self._material = problem.material.kernel()
-        self._system = weak_form.empty_system(problem.elements)
+        self.solid = Solid(problem.elements, problem.material)
         self._contact_system = contact.empty_system(problem.faces)
         self.has_friction = problem.friction.pin > 0.0 or problem.friction.base > 0.0
         self._coupling = np.zeros_like(self._contact_system.tangent)
@@ -84,15 +81,11 @@ class Potential:
             self._coupled = CoupledTangent(problem.pattern, problem.faces.nodes)
         self._upper = np.zeros(0)
         self._whole: GeneralMatrix | None = None
-        self._free = problem.pattern.number >= 0
-        self.n_unknowns = int(self._free.sum())
+        self.n_unknowns = problem.pattern.n_free
 
     def zero_state(self) -> tuple[Array, Array]:
         """Undeformed displacement (n_node, 3) mm and pressure (n_elem, n_p) MPa."""
-        elements = self.problem.elements
-        return np.zeros(elements.positions.shape), np.zeros(
-            (elements.nodes.shape[0], elements.psi.shape[1])
-        )
+        return self.solid.zero_state()
 
     def energy(
         self, u: Array, travel: float, memory: ContactMemory, frame: Frame | None = None
@@ -102,7 +95,7 @@ class Potential:
         Friction is that of `frame`, none without it.
         """
         problem = self.problem
-        inner: float = weak_form.element_energy(u, problem.elements, self._material)
+        inner = self.solid.energy(u)
         if not np.isfinite(inner):
             return inner
         inner += self._contact(u, travel, memory, with_derivatives=False)[0]
@@ -114,28 +107,26 @@ class Potential:
     def assemble(self, u: Array, p: Array, travel: float, memory: ContactMemory) -> Assembly:
         """Potential, gradient and condensed tangent at (u, p) and pin travel (mm)."""
         problem = self.problem
-        energy, smallest = weak_form.element_system(
-            u, p, problem.elements, self._material, True, self._system
-        )
+        energy, smallest, inner = self.solid.assemble(u, p)
         contact_energy, pin_force = self._contact(u, travel, memory, with_derivatives=True)
         frame = None
         if self.has_friction:
             frame, friction_energy, on_pin = self._add_friction(u, travel, memory)
             contact_energy, pin_force = contact_energy + friction_energy, pin_force + on_pin
         forces = self._contact_system.force
-        gradient = self._sum_elements(self._system.residual) + self._sum_faces(forces)
+        pattern = problem.pattern
         data = np.zeros(problem.pattern.indices.size)
-        add_entries(self._system.tangent, problem.pattern.element_slots, data)
+        add_entries(self.solid.tangent, problem.pattern.element_slots, data)
         add_entries(self._contact_system.tangent, problem.pattern.face_slots, data)
         self._upper, self._whole = data, None
         return Assembly(
             energy=energy + contact_energy,
             smallest_J=smallest,
-            gradient=gradient[self._free],
+            gradient=pattern.restrict(inner + self._sum_faces(forces)),
             data=data,
-            by_travel=self._sum_faces(self._contact_system.by_travel)[self._free],
+            by_travel=pattern.restrict(self._sum_faces(self._contact_system.by_travel)),
             pin_force=pin_force,
-            pin_force_by_u=self._sum_faces(self._contact_system.pin_force_by_u)[self._free],
+            pin_force_by_u=pattern.restrict(self._sum_faces(self._contact_system.pin_force_by_u)),
             # shape functions add up to 1: these are the forces of all points that move with the pin
             pin_force_by_travel=float(self._contact_system.by_travel[..., 1].sum()),
             force_scale=float(np.linalg.norm(self._sum_faces(np.abs(forces)))),
@@ -144,43 +135,25 @@ class Potential:
 
     def expand(self, free: Array) -> Array:
         """(n_node, 3) displacement from its (n_free,) free values; prescribed ones are zero."""
-        full = np.zeros(self._free.size)
-        full[self._free] = free
-        return full.reshape(-1, 3)
+        return self.problem.pattern.expand(free)
 
     def pressure_step(self, du: Array) -> Array:
         """Pressure increment (n_elem, n_p) MPa that belongs to du (n_node, 3) mm.
 
         Uses coupling and constraint of the last `assemble`.
         """
-        e = self.problem.elements
-        volume = np.einsum("emai,eai->em", self._system.coupling, du[e.nodes])
-        change = volume + self._system.constraint
-        dp: Array = self._material.bulk * np.einsum("emn,en->em", e.mass_inverse, change)
-        dp += np.einsum("emn,en->em", self._system.volume_stiffness, volume)
-        return dp
+        return self.solid.pressure_step(du)
 
     def consistent_pressure(self, u: Array) -> Array:
         """Pressure (n_elem, n_p) MPa with no residual in the volume equation at u (n_node, 3)."""
-        e = self.problem.elements
-        F = np.einsum("eai,eqja->eqij", u[e.nodes], e.gradients) + np.eye(3)
-        b = np.einsum("eq,qm,eq->em", e.weights, e.psi, np.linalg.det(F) - 1.0)
-        coefficients = np.einsum("emn,en->em", e.mass_inverse, b)
-        theta = np.einsum("qm,em->eq", e.psi, coefficients)
-        slopes = deviation_slopes(self._material.volumetric, theta)
-        b += np.einsum("eq,qm,eq->em", e.weights, e.psi, slopes)
-        p: Array = self._material.bulk * np.einsum("emn,en->em", e.mass_inverse, b)
-        return p
+        return self.solid.consistent_pressure(u)
 
     def inner_partials(self, u: Array, along: Directions) -> Array:
         """(n_free, n_c + 1 + n_v) derivative of the inner forces at fixed u (n_node, 3) mm, N.
 
         Along changes of the law, in the bulk modulus and along motions of the mesh.
         """
-        problem = self.problem
-        total = np.zeros((along.laws.size + 1 + along.motion.shape[0], *u.shape))
-        residual_slopes(u, problem.elements, self._material, along, total)
-        return total.reshape(len(total), -1)[:, self._free].T
+        return self.restrict(np.moveaxis(self.solid.force_slopes(u, along), 0, 2))
 
     def contact_partials(
         self, u: Array, travel: float, memory: ContactMemory, slopes: SurfaceSlopes
@@ -206,13 +179,13 @@ class Potential:
             pull,
         )
         nodal = np.einsum("cqa,cqij->caij", faces.shape, pull)
-        total = np.zeros((self._free.size // 3, *pull.shape[2:]))
+        total = np.zeros((len(u), *pull.shape[2:]))
         np.add.at(total, faces.nodes, nodal)
-        return total.reshape(self._free.size, -1)[self._free], on_pin
+        return self.restrict(total), on_pin
 
     def restrict(self, full: Array) -> Array:
-        """(n_free,) free values of (n_node, 3), the transpose of `expand`."""
-        return full.reshape(-1)[self._free]
+        """(n_free,) or (n_free, k) from (n_node, 3[, k]): the transpose of `expand`."""
+        return self.problem.pattern.restrict(full)
 
     def coupled_tangent(self) -> GeneralMatrix:
         """The whole tangent of the last `assemble`, friction's unsymmetric part included, N/mm."""
@@ -248,15 +221,6 @@ class Potential:
         )
         return float(energy), float(pin_force)
 
-    def _sum_elements(self, values: Array) -> Array:
-        return _sum_to_nodes(self.problem.elements.nodes, values, self._free.size)
-
     def _sum_faces(self, values: Array) -> Array:
-        return _sum_to_nodes(self.problem.faces.nodes, values, self._free.size)
-
-
-def _sum_to_nodes(nodes: npt.NDArray[np.int64], values: Array, size: int) -> Array:
-    """(3 n_node,) sum of nodal vectors (n, a, 3) over the parts that share a node."""
-    index = 3 * nodes[..., None] + np.arange(3)
-    total = np.bincount(index.ravel(), weights=values.ravel(), minlength=size)
-    return total.astype(np.float64, copy=False)
+        n_node = len(self.problem.elements.positions)
+        return sum_to_nodes(self.problem.faces.nodes, values, n_node)

@@ -9,7 +9,7 @@ K' lambda = dq/du; what the memory carries is then still taken forward step by s
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -17,8 +17,10 @@ import scipy.sparse as sp
 
 from fe.contact_memory import ContactMemory
 from fe.linear_solver import SymmetricSolver
+from fe.newton_problem import NewtonProblem
 from fe.parameters import Parameters
 from fe.potential import Assembly, Potential
+from fe.surface_slopes import SurfaceSlopes
 
 Array = npt.NDArray[np.float64]
 
@@ -51,7 +53,7 @@ class Gradient(NamedTuple):
 class Tangent:
     """Solves with the tangent of the potential's last `assemble`, friction's coupling included."""
 
-    def __init__(self, potential: Potential, solver: SymmetricSolver) -> None:
+    def __init__(self, potential: NewtonProblem[Any], solver: SymmetricSolver) -> None:
         self._potential = potential
         self._solver = solver
 
@@ -75,29 +77,32 @@ class Tangent:
 
 
 def partials(
-    potential: Potential, u: Array, travel: float, memory: ContactMemory, parameters: Parameters
+    potential: Potential,
+    u: Array,
+    travel: float,
+    memory: ContactMemory,
+    parameters: Parameters[SurfaceSlopes],
 ) -> Partials:
     """Derivatives at fixed u (n_node, 3) mm and travel, mm, by material, mesh and contact."""
     residual, force = potential.contact_partials(u, travel, memory, parameters.surface)
     inner = potential.inner_partials(u, parameters.directions(potential.problem.material))
-    changing, moving = parameters.changing, parameters.moving
-    residual[:, changing] += inner[:, : changing.size]
-    residual += np.outer(inner[:, changing.size], parameters.bulk)
-    residual[:, moving] += inner[:, changing.size + 1 :]
+    parameters.add_inner(residual, inner)
     return Partials(residual, force)
 
 
-def direct(potential: Potential, tangent: Tangent, assembly: Assembly, at: Partials) -> Gradient:
+def direct(
+    potential: NewtonProblem[Any], tangent: Tangent, assembly: Assembly, at: Partials
+) -> Gradient:
     """Derivatives of displacement and pin force by one solve for each parameter."""
     if at.force.size == 0:
-        return Gradient(np.zeros((*potential.problem.elements.positions.shape, 0)), at.force)
+        return Gradient(np.zeros((*potential.zero_state()[0].shape, 0)), at.force)
     free = tangent.solve(-at.residual)
     force = assembly.pin_force_by_u @ free + at.force
     return Gradient(np.stack([potential.expand(column) for column in free.T], axis=2), force)
 
 
 def adjoint(
-    potential: Potential,
+    potential: NewtonProblem[Any],
     tangent: Tangent,
     assembly: Assembly,
     at: Partials,

@@ -1,4 +1,4 @@
-"""The strain energy of a meshed solid: nodal forces, condensed tangents, derivatives in constants.
+"""The strain energy of a meshed solid: nodal forces, condensed tangents, derivatives.
 
 All over *all* nodal unknowns: which of them are free is the business of who moves the solid.
 """
@@ -9,8 +9,10 @@ import numpy as np
 import numpy.typing as npt
 
 from fe import weak_form
-from fe.materials.material import KernelMaterial, Material
+from fe.discretisation import sum_to_nodes
+from fe.materials.material import Material
 from fe.materials.volumetric import deviation_slopes
+from fe.shape_slopes import Directions, residual_slopes
 from fe.weak_form import Elements
 
 Array = npt.NDArray[np.float64]
@@ -49,7 +51,8 @@ class Solid:
         energy, smallest = weak_form.element_system(
             u, p, self.elements, self._kernel, True, self._system
         )
-        return float(energy), float(smallest), self._sum(self._system.residual)
+        forces = sum_to_nodes(self.elements.nodes, self._system.residual, len(u))
+        return float(energy), float(smallest), forces
 
     @property
     def tangent(self) -> Array:
@@ -84,43 +87,18 @@ class Solid:
         e = self.elements
         F = np.einsum("eai,eqja->eqij", u[e.nodes], e.gradients) + np.eye(3)
         b = np.einsum("eq,qm,eq->em", e.weights, e.psi, np.linalg.det(F) - 1.0)
-        theta = np.einsum("qm,emn,en->eq", e.psi, e.mass_inverse, b)
+        coefficients = np.einsum("emn,en->em", e.mass_inverse, b)
+        theta = np.einsum("qm,em->eq", e.psi, coefficients)
         slopes = deviation_slopes(self._kernel.volumetric, theta)
         b += np.einsum("eq,qm,eq->em", e.weights, e.psi, slopes)
         p: Array = self._kernel.bulk * np.einsum("emn,en->em", e.mass_inverse, b)
         return p
 
-    def force_slopes(self, u: Array, directions: Array) -> Array:
-        """(n_node, 3, n_direction) derivative of the nodal forces at u in the material.
+    def force_slopes(self, u: Array, along: Directions) -> Array:
+        """(n_c + 1 + n_v, n_node, 3) derivative of the nodal forces at fixed u (n_node, 3) mm, N.
 
-        `directions` (n_direction, n_constant + 1) are changes of the constants and, last, of the
-        bulk modulus, MPa; u (n_node, 3) mm is held.
+        Along changes of the law, in the bulk modulus and along motions of the mesh.
         """
-        elements = self.elements
-        no_volume = elements._replace(mass_inverse=np.zeros_like(elements.mass_inverse))
-        by_bulk = None
-        columns = []
-        for direction in directions:
-            column = np.zeros(elements.positions.shape)
-            if direction[:-1].any():
-                column += self._forces(u, no_volume, self.material.slope(direction[:-1]))
-            if direction[-1] != 0.0:
-                if by_bulk is None:
-                    by_bulk = self._forces(u, elements, self.material.bulk_slope())
-                column += direction[-1] * by_bulk
-            columns.append(column)
-        return np.stack(columns, axis=2)
-
-    def _forces(self, u: Array, elements: Elements, material: KernelMaterial) -> Array:
-        """(n_node, 3) nodal forces of another material, N."""
-        system = weak_form.empty_system(elements)
-        no_pressure = np.zeros((elements.nodes.shape[0], elements.psi.shape[1]))
-        weak_form.element_system(u, no_pressure, elements, material, False, system)
-        return self._sum(system.residual)
-
-    def _sum(self, values: Array) -> Array:
-        """(n_node, 3) sum of element vectors (n_elem, n_a, 3) over the elements at a node."""
-        index = 3 * self.elements.nodes[..., None] + np.arange(3)
-        size = self.elements.positions.size
-        total = np.bincount(index.ravel(), weights=values.ravel(), minlength=size)
-        return total.astype(np.float64, copy=False).reshape(-1, 3)
+        total = np.zeros((along.laws.size + 1 + along.motion.shape[0], *u.shape))
+        residual_slopes(u, self.elements, self._kernel, along, total)
+        return total

@@ -14,6 +14,9 @@ from fe.newton_problem import NewtonProblem
 from fe.positive_numbers import positive_numbers
 from fe.progress import Progress, StepReport
 
+MOST_STEPS = 300
+"""to one asked force: a force beyond what the law can carry would be approached for ever"""
+
 
 @dataclass(frozen=True)
 class StepOptions:
@@ -84,13 +87,17 @@ def stride(
 ) -> Iterator[float]:
     """Step from `here` to each target and yield it there, until one cannot be reached.
 
-    Steps that do not converge are halved.  What happened is left in `outcome`.
+    Steps that do not converge are halved; a force gets `MOST_STEPS`.  What happened is left in
+    `outcome`.
     """
     step, failed = steps.first, False
     for target in targets:
-        arrived = False
+        arrived, by_force = False, way.control == "force"
+        last = outcome.n_steps + MOST_STEPS
         while not arrived:
-            by_force = way.control == "force"
+            if by_force and outcome.n_steps >= last:
+                outcome.stop(f"the force was not met in {MOST_STEPS} steps", here.travel)
+                return
             far = here.travel + step if by_force else _next_travel(here.travel, step, target)
             try:
                 if failed:

@@ -20,6 +20,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
+from fe.condensed_tangent import element_tangent, left_factors, weighted_tangent
 from fe.materials.invariant import cofactor
 from fe.materials.isochoric import isochoric_energy, isochoric_stress
 from fe.materials.material import KernelMaterial
@@ -164,7 +165,7 @@ def element_system(
     n_a, n_p = elements.nodes.shape[1], elements.psi.shape[1]
     point = _Point(np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3, 3, 3)))
     stack = np.empty((n_quad * 3, 3 * (1 + n_p)))
-    left = _left_factors(n_a, 3 * n_quad + n_p)
+    left = left_factors(n_a, 3 * n_quad + n_p)
     right = np.empty((3 * n_quad + n_p, n_a))
     energy = 0.0
     smallest = np.inf
@@ -198,14 +199,14 @@ def element_system(
             _stack_forces(stack, q, w, pressure, point, elements.psi[q])
             if with_tangent:
                 add_pressure_tangent(point.A, point.F, pressure)
-                _weighted_tangent(left, G, q, w, point.A)
+                weighted_tangent(left, G, q, w, point.A)
         energy += _condensed_residual(np.dot(G.T, stack), p[e], elements, e, material, system)
         if energy == np.inf:
             return energy, smallest
         if with_tangent:
             right[: 3 * n_quad] = G
             stiffness = bulk * elements.mass_inverse[e] + system.volume_stiffness[e]
-            _element_tangent(left, right, system.coupling[e], stiffness, system.tangent[e])
+            element_tangent(left, right, system.coupling[e], stiffness, system.tangent[e])
     return energy, smallest
 
 
@@ -219,62 +220,6 @@ def _stack_forces(
             stack[3 * q + j, i] = w * (point.P[i, j] + pressure * point.cof[i, j])
             for m in range(psi.size):
                 stack[3 * q + j, 3 * (m + 1) + i] = w * psi[m] * point.cof[i, j]
-
-
-@njit(cache=True)
-def _left_factors(n_a: int, n_row: int) -> tuple[Array, Array, Array]:
-    """Work arrays for the blocks [i, k] of the tangent with k = 0, 1, 2 and i <= k beside."""
-    return np.empty((n_row, n_a)), np.empty((n_row, 2 * n_a)), np.empty((n_row, 3 * n_a))
-
-
-@njit(cache=True)
-def _weighted_tangent(
-    left: tuple[Array, Array, Array], G: Array, q: int, w: float, A: Array
-) -> None:
-    """left[k][3 q + m, i n_a + a] = w A[i, j, k, m] G[3 q + j, a] for i <= k."""
-    n_a = G.shape[1]
-    for k in range(3):
-        into = left[0] if k == 0 else (left[1] if k == 1 else left[2])
-        for m in range(3):
-            for i in range(k + 1):
-                w0, w1, w2 = w * A[i, 0, k, m], w * A[i, 1, k, m], w * A[i, 2, k, m]
-                row = into[3 * q + m, i * n_a : (i + 1) * n_a]
-                for a in range(n_a):
-                    row[a] = w0 * G[3 * q, a] + w1 * G[3 * q + 1, a] + w2 * G[3 * q + 2, a]
-
-
-@njit(cache=True)
-def _element_tangent(
-    left: tuple[Array, Array, Array],
-    right: Array,
-    coupling: Array,
-    stiffness: Array,
-    tangent: Array,
-) -> None:
-    """Fill tangent [a, i, k, b] (N/mm) with G' A G + g' S g, g = coupling (n_p, n_a, 3) mm2.
-
-    S = `stiffness` (n_p, n_p) is that of the element's volume, MPa/mm3.  The last n_p rows of
-    both factors take the volume's part; of the symmetric pairs of blocks one is multiplied.
-    """
-    n_p, n_a, _ = coupling.shape
-    first = right.shape[0] - n_p
-    for k in range(3):
-        into = left[0] if k == 0 else (left[1] if k == 1 else left[2])
-        for m in range(n_p):
-            for a in range(n_a):
-                right[first + m, a] = 0.0
-                for n in range(n_p):
-                    right[first + m, a] += stiffness[m, n] * coupling[n, a, k]
-                for i in range(k + 1):
-                    into[first + m, i * n_a + a] = coupling[m, a, i]
-        blocks = np.dot(into.T, right)
-        for i in range(k + 1):
-            for a in range(n_a):
-                for b in range(n_a):
-                    value = blocks[i * n_a + a, b]
-                    tangent[a, i, k, b] = value
-                    if i < k:
-                        tangent[b, k, i, a] = value
 
 
 @njit(cache=True)

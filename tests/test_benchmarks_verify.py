@@ -12,6 +12,8 @@ from benchmarks import convergence_study, grid_convergence, taylor, verify_fe
 from benchmarks.convergence_study import HIGH, LOW, draws
 from benchmarks.grid_convergence import index_percent
 from benchmarks.mesh_convergence import similar
+from benchmarks.run_key import run_key
+from fe import BlockPin, BlockPinModel, Contact
 
 
 @pytest.mark.parametrize("order", [1.0, 1.6, 2.0, 2.8])
@@ -102,27 +104,42 @@ def test_a_part_replaces_its_figures_and_leaves_the_others(tmp_path, monkeypatch
     assert json.loads(out.read_text()) == {"taylor_order": 2.0, "draws": 7}
 
 
-@pytest.mark.parametrize("interface", ["stick", "slide", 0.3])
-def test_meshes_of_the_index_are_refined_alike_in_all_directions(interface):
-    meshes = similar(interface)
+@pytest.mark.parametrize("case", grid_convergence.CASES, ids=str)
+def test_meshes_of_the_index_are_refined_alike_in_all_directions(case):
+    meshes = similar(case)
     coarse = np.array(meshes[0].cells)
     for mesh in meshes[1:]:
         assert np.ptp(np.array(mesh.cells) / coarse) == 0.0
     assert len({mesh.step for mesh in meshes}) == 1
 
 
+def test_a_stored_run_is_found_again_but_not_for_another_model_or_code(tmp_path):
+    model = BlockPinModel(BlockPin(), Contact(), (1, 1, 1), (0.1,))
+    finer = BlockPinModel(BlockPin(), Contact(), (2, 1, 1), (0.1,))
+    keys = [run_key(model)]
+    for i, code in enumerate(["a = 1  # one", '"""Why."""\n\na = (1)\n"""mm"""', "a = 2"]):
+        (tmp_path / str(i)).mkdir()
+        (tmp_path / str(i) / "module.py").write_text(code)
+        keys.append(run_key(model, tmp_path / str(i)))
+    assert keys[0] == run_key(BlockPinModel(BlockPin(), Contact(), (1, 1, 1), (0.1,)))
+    assert keys[1] == keys[2]
+    assert len({*keys, run_key(finer)}) == 4
+
+
 def test_indices_of_force_and_field_cover_errors_of_second_order(tmp_path, monkeypatch):
     """With errors C h^2 the index is 1.25 times the error of the finest mesh."""
 
-    def simulate(folder, interface, mesh, ratios):
-        h = similar(interface)[-1].cells[0] / mesh.cells[0]
+    def simulate(folder, case, mesh, ratios):
+        h = similar(case)[-1].cells[0] / mesh.cells[0]
         force = np.linspace(100.0, 900.0, 5) * (1.0 + 0.002 * h**2)
         field = np.full((5, 7, 3), 0.4 - 0.001 * h**2)
         return SimpleNamespace(force=force, displacement=field, seconds=1.0, status="made up")
 
     monkeypatch.setattr(grid_convergence, "simulate", simulate)
     found = grid_convergence.figures(tmp_path)
-    for contact in ("slide", "stick", "friction 0.3"):
+    contacts = {"slide", "stick", "friction 0.3"}
+    assert set(found["force_gci_percent"]) == contacts | {f"round, {c}" for c in contacts}
+    for contact in found["force_gci_percent"]:
         force, field = found["force_gci_percent"][contact], found["field_gci_mm"][contact]
         error = 0.002
         np.testing.assert_allclose(list(force.values()), 125 * error / (1 + error), rtol=1e-5)

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import itertools
+import math
+
 import numpy as np
 import pytest
 
+from benchmarks.grid_convergence import CASES
 from benchmarks.mesh_convergence import similar
 from fe import BlockPin, Contact
 from fe.specimens.block_pin_mesh import block_mesh
@@ -25,13 +29,15 @@ def lines(
     return [np.unique(x) for x in block_mesh(specimen, symmetry, cells, contact).p]
 
 
-@pytest.mark.parametrize("interface", ["stick", "slide", 0.3])
-def test_meshes_of_the_convergence_study_are_similar(interface):
-    contact = Contact(interface, interface)
-    meshes = [lines(BAR, mesh.cells, contact=contact) for mesh in similar(interface)]
-    for coarse, middle, fine in zip(*meshes, strict=True):
-        np.testing.assert_allclose(fine[::2], coarse, rtol=0, atol=1e-12)
-        np.testing.assert_allclose(middle[::3], coarse[::2], rtol=0, atol=1e-12)
+@pytest.mark.parametrize("case", CASES, ids=str)
+def test_meshes_of_the_convergence_study_are_similar(case):
+    """Lines that any two of them should share, they share."""
+    contact, specimen = Contact(case.interface, case.interface), BlockPin(pin=case.pin)
+    for one, other in itertools.combinations([mesh.cells for mesh in similar(case)], 2):
+        found = (lines(specimen, cells, contact=contact) for cells in (one, other))
+        for a, b, m, n in zip(*found, one, other, strict=True):
+            common = math.gcd(m, n)
+            np.testing.assert_allclose(a[:: m // common], b[:: n // common], rtol=0, atol=1e-12)
 
 
 @pytest.mark.parametrize("nx", [5, 8, 12, 15])
@@ -45,11 +51,32 @@ def test_lines_move_smoothly_with_the_fillet(nx):
 @CONTACTS
 @pytest.mark.parametrize("specimen", [BAR, BlockPin(height=2.7, width=10.2), ROUND])
 def test_meshes_of_proportional_cells_are_similar(specimen, contact):
-    coarse, middle, fine = (lines(specimen, (6 * n, 3 * n, n), contact=contact) for n in (2, 3, 4))
-    for a, b, c, common in zip(coarse, middle, fine, (6, 3, 1), strict=True):
+    meshes = [lines(specimen, (6 * n, 3 * n, 2 * n), contact=contact) for n in (2, 3, 4)]
+    for a, b, c, common in zip(*meshes, (6, 3, 2), strict=True):
         np.testing.assert_allclose(c[::2], a, rtol=0, atol=1e-12)
         np.testing.assert_allclose(b[::3], a[::2], rtol=0, atol=1e-12)
         assert len(a) == 2 * common + 1
+
+
+@pytest.mark.parametrize("contact", [SLIDING, Contact(0.3, 0.3)], ids=str)
+def test_one_or_two_elements_along_a_bar_keep_the_lines_of_design_samples(contact):
+    _, y, z = lines(BAR, (12, 4, 2), contact=contact)
+    np.testing.assert_array_equal(y, np.linspace(0.0, 2.5, 5))
+    np.testing.assert_allclose(z, [0.0, 3.25, 5.0], rtol=1e-15)
+
+
+def test_friction_thins_the_elements_of_finer_meshes_towards_the_front():
+    sliding, rubbing = (lines(BAR, (12, 4, 4), contact=c) for c in (SLIDING, Contact(0.3, 0.3)))
+    np.testing.assert_array_equal(sliding[0], rubbing[0])
+    np.testing.assert_array_equal(sliding[1], rubbing[1])
+    assert (rubbing[2][1:-1] > sliding[2][1:-1]).all()
+
+
+def test_lines_under_a_round_pin_are_closer_at_the_top_and_most_so_if_it_sticks():
+    stuck, sliding = (np.diff(lines(ROUND, (6, 4, 6), contact=c)[1]) for c in (STUCK, SLIDING))
+    assert (np.diff(stuck) < 0.0).all()
+    assert (np.diff(sliding) < 0.0).all()
+    assert stuck[-1] < sliding[-1]
 
 
 @pytest.mark.parametrize("fillet", [0.2, 0.3, 0.5])

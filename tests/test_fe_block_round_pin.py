@@ -13,7 +13,7 @@ from fe.contact import PenaltyLaw
 from fe.materials.material import mooney_rivlin_of_ratios
 from fe.newton import NewtonOptions
 from fe.solid import Solid
-from fe.specimens.block_pin_mesh import Dense
+from fe.specimens.block_pin_mesh import Dense, Thinning
 from fe.steps import StepOptions
 
 ROUND = BlockPin(pin="round")
@@ -109,7 +109,9 @@ def test_forces_of_an_independent_prototype(monkeypatch):
     Same uniform mesh of 12 x 6 x 12 elements, material (r = 0.5, mu = 0.03 MPa) and penalty of
     20 N/mm3.
     """
-    monkeypatch.setattr(fe.specimens.block_pin_mesh, "ROUND_EDGE", Dense(peak=0.0, spread=1.0))
+    lines = fe.specimens.block_pin_mesh
+    monkeypatch.setattr(lines, "GLUED_RIM", Dense(peak=0.0, spread=1.0))
+    monkeypatch.setattr(lines, "STUCK_TO_ROUND", Thinning(front=0.0, top=0.0))
     m = model(
         cells=(12, 6, 12),
         travel=(0.6, 1.0, 1.4),

@@ -161,14 +161,15 @@ def test_every_specimen_takes_forces(name):
     assert not by_force.force_gradient.any()
 
 
-def test_with_friction_of_plates_the_travel_is_met_as_far_as_friction_settles():
+def test_with_friction_of_plates_the_travel_is_met():
     model = fe.CylinderModel(
         fe.Cylinder(), (3, 2), (1.0, 2.0), friction=0.2, steps=StepOptions(1.5, 1.5)
     )
     by_travel = model(RATIOS)
     by_force = at_forces_of(model, by_travel)(RATIOS)
-    np.testing.assert_allclose(by_force.travel, by_travel.travel, rtol=2e-3)
-    assert np.isnan(by_force.travel_gradient).all()
+    np.testing.assert_allclose(by_force.travel, by_travel.travel, rtol=1e-6)
+    np.testing.assert_allclose(by_force.displacement, by_travel.displacement, atol=1e-6)
+    assert np.isfinite(by_force.travel_gradient).all()
 
 
 def test_a_force_beyond_a_limit_point_stops_and_names_travel_and_largest_force():
@@ -188,6 +189,20 @@ def test_a_force_beyond_a_limit_point_stops_and_names_travel_and_largest_force()
     assert response.reached == pytest.approx(top - 1.0, abs=2e-3)
     assert "the force falls at a travel of" in response.message
     assert f"the largest force was {stress(top):.4g} N" in response.message
+
+
+@pytest.mark.parametrize("direction", ["tension", "compression"])
+def test_a_force_far_beyond_what_the_law_carries_stops_soon_and_says_how_far_it_came(direction):
+    model = fe.UniaxialModel(fe.Bar(), force=(0.02, 1e6), direction=direction)
+    response = fe.simulate(model, "neo-hookean", (0.02, 6.0))
+    assert response.status is fe.Status.STOPPED
+    assert response.force[0] == pytest.approx(0.02)
+    assert np.isnan(response.force[1])
+    assert response.n_factorisations < 1500
+    assert response.reached > response.travel[0]
+    assert "; the largest force was " in response.message
+    if direction == "tension":
+        assert response.message.startswith("the force was not met in 300 steps at a travel of ")
 
 
 def test_a_force_that_the_block_cannot_carry_leaves_what_is_good():

@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
-from fe import BlockPin, BlockPinModel, Contact, Status, linear_solver, pardiso
+from fe import BlockPin, BlockPinModel, Contact, Status, linear_solver, pardiso, seen
 from fe.linear_solver import SUPERLU, GeneralMatrix, Library, SymmetricSolver, installed_library
 from fe.negative_curvature import flip_negative, negative_directions
-from fe.specimens import block_pin_response
 
 
 def upper(matrix: np.ndarray) -> sp.csr_matrix:
@@ -122,7 +121,7 @@ def test_a_block_comes_out_the_same_with_and_without_mkl(monkeypatch, contact):
         pytest.skip("MKL is not installed")
     model = BlockPinModel(BlockPin(), contact, (4, 2, 1), (0.1, 0.3))
     by_mkl = model([0.5, 0.05])
-    for module in (linear_solver, block_pin_response):
+    for module in (linear_solver, seen):
         monkeypatch.setattr(module, "installed_library", lambda: SUPERLU)
     by_scipy = model([0.5, 0.05])
     assert (by_mkl.solver, by_scipy.solver) == ("MKL Pardiso", "SciPy SuperLU")

@@ -112,7 +112,13 @@ def material(
 
 
 def mooney_rivlin_of_ratios(ratios: Array, kappa: float, bulk: float) -> Material:
-    """Three-constant Mooney-Rivlin at (r, s) = (C01, C11) / kappa, kappa = C10 + C01; MPa."""
+    """Three-constant Mooney-Rivlin at (r, s) = (C01, C11) / kappa, kappa = C10 + C01; MPa.
+
+    Raises ValueError unless the ratios are two finite numbers.
+    """
+    ratios = np.asarray(ratios, dtype=np.float64)
+    if ratios.shape != (2,) or not np.isfinite(ratios).all():
+        raise ValueError(f"ratios: expected two finite numbers (r, s), found {ratios}")
     constants = from_ratios(ratios, kappa)
     return Material(MOONEY_RIVLIN_3, tuple(float(c) for c in constants), bulk)
 

@@ -9,7 +9,6 @@ symmetry, a half or the whole is.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Literal, NamedTuple
 
@@ -19,19 +18,19 @@ from skfem import MeshHex
 from threadpoolctl import threadpool_limits
 
 from fe.contact import PenaltyLaw
-from fe.contact_memory import initial_memory
 from fe.force_control import Control, check_targets
-from fe.linear_solver import SymmetricSolver
-from fe.load_stepping import TravelState, march
+from fe.load_stepping import TravelState
 from fe.material_parameters import MaterialParameters, all_parameters, ratio_parameters
 from fe.materials.material import Material, mooney_rivlin_of_ratios
 from fe.newton import NewtonOptions
-from fe.parameters import Parameters
-from fe.potential import Potential, Problem
+from fe.parameters import Parameters, check_asked, check_names
+from fe.potential import Problem
+from fe.pressing import Pressed, press
 from fe.progress import Progress, listener
 from fe.response import Response
+from fe.seen import FieldObjective, Seen, objective_gradients, response
 from fe.sensitivity import Objective
-from fe.specimens.block_pin_field import FieldMotion, field_motion
+from fe.specimens.block_pin_field import field_motion
 from fe.specimens.block_pin_geometry import BlockPin, Contact, Interface, Symmetry
 from fe.specimens.block_pin_mesh import (
     Discretisation,
@@ -41,17 +40,14 @@ from fe.specimens.block_pin_mesh import (
     discretise,
     front_points,
 )
-from fe.specimens.block_pin_parameters import check_names, known_names, parameters
+from fe.specimens.block_pin_parameters import known_names, parameters
 from fe.specimens.block_pin_part import SYMMETRY_FACTOR, check_part, modelled_part
-from fe.specimens.block_pin_response import Seen, response
 from fe.steps import March, StepOptions
+from fe.surface_slopes import SurfaceSlopes
 
 __all__ = ["BlockPin", "BlockPinModel", "Contact", "Discretisation", "Interface"]
 
 Array = npt.NDArray[np.float64]
-
-FieldObjective = Callable[[int, Array, float], tuple[Array, float]]
-"""(step, displacement (n_point, 3) mm, force N) -> derivatives of a scalar in these two"""
 
 
 class _Run(NamedTuple):
@@ -105,8 +101,7 @@ class BlockPinModel:
         cells = np.asarray(self.cells)
         if cells.shape != (3,) or cells.dtype.kind != "i" or cells.min() < 1:
             raise ValueError(f"cells: expected 3 whole numbers of at least 1, found {self.cells}")
-        if isinstance(self.sensitivities, str):
-            raise ValueError(f"sensitivities: expected a tuple, found {self.sensitivities!r}")
+        check_asked(self.sensitivities)
         check_targets(self.travel, self.force)
         if max(self.travel, default=0.0) >= self.specimen.height:
             raise ValueError(
@@ -150,9 +145,6 @@ class BlockPinModel:
         Raises ValueError when the ratios do not give a material (two finite numbers), and for
         sensitivities that there are not.
         """
-        ratios = np.asarray(ratios, dtype=np.float64)
-        if ratios.shape != (2,) or not np.isfinite(ratios).all():
-            raise ValueError(f"ratios: expected two finite numbers (r, s), found {ratios}")
         return self._respond(self._at(ratios))
 
     def respond(self, material: Material, progress: Progress | None = None) -> Response:
@@ -178,24 +170,13 @@ class BlockPinModel:
 
         Raises ValueError as `respond` does, and where forces are asked instead of travels.
         """
-        if self.force:
-            raise ValueError(f"force: expected asked travels for the adjoint, found {self.force}")
         run = self._of(material)
-        discrete = self.discretise()
-        found = np.full((len(self.travel), len(run.names)), np.nan)
-        factor, steps = SYMMETRY_FACTOR[self.part], iter(range(len(self.travel)))
-        explicit, motion = [], self._field_motion(run.names)
 
-        def of_state(travel: float, u: Array, force: float) -> tuple[Array, float]:
-            by_field, by_force = objective(next(steps), discrete.probe @ u, factor * force)
-            explicit.append(np.einsum("pi,pij->j", by_field, motion.seen(u)))
-            return discrete.probe.T @ by_field, factor * by_force
+        def states(of_state: Objective) -> list[TravelState]:
+            return self._march(run, of_state)[0]
 
         with threadpool_limits(limits=1):
-            states, _, _ = self._march(run, of_state)
-        for i, state in enumerate(states):
-            found[i] = state.objective_gradient + explicit[i]
-        return found
+            return objective_gradients(states, self._seen(run.names), objective)
 
     def solve_for(
         self, material: Material, progress: Progress | None = None
@@ -228,8 +209,9 @@ class BlockPinModel:
     def _respond(self, run: _Run, progress: Progress | None = None) -> Response:
         started = time.perf_counter()
         with threadpool_limits(limits=1):
-            solved = self._march(run, progress=progress)
-        return self._response(*solved, time.perf_counter() - started, run.names)
+            states, outcome, n_factorisations = self._march(run, progress=progress)
+        seconds = time.perf_counter() - started
+        return response(states, outcome, self._seen(run.names), n_factorisations, seconds)
 
     def _march(
         self, run: _Run, objective: Objective | None = None, progress: Progress | None = None
@@ -238,36 +220,21 @@ class BlockPinModel:
         discrete = self.discretise()
         problem = self._problem(discrete, run.material, run.shear)
         along = self.parameters(run.names, run.known, problem, run.shear)
-        memory = initial_memory(
-            discrete.faces, discrete.glued, problem.pin, along.surface, along.at_rest
-        )
-        solver = SymmetricSolver(discrete.pattern.indptr, discrete.pattern.indices)
         factor = SYMMETRY_FACTOR[self.part]
-        outcome = March(listen=listener(progress, factor))
-        try:
-            states = list(
-                march(
-                    Potential(problem),
-                    solver,
-                    memory,
-                    self.travel or tuple(f / factor for f in self.force),
-                    outcome,
-                    parameters=along,
-                    stick_to_pin=self.contact.pin == "stick",
-                    stick_to_floor=self.contact.base == "stick",
-                    steps=self.steps,
-                    newton=self.newton,
-                    control=self.control,
-                    objective=objective,
-                )
-            )
-        finally:
-            solver.close()
-        return states, outcome, solver.n_factorisations
+        pressed = Pressed(
+            problem=problem,
+            glued=discrete.glued,
+            stick=(self.contact.pin == "stick", self.contact.base == "stick"),
+            targets=self.travel or tuple(f / factor for f in self.force),
+            control=self.control,
+            steps=self.steps,
+            newton=self.newton,
+        )
+        return press(pressed, along, objective, listener(progress, factor))
 
     def parameters(
         self, names: tuple[str, ...], known: MaterialParameters, problem: Problem, shear: float
-    ) -> Parameters:
+    ) -> Parameters[SurfaceSlopes]:
         """How the discrete problem depends on the named parameters; `shear` as in the contact."""
         return parameters(
             names,
@@ -314,34 +281,19 @@ class BlockPinModel:
             plane_strain=self.plane_strain,
         )
 
-    def _field_motion(self, names: tuple[str, ...]) -> FieldMotion:
-        return field_motion(
+    def _seen(self, names: tuple[str, ...]) -> Seen:
+        motion = field_motion(
             names,
             self.specimen,
             lambda specimen: block_mesh(specimen, self.part, self.cells, self.contact),
             lambda specimen: front_points(specimen, self.part, self.field_grid),
         )
-
-    def _response(
-        self,
-        states: list[TravelState],
-        outcome: March,
-        n_factorisations: int,
-        seconds: float,
-        names: tuple[str, ...],
-    ) -> Response:
-        return response(
-            states,
-            outcome,
-            Seen(
-                np.asarray(self.travel or self.force),
-                self.control,
-                self.points(),
-                self.discretise().probe,
-                self._field_motion(names),
-                SYMMETRY_FACTOR[self.part],
-            ),
+        return Seen(
+            np.asarray(self.travel or self.force),
+            self.control,
+            self.points(),
+            self.discretise().probe,
+            motion,
+            SYMMETRY_FACTOR[self.part],
             names,
-            n_factorisations,
-            seconds,
         )

@@ -14,13 +14,14 @@ from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
-from skfem import MeshHex
+from skfem import Mesh
 
 from fe.material_parameters import MaterialParameters
 from fe.parameters import TRAVEL_ZERO, Parameters, carry_faces
+from fe.plane_elements import with_hoop
 from fe.potential import Problem
 from fe.specimens.block_pin_geometry import BlockPin, Contact, Symmetry
-from fe.surface_slopes import no_slopes
+from fe.surface_slopes import SurfaceSlopes, no_slopes
 
 Array = npt.NDArray[np.float64]
 
@@ -44,26 +45,20 @@ def known_names(specimen: BlockPin, contact: Contact, part: Symmetry) -> tuple[s
     return (*names, *(["pin_rotation"] if turns else []))
 
 
-def check_names(names: tuple[str, ...], known: tuple[str, ...]) -> None:
-    """Raise ValueError for a name that is not known."""
-    for name in names:
-        if name not in known:
-            raise ValueError(
-                f"sensitivities: expected names among {', '.join(known)}, found {name!r}"
-            )
-
-
 def parameters(
     names: tuple[str, ...],
     material: MaterialParameters,
     problem: Problem,
     specimen: BlockPin,
     shear: float,
-    lines: Callable[[BlockPin], MeshHex],
-) -> Parameters:
+    lines: Callable[[BlockPin], Mesh],
+    *,
+    ring: bool = False,
+) -> Parameters[SurfaceSlopes]:
     """Derivatives of the discrete problem in the named parameters.
 
-    `shear` is the modulus that the contact stiffness goes with, MPa; `lines` makes the mesh.
+    `shear` is the modulus that the contact stiffness goes with, MPa; `lines` makes the mesh.  A
+    `ring` is a section (r, y) of a body of revolution, with hoop nodes.
     """
     n_p, pin = len(names), problem.pin
     nodes = problem.elements.positions
@@ -87,6 +82,12 @@ def parameters(
             field, slope = _DIRECT[name]
             getattr(surface, field)[j] = slope
     surface = carry_faces(surface, problem.faces, nodes, motion)
+    if ring:
+        for moved in motion:
+            moved[:] = with_hoop(moved[: len(moved) // 2, :2])
+        faces = problem.faces
+        wider = surface.points[..., 0, :] / faces.points[..., 0, None]
+        surface = surface._replace(weights=surface.weights + faces.weights[..., None] * wider)
     return Parameters(names, constants, bulk, motion, surface)
 
 
@@ -124,7 +125,7 @@ def by_geometry(name: str, specimen: BlockPin, of: Geometry) -> Array | None:
 
 
 def mesh_motion(
-    name: str, specimen: BlockPin, nodes: Array, lines: Callable[[BlockPin], MeshHex]
+    name: str, specimen: BlockPin, nodes: Array, lines: Callable[[BlockPin], Mesh]
 ) -> Array:
     """(n, 3) motion of the material at `nodes` (n, 3) mm with the mesh's planes, per unit."""
     moved = by_geometry(name, specimen, lambda changed: np.asarray(lines(changed).p))
@@ -132,7 +133,7 @@ def mesh_motion(
     if moved is None:
         return motion
     vertices = lines(specimen).p
-    for i in range(3):
+    for i in range(len(moved)):
         if moved[i].any():
             planes, first = np.unique(vertices[i], return_index=True)
             motion[:, i] = np.interp(nodes[:, i], planes, moved[i][first])

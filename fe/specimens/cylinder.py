@@ -7,23 +7,36 @@ Displacements of the response are (u_r, u_z, 0) on the side r = diameter / 2.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 import scipy.sparse as sp
-from skfem import MeshQuad
+from skfem import Basis, ElementQuad2, MeshQuad
 
 from fe.contact import PenaltyLaw
 from fe.driven import DrivenProblem, unknowns
-from fe.driven_response import DrivenSpecimen, Schedule, respond, respond_to_ratios
+from fe.driven_parameters import Shape, plate_shape
+from fe.driven_response import (
+    DrivenSpecimen,
+    Schedule,
+    objective_gradients,
+    parameter_names,
+    respond,
+    respond_to_ratios,
+    solve_for,
+)
+from fe.driving import Solution
+from fe.force_control import check_targets
 from fe.materials.material import Material
 from fe.newton import NewtonOptions
-from fe.plane_elements import axisymmetric_elements, hoop_equations
-from fe.plate import Plate, ring_edges
+from fe.parameters import check_asked
+from fe.plane_elements import axisymmetric_elements, hoop_equations, with_hoop
+from fe.plate import Edges, Plate, ring_edges
 from fe.progress import Progress
 from fe.response import Response
+from fe.seen import FieldObjective
 from fe.steps import StepOptions
 
 Array = npt.NDArray[np.float64]
@@ -55,8 +68,11 @@ class CylinderModel:
     acts on a side that has rolled over. `cells` are the numbers of Q2 elements along the radius and
     half the height; `travel` the approaches of the plates (mm, increasing) at which the response is
     asked, or `force` the forces (N, increasing); `bulk_ratio` the bulk modulus over mu = 2 kappa
-    for calls with ratios; `n_point` the number of field points along half the side. With friction
-    the gradients are NaN: they would depend on the whole path.
+    for calls with ratios; `n_point` the number of field points along half the side.
+    `sensitivities` names the parameters of the response's gradients (`parameter_names` lists all
+    there are), by default those that it is a function of. Field points keep their fractions of the
+    height; gradients are those of what is seen there. With friction they are those of the
+    path-dependent scheme: its slips count from the step before.
     """
 
     specimen: Cylinder
@@ -73,11 +89,13 @@ class CylinderModel:
     steps: StepOptions = field(default_factory=lambda: StepOptions(0.25, 1.0, 0.005))
     newton: NewtonOptions = field(default_factory=lambda: NewtonOptions(1e-8, max_move=1.0))
     force: tuple[float, ...] = ()
+    sensitivities: tuple[str, ...] | None = None
 
     def __post_init__(self) -> None:
         if min(self.cells) < 1:
             raise ValueError(f"cells: expected at least one element a side, found {self.cells}")
-        self._schedule()
+        check_targets(self.travel, self.force)
+        check_asked(self.sensitivities)
         if max(self.travel, default=0.0) >= self.specimen.height:
             raise ValueError(
                 f"travel: expected less than the height {self.specimen.height} mm, "
@@ -97,16 +115,36 @@ class CylinderModel:
         z = (np.arange(self.n_point) + 0.5) * self.specimen.height / 2.0 / self.n_point
         return np.stack([np.full(self.n_point, self.specimen.diameter / 2.0), z], axis=1)
 
+    def parameter_names(self, material: Material | None = None) -> tuple[str, ...]:
+        """Names that `sensitivities` may have: of ratios, or of a material if one is given."""
+        return parameter_names(self, material)
+
     def __call__(self, ratios: Array) -> Response:
-        """Response at kappa = 1 MPa for ratios (r, s), gradients in them."""
-        return respond_to_ratios(self.discretise(), ratios, self.bulk_ratio, self._schedule())
+        """Response at kappa = 1 MPa for ratios (r, s).
+
+        Raises ValueError when the ratios do not give a material (two finite numbers), and for
+        sensitivities that there are not.
+        """
+        return respond_to_ratios(self, ratios)
 
     def respond(self, material: Material, progress: Progress | None = None) -> Response:
-        """Response of any material, gradients in its constants and its bulk modulus.
+        """Response of any material, by default with gradients in its constants and bulk modulus.
 
-        `progress` is called after each step of the solver.
+        `progress` is called after each step of the solver.  Raises ValueError for sensitivities
+        that there are not, and when the material is incompressible (infinite bulk modulus).
         """
-        return respond(self.discretise(), material, self._schedule(), progress)
+        return respond(self, material, progress)
+
+    def objective_gradients(self, material: Material, objective: FieldObjective) -> Array:
+        """(n_step, n_p) derivatives of a scalar of each travel's response, by the adjoint.
+
+        As of `fe.BlockPinModel.objective_gradients`.
+        """
+        return objective_gradients(self, material, objective)
+
+    def solve_for(self, material: Material, progress: Progress | None = None) -> Solution:
+        """States of the modelled part at the targets reached, outcome, factorisations."""
+        return solve_for(self, material, progress)
 
     def mesh(self) -> MeshQuad:
         """Half section (r, z), finer towards the rim of the plate."""
@@ -120,7 +158,7 @@ class CylinderModel:
         """Tables of the section's mesh, the plate, constraints and field points."""
         mesh = self.mesh()
         table, basis = axisymmetric_elements(mesh)
-        radius, top = self._half_size()
+        top = self._half_size()[1]
         tolerance = 1e-9 * top
         position = table.positions[: basis.N, :2]
         fixed = position < tolerance
@@ -131,12 +169,11 @@ class CylinderModel:
         ends = np.flatnonzero(end)
         motion = np.zeros(table.positions.shape)
         motion[ends, 1] = -0.5
-        side = mesh.facets_satisfying(lambda x: abs(x[0] - radius) < tolerance)
         plate = Plate(
             height=top,
             speed=0.5,
             ends=ends,
-            edges=ring_edges(mesh, side),
+            edges=self._side(mesh),
             friction=self.friction,
             slip=self.slip,
             law=self.penalty,
@@ -145,18 +182,33 @@ class CylinderModel:
         return DrivenSpecimen(
             problem=DrivenProblem(
                 elements=table,
-                unknowns=unknowns(table.nodes, hoop_equations(fixed), plate.edges.nodes),
+                pattern=unknowns(table.nodes, hoop_equations(fixed), plate.edges.nodes),
                 motion=motion,
                 plate=plate,
             ),
             points=self.points(),
             probe=sp.hstack([probe, sp.csr_matrix(probe.shape)]).tocsr(),
             symmetry=SYMMETRY_FACTOR,
+            basis=basis,
         )
+
+    def shape(self, specimen: Cylinder) -> Shape:
+        """What moves with the dimensions, at those of `specimen`."""
+        model = replace(self, specimen=specimen)
+        mesh = model.mesh()
+        nodes = with_hoop(Basis(mesh, ElementQuad2(), intorder=1).doflocs.T)
+        return plate_shape(nodes, model.points(), model._side(mesh), specimen.height / 2.0)
+
+    def _side(self, mesh: MeshQuad) -> Edges:
+        """The free side, which may touch the plate."""
+        radius, top = self._half_size()
+        return ring_edges(mesh, mesh.facets_satisfying(lambda x: abs(x[0] - radius) < 1e-9 * top))
 
     def _half_size(self) -> tuple[float, float]:
         """Radius and half the height, mm."""
         return self.specimen.diameter / 2.0, self.specimen.height / 2.0
 
-    def _schedule(self) -> Schedule:
+    @property
+    def schedule(self) -> Schedule:
+        """What is asked, and how the solver gets there."""
         return Schedule(self.travel, self.steps, self.newton, self.force)

@@ -8,19 +8,32 @@ x = 0, y = 0, z = 0); the camera looks at the front face z = thickness / 2.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
-from skfem import MeshHex
+from skfem import Basis, ElementHex2, MeshHex
 
 from fe.discretisation import elements
 from fe.driven import DrivenProblem, equations, unknowns
-from fe.driven_response import DrivenSpecimen, Schedule, respond, respond_to_ratios
+from fe.driven_parameters import Shape, free_shape
+from fe.driven_response import (
+    DrivenSpecimen,
+    Schedule,
+    objective_gradients,
+    parameter_names,
+    respond,
+    respond_to_ratios,
+    solve_for,
+)
+from fe.driving import Solution
+from fe.force_control import check_targets
 from fe.materials.material import Material
 from fe.newton import NewtonOptions
+from fe.parameters import check_asked
 from fe.progress import Progress
 from fe.response import Response
+from fe.seen import FieldObjective
 from fe.steps import StepOptions
 
 Array = npt.NDArray[np.float64]
@@ -80,7 +93,9 @@ class TensileModel:
     clamp against the other (mm, increasing) at which the response is asked, or `force` the forces
     (N, increasing); `bulk_ratio` the bulk modulus over mu = 2 kappa for calls with ratios;
     `field_grid` the numbers of field points across half the width and along half the length of the
-    front face.
+    front face.  `sensitivities` names the parameters of the response's gradients
+    (`parameter_names` lists all there are), by default those that it is a function of.  Field
+    points keep their fractions of the width and length; gradients are those of what is seen there.
     """
 
     specimen: NotchedPlate
@@ -91,12 +106,14 @@ class TensileModel:
     steps: StepOptions = field(default_factory=lambda: StepOptions(0.5, 3.0, 0.01))
     newton: NewtonOptions = field(default_factory=lambda: NewtonOptions(1e-8, max_move=1.0))
     force: tuple[float, ...] = ()
+    sensitivities: tuple[str, ...] | None = None
 
     def __post_init__(self) -> None:
         nx, ny, nz = self.cells
         if min(nx, nz) < 1 or ny < 2:
             raise ValueError(f"cells: expected at least (1, 2, 1) elements, found {self.cells}")
-        self._schedule()
+        check_targets(self.travel, self.force)
+        check_asked(self.sensitivities)
         if not self.bulk_ratio > 0.0:
             raise ValueError(f"bulk_ratio: expected a ratio above 0, found {self.bulk_ratio}")
 
@@ -107,16 +124,36 @@ class TensileModel:
         y = along.ravel() * self.specimen.length / 2.0
         return np.stack([across.ravel() * self.specimen.half_width(y), y], axis=1)
 
+    def parameter_names(self, material: Material | None = None) -> tuple[str, ...]:
+        """Names that `sensitivities` may have: of ratios, or of a material if one is given."""
+        return parameter_names(self, material)
+
     def __call__(self, ratios: Array) -> Response:
-        """Response at kappa = 1 MPa for ratios (r, s), gradients in them; forces pull."""
-        return respond_to_ratios(self.discretise(), ratios, self.bulk_ratio, self._schedule())
+        """Response at kappa = 1 MPa for ratios (r, s); forces pull.
+
+        Raises ValueError when the ratios do not give a material (two finite numbers), and for
+        sensitivities that there are not.
+        """
+        return respond_to_ratios(self, ratios)
 
     def respond(self, material: Material, progress: Progress | None = None) -> Response:
-        """Response of any material, gradients in its constants and its bulk modulus.
+        """Response of any material, by default with gradients in its constants and bulk modulus.
 
-        `progress` is called after each step of the solver.
+        `progress` is called after each step of the solver.  Raises ValueError for sensitivities
+        that there are not, and when the material is incompressible (infinite bulk modulus).
         """
-        return respond(self.discretise(), material, self._schedule(), progress)
+        return respond(self, material, progress)
+
+    def objective_gradients(self, material: Material, objective: FieldObjective) -> Array:
+        """(n_step, n_p) derivatives of a scalar of each travel's response, by the adjoint.
+
+        As of `fe.BlockPinModel.objective_gradients`.
+        """
+        return objective_gradients(self, material, objective)
+
+    def solve_for(self, material: Material, progress: Progress | None = None) -> Solution:
+        """States of the modelled part at the targets reached, outcome, factorisations."""
+        return solve_for(self, material, progress)
 
     def mesh(self) -> MeshHex:
         """Hexahedra of the eighth: half of those along y lie beside the notch."""
@@ -132,6 +169,12 @@ class TensileModel:
         p[0] *= self.specimen.half_width(p[1])
         return MeshHex(p, unit.t)
 
+    def shape(self, specimen: NotchedPlate) -> Shape:
+        """What moves with the dimensions, at those of `specimen`."""
+        model = replace(self, specimen=specimen)
+        basis = Basis(model.mesh(), ElementHex2(), intorder=1)
+        return free_shape(basis.doflocs.T, model._on_front())
+
     def discretise(self) -> DrivenSpecimen:
         """Tables of the eighth's mesh, constraints, motion of the clamp and field points."""
         table, basis = elements(self.mesh())
@@ -141,14 +184,20 @@ class TensileModel:
         fixed[clamp] = True
         motion = np.zeros(table.positions.shape)
         motion[clamp, 1] = 0.5
-        points = self.points()
-        at = np.vstack([points.T, np.full(len(points), self.specimen.thickness / 2.0)])
         return DrivenSpecimen(
             problem=DrivenProblem(table, unknowns(table.nodes, equations(fixed)), motion),
-            points=points,
-            probe=basis.probes(at).tocsr(),
+            points=self.points(),
+            probe=basis.probes(self._on_front().T).tocsr(),
             symmetry=SYMMETRY_FACTOR,
+            basis=basis,
         )
 
-    def _schedule(self) -> Schedule:
+    def _on_front(self) -> Array:
+        """(n_point, 3) field points, mm."""
+        points = self.points()
+        return np.column_stack([points, np.full(len(points), self.specimen.thickness / 2.0)])
+
+    @property
+    def schedule(self) -> Schedule:
+        """What is asked, and how the solver gets there."""
         return Schedule(self.travel, self.steps, self.newton, self.force)

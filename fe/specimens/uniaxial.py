@@ -8,7 +8,7 @@ would leave it by an instability.  The force is that of fe.closed_forms.uniaxial
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -17,11 +17,24 @@ from skfem import Basis, ElementHex1, MeshHex
 
 from fe.discretisation import VOLUME_ORDER
 from fe.driven import DrivenProblem, unknowns
-from fe.driven_response import DrivenSpecimen, Schedule, respond, respond_to_ratios
+from fe.driven_parameters import Shape, free_shape
+from fe.driven_response import (
+    DrivenSpecimen,
+    Schedule,
+    objective_gradients,
+    parameter_names,
+    respond,
+    respond_to_ratios,
+    solve_for,
+)
+from fe.driving import Solution
+from fe.force_control import check_targets
 from fe.materials.material import Material
 from fe.newton import NewtonOptions
+from fe.parameters import check_asked
 from fe.progress import Progress
 from fe.response import Response
+from fe.seen import FieldObjective
 from fe.steps import StepOptions
 from fe.weak_form import Elements
 
@@ -50,6 +63,9 @@ class UniaxialModel:
     `travel` are the changes of length (mm, increasing, above 0) at which the response is asked,
     `direction` what they do; or `force` the forces (N, increasing). Forces are positive along the
     travel. `bulk_ratio` is the bulk modulus over mu = 2 kappa for calls with ratios.
+    `sensitivities` names the parameters of the response's gradients (`parameter_names` lists all
+    there are), by default those that it is a function of. Field points keep their fractions of
+    width and length.
     """
 
     specimen: Bar
@@ -60,9 +76,11 @@ class UniaxialModel:
     steps: StepOptions = field(default_factory=lambda: StepOptions(0.1, 0.5, 1e-4))
     newton: NewtonOptions = field(default_factory=lambda: NewtonOptions(1e-10, max_move=1.0))
     force: tuple[float, ...] = ()
+    sensitivities: tuple[str, ...] | None = None
 
     def __post_init__(self) -> None:
-        self._schedule()
+        check_targets(self.travel, self.force)
+        check_asked(self.sensitivities)
         if self.direction not in ("tension", "compression"):
             raise ValueError(
                 f"direction: expected 'tension' or 'compression', found {self.direction!r}"
@@ -83,40 +101,73 @@ class UniaxialModel:
         y = (np.arange(ny) + 0.5) * self.specimen.length / ny
         return np.stack([c.ravel() for c in np.meshgrid(x, y, indexing="ij")], axis=1)
 
+    def parameter_names(self, material: Material | None = None) -> tuple[str, ...]:
+        """Names that `sensitivities` may have: of ratios, or of a material if one is given."""
+        return parameter_names(self, material)
+
     def __call__(self, ratios: Array) -> Response:
-        """Response at kappa = 1 MPa for ratios (r, s), gradients in them."""
-        return respond_to_ratios(self.discretise(), ratios, self.bulk_ratio, self._schedule())
+        """Response at kappa = 1 MPa for ratios (r, s).
+
+        Raises ValueError when the ratios do not give a material (two finite numbers), and for
+        sensitivities that there are not.
+        """
+        return respond_to_ratios(self, ratios)
 
     def respond(self, material: Material, progress: Progress | None = None) -> Response:
-        """Response of any material, gradients in its constants and its bulk modulus.
+        """Response of any material, by default with gradients in its constants and bulk modulus.
 
-        `progress` is called after each step of the solver.
+        `progress` is called after each step of the solver.  Raises ValueError for sensitivities
+        that there are not, and when the material is incompressible (infinite bulk modulus).
         """
-        return respond(self.discretise(), material, self._schedule(), progress)
+        return respond(self, material, progress)
+
+    def objective_gradients(self, material: Material, objective: FieldObjective) -> Array:
+        """(n_step, n_p) derivatives of a scalar of each travel's response, by the adjoint.
+
+        As of `fe.BlockPinModel.objective_gradients`.
+        """
+        return objective_gradients(self, material, objective)
+
+    def solve_for(self, material: Material, progress: Progress | None = None) -> Solution:
+        """States of the modelled part at the targets reached, outcome, factorisations."""
+        return solve_for(self, material, progress)
 
     def discretise(self) -> DrivenSpecimen:
         """Tables of the one element."""
-        size = (self.specimen.width, self.specimen.length, self.specimen.depth)
-        basis = Basis(
-            MeshHex.init_tensor(*([0.0, s] for s in size)), ElementHex1(), intorder=VOLUME_ORDER
-        )
+        basis = self._basis()
         table = _table(basis)
-        far = table.positions > 1e-9 * min(size)
+        far = table.positions > 1e-9 * table.positions.max()
         equation = np.full(table.positions.shape, -1, dtype=np.int64)
         equation[far[:, 0], 0] = 0
         equation[far[:, 2], 2] = 1
         motion = np.zeros(table.positions.shape)
         motion[far[:, 1], 1] = 1.0 if self.direction == "tension" else -1.0
-        points = self.points()
-        at = np.vstack([points.T, np.full(len(points), self.specimen.depth)])
         return DrivenSpecimen(
             problem=DrivenProblem(table, unknowns(table.nodes, equation.ravel()), motion),
-            points=points,
-            probe=basis.probes(at).tocsr(),
+            points=self.points(),
+            probe=basis.probes(self._on_face().T).tocsr(),
             symmetry=1.0,
+            basis=basis,
         )
 
-    def _schedule(self) -> Schedule:
+    def shape(self, specimen: Bar) -> Shape:
+        """What moves with the dimensions, at those of `specimen`."""
+        model = replace(self, specimen=specimen)
+        return free_shape(model._basis().doflocs.T, model._on_face())
+
+    def _basis(self) -> Basis:
+        size = (self.specimen.width, self.specimen.length, self.specimen.depth)
+        mesh = MeshHex.init_tensor(*([0.0, s] for s in size))
+        return Basis(mesh, ElementHex1(), intorder=VOLUME_ORDER)
+
+    def _on_face(self) -> Array:
+        """(n_point, 3) field points, mm."""
+        points = self.points()
+        return np.column_stack([points, np.full(len(points), self.specimen.depth)])
+
+    @property
+    def schedule(self) -> Schedule:
+        """What is asked, and how the solver gets there."""
         return Schedule(self.travel, self.steps, self.newton, self.force)
 
 
