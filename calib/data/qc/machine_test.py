@@ -1,0 +1,153 @@
+"""One sample on the test machine: from the record to force and travel at every hold."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib.data.qc.contact import FIT_DEPTH, Contact, find_contact, force_zero, in_compression
+from calib.data.qc.experiment_file import Machine, Protocol
+from calib.data.qc.plateaus import Cycle, Hold, find_cycles, find_holds, step_holds, step_row
+from calib.data.qc.relaxation import Relaxation, relaxation
+from calib.data.readers import MachineRecord
+from calib.data.readers.frames import BoolArray
+from fe.response import Array
+
+ENOUGH = 30
+"""readings of a way down that show where the pin touches"""
+
+
+class NotAsPlanned(ValueError):  # noqa: N818 - says what it is
+    """A sample whose files can be read but whose test did not go as the protocol says."""
+
+    def __init__(self, what: str, found: float | str, expected: float | str) -> None:
+        super().__init__(f"{what}: found {found}, expected {expected}")
+        self.what, self.found, self.expected = what, found, expected
+
+
+@dataclass(frozen=True)
+class MachineTest:
+    """What the test machine says of one sample, in compression, with zero and slack taken off."""
+
+    time: Array
+    """(n,) s"""
+    travel: Array
+    """(n,) mm from contact, the machine's compliance taken off"""
+    force: Array
+    """(n,) N, the load cell's zero taken off"""
+    contact: Contact
+    holds: tuple[Hold, ...]
+    """of the steps, from number 0 or 1 on"""
+    plateaus: tuple[Relaxation, ...]
+    """one a hold"""
+    plateau_travel: Array
+    """(n_hold,) mm from contact"""
+    cycles: tuple[Cycle, ...]
+
+    def loaded(self) -> tuple[Array, Array, Array]:
+        """Numbers, travels [mm] and forces [N] of the holds after a step."""
+        numbers = np.array([hold.number for hold in self.holds])
+        forces = np.array([plateau.force for plateau in self.plateaus])
+        after = numbers > 0
+        return numbers[after], self.plateau_travel[after], forces[after]
+
+
+def machine_test(record: MachineRecord, protocol: Protocol, machine: Machine) -> MachineTest:
+    """Zero, slack, compliance, cycles and holds of one record.
+
+    Raises NotAsPlanned when there are fewer holds than the increments used need, ValueError when
+    the record has no travel.
+    """
+    record = in_compression(record, machine.compression_force_sign)
+    time, force, position = record.time, record.force, record.travel
+    assert position is not None  # in_compression has refused it
+    holds = find_holds(time, position, protocol)
+    row = step_row(holds, protocol)
+    if len(row) < 2:
+        raise NotAsPlanned("plateaus", 0, protocol.increments)
+    by_force = _contact_by_force(time, position, force, row, protocol)
+    steps = step_holds(holds, protocol, by_force.travel)
+    numbered = [hold for hold in steps if hold.number > 0]
+    if not numbered or numbered[-1].number < max(protocol.use):
+        raise NotAsPlanned("plateaus", len(numbered), protocol.increments)
+    # the operator starts the steps where the pin touches
+    by_hand = numbered[0].position - numbered[0].number * protocol.increment_mm
+    contact = by_force.combined(by_hand, machine.contact_sd_mm)
+    force = force - force_zero(time, position, force, contact.travel)
+    travel = position - contact.travel - machine.compliance_mm_per_N * force
+    plateaus, places = [], []
+    for hold in steps:
+        during = (time >= hold.start) & (time <= hold.end)
+        if np.count_nonzero(during) < 5:
+            raise NotAsPlanned("readings of a hold", int(during.sum()), 5)
+        plateaus.append(relaxation(time[during], force[during], machine.force_window))
+        late = during & (time >= hold.end - machine.force_window * (hold.end - hold.start))
+        places.append(float(travel[late].mean()))
+    cycles = find_cycles(time, position - contact.travel, force, steps[0].start, protocol)
+    return MachineTest(
+        time, travel, force, contact, tuple(steps), tuple(plateaus), np.array(places), tuple(cycles)
+    )
+
+
+def _contact_by_force(
+    time: Array, position: Array, force: Array, row: list[Hold], protocol: Protocol
+) -> Contact:
+    """Where the pin touches by the force on all ways down before the steps, else of the steps."""
+    about = row[0].position - 0.5 * protocol.increment_mm  # to an increment: first hold may be 0
+    loading = _loading(time, position, row[0].start, about)
+    if np.count_nonzero(loading) < ENOUGH:
+        loading = (time <= row[min(4, len(row) - 1)].end) & (time > row[0].start - 30.0)
+    return find_contact(position[loading], force[loading])
+
+
+def _loading(time: Array, position: Array, before: float, contact: float) -> BoolArray:
+    """Readings of all ways down before the steps, from above contact to well beyond it.
+
+    In a steady ramp nothing relaxes, and where the pin touches does not change from cycle to cycle.
+    """
+    step = float(np.median(np.diff(time)))
+    near = max(int(0.25 / step), 2)
+    ahead = np.interp(time + near * step, time, position)
+    behind = np.interp(time - near * step, time, position)
+    down: BoolArray = (ahead - behind > 0.04) & (ahead >= position) & (position >= behind)
+    depth = position - contact
+    deep: BoolArray = np.asarray(down & (depth > -0.4) & (depth < FIT_DEPTH) & (time < before))
+    return deep
+
+
+def at_travel(travel: Array, values: Array, nominal: Array, reach: float) -> Array:
+    """(n_nominal, ...) values at nominal travels [mm] from those at travels (n_hold,) [mm].
+
+    Through the three holds around the nearest one, zero travel included, goes a parabola; where
+    one of them has no value (NaN), a line through two. NaN where the nearest hold is farther than
+    `reach` [mm].
+    """
+    knots = np.concatenate([[0.0], travel])
+    known = np.concatenate([np.zeros_like(values[:1]), values])
+    result = np.full((len(nominal), *values.shape[1:]), np.nan)
+    for row, place in enumerate(nominal):
+        nearest = 1 + int(np.argmin(np.abs(travel - place)))
+        if abs(knots[nearest] - place) > reach:
+            continue
+        middle = min(nearest, knots.size - 2) if knots.size > 2 else nearest
+        three = np.arange(middle - 1, min(middle + 2, knots.size))
+        result[row] = np.tensordot(_lagrange(knots[three], place), known[three], axes=1)
+        # a line through the nearest hold and the one on the side of the place, then the other
+        side = 1 if place > knots[nearest] else -1
+        for other in (nearest + side, nearest - side):
+            if 0 <= other < knots.size:
+                two = np.array([nearest, other])
+                line = np.tensordot(_lagrange(knots[two], place), known[two], axes=1)
+                result[row] = np.where(np.isnan(result[row]), line, result[row])
+    return result
+
+
+def _lagrange(knots: Array, place: float) -> Array:
+    """Weights of values at the knots in their polynomial at a place."""
+    weights = np.ones(knots.size)
+    for i in range(knots.size):
+        for j in range(knots.size):
+            if i != j:
+                weights[i] *= (place - knots[j]) / (knots[i] - knots[j])
+    return weights
