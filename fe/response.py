@@ -27,7 +27,9 @@ class Status(StrEnum):
     """at `reached`, before the last asked step"""
     FORCE_FELL = "force fell"
     """every asked step was reached, but beyond `reached` the force falls: the solution may be on
-    another branch of equilibria, real or of the mesh, or the material may soften"""
+    another branch of equilibria, real or of the mesh, or the material may soften.  Of specimens
+    without a pin; under a pin, where the force may fall as material snaps past its edge, the
+    message tells it"""
 
 
 @dataclass(frozen=True)
@@ -46,7 +48,8 @@ class Response:
     force: Array
     """(n_step,) force of the whole sample, N: found, or as asked"""
     displacement: Array
-    """(n_step, n_point, 3) displacement (x, y, z) of the points seen on the surface, mm"""
+    """(n_step, n_point, 3) displacement of the points seen on the surface, mm: (x, y, z), or
+    (radial, axial, 0) of an axisymmetric specimen"""
     force_gradient: Array
     """(n_step, n_parameter) N per unit of the parameter; (r, s) have none; 0 at asked forces"""
     displacement_gradient: Array
@@ -58,11 +61,13 @@ class Response:
     message: str
     """one sentence on how the run ended"""
     negative_pivots: IntArray
-    """(n_step,) negative pivots of the tangent: > 0 is an unstable equilibrium, -1 not reached"""
+    """(n_step,) negative pivots of the tangent at the asked steps: > 0 is an unstable equilibrium,
+    -1 not reached"""
     n_factorisations: int
     seconds: float
     points: Array = field(default_factory=lambda: np.zeros((0, 2)))
-    """(n_point, 2) reference position of the points on the surface, mm; none when not kept"""
+    """(n_point, 2) reference position of the points on the surface, mm: (x, y), or (radius, height)
+    of an axisymmetric specimen; none when not kept"""
     parameters: tuple[str, ...] = ("r", "s")
     """what the gradients are in: stress-like constants and the bulk modulus in MPa"""
     solver: str = ""

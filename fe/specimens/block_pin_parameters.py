@@ -3,8 +3,9 @@
 Besides the material's: "friction_pin", "friction_base" where friction is; "contact_stiffness",
 "contact_ramp", "contact_base", "contact_slip" of the penalty law; "width", "depth", "height",
 "pin_width", "pin_fillet" of the specimen, mm; "pin_shift_x", "pin_shift_z", mm, and "pin_rotation",
-degrees, where the modelled part has room for them; "travel_zero", mm, by which the pin starts above
-the block.  Mesh lines and field points go with the geometry.
+degrees, where the modelled part has room for them, the rotation only of a bar without friction;
+"travel_zero", mm, by which the pin starts above the block.  Mesh lines and field points go with the
+geometry.
 """
 
 from __future__ import annotations
