@@ -62,7 +62,6 @@ class Case(NamedTuple):
 
 GLUED = tuple(Mesh((4 * n, 4 * n, 2 * n), 0.05) for n in (2, 3, 4))
 SLIDING = tuple(Mesh((4 * n, 2 * n, n), 0.05) for n in (2, 3, 4))
-RUBBING = tuple(Mesh((4 * n, 2 * n, n), 0.05) for n in (3, 4, 5))
 STUCK_TO_ROUND = tuple(Mesh((2 * n, n, 2 * n), 0.05) for n in (3, 4, 6))
 UNDER_ROUND = tuple(Mesh((2 * n, n, 2 * n), 0.05) for n in (3, 4, 5))
 """coarse to fine, similar to each other"""
@@ -72,7 +71,7 @@ def similar(case: Case) -> tuple[Mesh, ...]:
     """Three meshes of the index, coarse to fine."""
     if case.pin == "round":
         return STUCK_TO_ROUND if case.interface == "stick" else UNDER_ROUND
-    return {"stick": GLUED, "slide": SLIDING}.get(str(case.interface), RUBBING)
+    return GLUED if case.interface == "stick" else SLIDING
 
 
 def single(case: Case) -> tuple[Mesh, ...]:
