@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol
 
@@ -118,7 +119,7 @@ def parameter_names(model: DrivenModel, material: Material | None) -> tuple[str,
 
 def respond(model: DrivenModel, material: Material, progress: Progress | None = None) -> Response:
     """Response of any material, by default with derivatives in its constants and bulk modulus."""
-    return _respond(_of(model, material), progress)
+    return _respond(lambda: _of(model, material), progress)
 
 
 def respond_to_ratios(model: DrivenModel, ratios: Array) -> Response:
@@ -127,7 +128,8 @@ def respond_to_ratios(model: DrivenModel, ratios: Array) -> Response:
     Raises ValueError when the ratios do not give a material (two finite numbers).
     """
     material = mooney_rivlin_of_ratios(ratios, 1.0, 2.0 * model.bulk_ratio)
-    return _respond(_run(model, material, ratio_parameters(material), ("r", "s")), None)
+    known = ratio_parameters(material)
+    return _respond(lambda: _run(model, material, known, ("r", "s")), None)
 
 
 def objective_gradients(model: DrivenModel, material: Material, objective: FieldObjective) -> Array:
@@ -196,8 +198,9 @@ def _solve(run: _Run, progress: Progress | None, objective: Objective | None = N
         )
 
 
-def _respond(run: _Run, progress: Progress | None) -> Response:
+def _respond(make: Callable[[], _Run], progress: Progress | None) -> Response:
     started = time.perf_counter()
+    run = make()
     states, outcome, n_factorisations = _solve(run, progress)
     seconds = time.perf_counter() - started
     return seen.response(states, outcome, run.seen, n_factorisations, seconds)

@@ -150,7 +150,8 @@ def drive(
             outcome.fall(found)
         state = _state(potential, solver, tangent, found, memory, asked, state)
         if not np.isfinite(state.force_gradient).all():
-            outcome.warn(f"no derivatives from a travel of {found.travel:.4f} mm on")
+            lost = f"no derivatives from a travel of {found.travel:.4f} mm on"
+            outcome.warn("derivatives", lost)
         if not potential.has_friction or plate is None or slopes is None:
             return found.as_start()
         memory = renewed_anchors(plate, slopes, state.u, state.u_gradient)

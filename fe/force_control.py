@@ -79,14 +79,22 @@ class Way(NamedTuple):
 
 
 def check_targets(travel: tuple[float, ...], force: tuple[float, ...]) -> None:
-    """Raise ValueError unless one of travels (mm) and forces (N) is given, above 0, increasing."""
+    """Raise ValueError unless one of travels (mm) and forces (N) is given, above 0, increasing.
+
+    Both are tuples of finite numbers.
+    """
+    for name, values in (("travel", travel), ("force", force)):
+        numbers = np.asarray(values)
+        if isinstance(values, np.ndarray) or numbers.ndim != 1 or numbers.dtype.kind not in "fiu":
+            raise ValueError(f"{name}: expected a tuple of numbers, found {values!r}")
     if travel and force:
         raise ValueError(
             f"force: expected travels or forces, found travel={travel} and force={force}"
         )
     name, values, unit = ("force", force, "N") if force else ("travel", travel, "mm")
     found = np.asarray(values)
-    if found.ndim != 1 or found.size == 0 or not found[0] > 0.0 or not (np.diff(found) > 0.0).all():
+    finite = found.size > 0 and np.isfinite(found).all()
+    if not (finite and found[0] > 0.0 and (np.diff(found) > 0.0).all()):
         raise ValueError(f"{name}: expected increasing {name}s above 0 {unit}, found {values}")
 
 

@@ -122,12 +122,14 @@ def _march(
         force = found.equilibrium.assembly.pin_force
         if state is not None and force < FALL * state.pin_force:
             outcome.warn(
+                "fall",
                 f"the force falls at a travel of {found.travel:.4f} mm: material snaps past the "
-                "pin's edge, or the block bends into another shape"
+                "pin's edge, or the block bends into another shape",
             )
         state = _accept(potential, solver, tangent, found, history, state)
         if not np.isfinite(state.force_gradient).all():
-            outcome.warn(f"no derivatives from a travel of {found.travel:.4f} mm on")
+            lost = f"no derivatives from a travel of {found.travel:.4f} mm on"
+            outcome.warn("derivatives", lost)
         return found.as_start()
 
     def restore(start: Start) -> Start:

@@ -108,7 +108,7 @@ def equilibrate(
     negative = -1  # not counted yet
     assembly = potential.assemble(u, p, travel, memory)
     for iteration in range(options.max_iterations):
-        if not assembly.smallest_J > 0.0:
+        if not (assembly.smallest_J > 0.0 and np.isfinite(assembly.energy)):
             return Equilibrium(u, p, assembly, False, "an element turned inside out", iteration)
         norm = float(np.linalg.norm(assembly.gradient))
         if norm <= options.tolerance * assembly.force_scale:
@@ -181,7 +181,7 @@ def _nearer(
     dp = potential.pressure_step(du)
     trial = potential.assemble(u + du, p + dp, travel, memory)
     reduced = np.linalg.norm(trial.gradient) < options.reduction * np.linalg.norm(b)
-    if trial.smallest_J > 0.0 and reduced:
+    if trial.smallest_J > 0.0 and np.isfinite(trial.energy) and reduced:
         return u + du, p + dp, trial
     potential.assemble(u, p, travel, memory)  # what the solves below are of
     return None

@@ -53,7 +53,9 @@ class Plate:
 
     def __post_init__(self) -> None:
         if not self.friction >= 0.0:
-            raise ValueError(f"friction: expected a coefficient of at least 0, got {self.friction}")
+            raise ValueError(
+                f"friction: expected a coefficient of at least 0, found {self.friction}"
+            )
         if not self.slip > 0.0:
             raise ValueError(f"slip: expected a length above 0 mm, found {self.slip}")
 

@@ -57,7 +57,8 @@ def _material(
     names = (*LAWS[law].constant_names, "bulk")
     if isinstance(theta, Mapping):
         if set(theta) != set(names):
-            raise ValueError(f"theta: expected {', '.join(names)}, found {', '.join(theta)}")
+            found = ", ".join(map(str, theta))
+            raise ValueError(f"theta: expected {', '.join(names)}, found {found}")
         values = [float(theta[n]) for n in names]
     else:
         array = np.asarray(theta, dtype=np.float64)

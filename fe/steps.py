@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -43,8 +43,12 @@ class March:
     """of the modelled part in accepted steps, N"""
     fell_after: float | None = None
     """travel of the last step before the force fell, mm"""
-    warning: str = ""
-    """what may be wrong with what was reached"""
+    warnings: dict[str, str] = field(default_factory=dict)
+    """what may be wrong with what was reached, by kind"""
+    n_unstable: int = 0
+    """accepted steps with negative pivots, asked for or not"""
+    unstable_from: float | None = None
+    """travel of the first of them, mm"""
     listen: Progress | None = None
     """hears of each accepted step, forces those of the modelled part"""
 
@@ -54,6 +58,10 @@ class March:
         self.reached = found.travel
         self.n_steps += 1
         self.largest_force = max(self.largest_force, at.assembly.pin_force)
+        if found.negative > 0:
+            self.n_unstable += 1
+            if self.unstable_from is None:
+                self.unstable_from = found.travel
         if self.listen is not None:
             report = StepReport(found.travel, at.assembly.pin_force, at.iterations, found.negative)
             self.listen(report)
@@ -67,13 +75,14 @@ class March:
         if self.fell_after is None:
             self.fell_after = self.reached
         self.warn(
+            "fall",
             f"the force falls at a travel of {found.travel:.4f} mm: another branch of "
-            "equilibria, real or of the mesh, or a material that softens"
+            "equilibria, real or of the mesh, or a material that softens",
         )
 
-    def warn(self, warning: str) -> None:
-        """Keep the first warning."""
-        self.warning = self.warning or warning
+    def warn(self, kind: str, warning: str) -> None:
+        """Keep the first warning of each kind."""
+        self.warnings.setdefault(kind, warning)
 
 
 def stride(

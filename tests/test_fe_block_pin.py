@@ -163,8 +163,12 @@ def test_what_was_reached_is_kept_when_a_later_step_fails(monkeypatch):
         (lambda: Contact(pin=True), "pin: expected .* found True"),
         (lambda: model(travel=(0.4, 0.2)), "travel: expected increasing"),
         (lambda: model(travel=(2.6,)), "less than the block's height"),
+        (lambda: model(travel=np.array([0.1, 0.2])), "travel: expected a tuple of numbers"),
+        (lambda: model(travel=("far",)), "travel: expected a tuple of numbers"),
         (lambda: model(cells=(0, 1, 1)), "cells"),
+        (lambda: model(cells=(3.0, 1, 1)), "cells: expected 3 whole numbers"),
         (lambda: model(bulk_ratio=0.0), "bulk_ratio"),
+        (lambda: model(bulk_ratio=float("inf")), "bulk_ratio: expected a finite ratio"),
         (lambda: model()(np.array([0.1])), "ratios: expected two finite numbers"),
     ],
 )

@@ -312,7 +312,12 @@ def test_the_model_survives_pickling():
     ("make_model", "message"),
     [
         (lambda: Cylinder(diameter=0.0), "diameter: expected a length above 0 mm"),
-        (lambda: CylinderModel(SIZE, (0, 1), (1.0,)), "cells: expected at least one"),
+        (lambda: CylinderModel(SIZE, (0, 1), (1.0,)), "cells: expected 2 whole numbers of"),
+        (lambda: CylinderModel(SIZE, (2.5, 1), (1.0,)), "cells: expected 2 whole numbers"),
+        (lambda: CylinderModel(SIZE, (1, 1), (1.0,), n_point=0), "n_point: expected a whole num"),
+        (lambda: CylinderModel(SIZE, (1, 1), (1.0,), friction=np.inf), "friction: expected a fin"),
+        (lambda: CylinderModel(SIZE, (1, 1), (1.0,), slip=0.0), "slip: expected a length above 0"),
+        (lambda: Cylinder(height=np.inf), "height: expected a length above 0 mm, found inf"),
         (lambda: CylinderModel(SIZE, (1, 1), (30.0,)), "travel: expected less than the height"),
         (lambda: CylinderModel(SIZE, (1, 1), (1.0,), "glued"), "ends: expected 'bonded'"),
         (lambda: CylinderModel(SIZE, (1, 1), (1.0,), friction=-1.0), "friction: expected"),

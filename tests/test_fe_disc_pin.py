@@ -199,7 +199,9 @@ def test_it_is_simulated_like_any_specimen_and_survives_pickling():
     [
         (lambda: Disc(diameter=0.0), "diameter: expected a length above 0 mm"),
         (lambda: Disc(pin_fillet=3.0), "pin_fillet: expected less than half"),
-        (lambda: DiscPinModel(Disc(), STUCK, (0, 1), (0.1,)), "cells: expected at least one"),
+        (lambda: DiscPinModel(Disc(), STUCK, (0, 1), (0.1,)), "cells: expected 2 whole numbers of"),
+        (lambda: DiscPinModel(Disc(), STUCK, (2, 1, 1), (0.1,)), "cells: expected 2 whole number"),
+        (lambda: replace(small(STUCK), n_point=0), "n_point: expected a whole number"),
         (lambda: DiscPinModel(Disc(), STUCK, (2, 1), (2.5,)), "travel: expected less than the hei"),
         (lambda: DiscPinModel(Disc(), STUCK, (2, 1), ()), "travel: expected increasing"),
         (lambda: DiscPinModel(Disc(), STUCK, (2, 1), (1.0,), bulk_ratio=0.0), "bulk_ratio: exp"),

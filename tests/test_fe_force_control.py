@@ -234,6 +234,7 @@ def test_a_response_at_forces_survives_storage_and_its_model_pickling(tmp_path):
         ({"travel": (), "force": (2.0, 1.0)}, "force: expected increasing forces above 0 N"),
         ({"travel": (), "force": (0.0, 1.0)}, "force: expected increasing forces above 0 N"),
         ({"travel": (), "force": (np.nan,)}, "force: expected increasing forces above 0 N"),
+        ({"travel": (), "force": (1.0, np.inf)}, "force: expected increasing forces above 0 N"),
     ],
 )
 @pytest.mark.parametrize("model", [block(("stick", "stick")), *SPECIMENS.values()])

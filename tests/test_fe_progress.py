@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import logging
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import fe
+from fe.ending import ending
 from fe.progress import StepReport
-from fe.steps import StepOptions
+from fe.steps import March, StepOptions
 
 BLOCK = fe.BlockPinModel(
     fe.BlockPin(),
@@ -57,6 +59,22 @@ def test_print_shows_a_line_a_step_and_the_log_has_the_same(capsys, caplog):
 def test_an_unstable_step_says_so():
     assert str(StepReport(1.0, 2.5, 7, 0)) == "travel 1.0000 mm, force 2.5 N, 7 iterations"
     assert str(StepReport(1.0, 2.5, 7, 3)).endswith("unstable: 3 negative pivots")
+
+
+def test_warnings_and_unstable_steps_between_those_asked_are_told_in_the_end():
+    outcome = March()
+    for travel, negative in ((0.1, 0), (0.2, 2), (0.3, 1), (0.4, 0)):
+        at = SimpleNamespace(assembly=SimpleNamespace(pin_force=1.0), iterations=3)
+        outcome.accept(SimpleNamespace(equilibrium=at, travel=travel, negative=negative))
+    outcome.warn("derivatives", "no derivatives")
+    outcome.warn("fall", "the force falls")
+    outcome.warn("fall", "the force falls again")
+    end = ending(outcome, "travel", 4.0, complete=True)
+    assert end.status is fe.Status.CONVERGED
+    assert end.message == (
+        "reached every asked travel; no derivatives; the force falls; 2 of 4 steps ended in an "
+        "unstable equilibrium, the first at a travel of 0.2000 mm"
+    )
 
 
 def test_listening_changes_nothing():

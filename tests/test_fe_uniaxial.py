@@ -89,6 +89,9 @@ def test_the_model_survives_pickling():
         (lambda: UniaxialModel(BAR, (3.0,), "compression"), "travel: expected less than"),
         (lambda: UniaxialModel(BAR, (1.0, 0.5)), "travel: expected increasing"),
         (lambda: UniaxialModel(BAR, (1.0,), "torsion"), "direction: expected"),
+        (lambda: UniaxialModel(BAR, (1.0,), bulk_ratio=-1.0), "bulk_ratio: expected a finite"),
+        (lambda: UniaxialModel(BAR, (1.0,), field_grid=(2,)), "field_grid: expected 2 whole"),
+        (lambda: Bar(depth=float("inf")), "depth: expected a length above 0 mm, found inf"),
     ],
 )
 def test_wrong_arguments_are_refused(make_model, message):

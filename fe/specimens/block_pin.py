@@ -42,6 +42,7 @@ from fe.specimens.block_pin_mesh import (
 )
 from fe.specimens.block_pin_parameters import known_names, parameters
 from fe.specimens.block_pin_part import SYMMETRY_FACTOR, check_part, modelled_part
+from fe.specimens.checks import check_bulk_ratio, check_counts, check_travel
 from fe.steps import March, StepOptions
 from fe.surface_slopes import SurfaceSlopes
 
@@ -98,18 +99,11 @@ class BlockPinModel:
     plane_strain: bool = False
 
     def __post_init__(self) -> None:
-        cells = np.asarray(self.cells)
-        if cells.shape != (3,) or cells.dtype.kind != "i" or cells.min() < 1:
-            raise ValueError(f"cells: expected 3 whole numbers of at least 1, found {self.cells}")
+        check_counts("cells", self.cells, (1, 1, 1))
         check_asked(self.sensitivities)
         check_targets(self.travel, self.force)
-        if max(self.travel, default=0.0) >= self.specimen.height:
-            raise ValueError(
-                f"travel: expected less than the block's height {self.specimen.height} mm, "
-                f"found {self.travel[-1]}"
-            )
-        if not self.bulk_ratio > 0.0:
-            raise ValueError(f"bulk_ratio: expected a ratio above 0, found {self.bulk_ratio}")
+        check_travel(self.travel, self.specimen.height, "block's height")
+        check_bulk_ratio(self.bulk_ratio)
         check_part(self.specimen, self.contact, self.symmetry)
         check_field_grid(self.field_grid, self.specimen, self.part)
         straight = self.specimen.pin == "bar" and not self.specimen.turned
@@ -172,21 +166,23 @@ class BlockPinModel:
         """
         run = self._of(material)
 
+        discrete = self.discretise()
+
         def states(of_state: Objective) -> list[TravelState]:
-            return self._march(run, of_state)[0]
+            return self._march(run, discrete, of_state)[0]
 
         with threadpool_limits(limits=1):
-            return objective_gradients(states, self._seen(run.names), objective)
+            return objective_gradients(states, self._seen(run.names, discrete), objective)
 
     def solve_for(
         self, material: Material, progress: Progress | None = None
     ) -> tuple[list[TravelState], March, int]:
         """States of the modelled part of a block of this material at the targets reached."""
-        return self._march(self._of(material), progress=progress)
+        return self._march(self._of(material), self.discretise(), progress=progress)
 
     def solve(self, ratios: Array, kappa: float = 1.0) -> tuple[list[TravelState], March, int]:
         """States of the modelled part at the travels reached, at the given kappa (MPa)."""
-        return self._march(self._at(ratios, kappa))
+        return self._march(self._at(ratios, kappa), self.discretise())
 
     def _at(self, ratios: Array, kappa: float = 1.0) -> _Run:
         material = mooney_rivlin_of_ratios(ratios, kappa, self.bulk_ratio * 2.0 * kappa)
@@ -209,15 +205,20 @@ class BlockPinModel:
     def _respond(self, run: _Run, progress: Progress | None = None) -> Response:
         started = time.perf_counter()
         with threadpool_limits(limits=1):
-            states, outcome, n_factorisations = self._march(run, progress=progress)
+            discrete = self.discretise()
+            states, outcome, n_factorisations = self._march(run, discrete, progress=progress)
         seconds = time.perf_counter() - started
-        return response(states, outcome, self._seen(run.names), n_factorisations, seconds)
+        seen = self._seen(run.names, discrete)
+        return response(states, outcome, seen, n_factorisations, seconds)
 
     def _march(
-        self, run: _Run, objective: Objective | None = None, progress: Progress | None = None
+        self,
+        run: _Run,
+        discrete: Discretisation,
+        objective: Objective | None = None,
+        progress: Progress | None = None,
     ) -> tuple[list[TravelState], March, int]:
         """States at the targets reached, outcome, number of factorisations."""
-        discrete = self.discretise()
         problem = self._problem(discrete, run.material, run.shear)
         along = self.parameters(run.names, run.known, problem, run.shear)
         factor = SYMMETRY_FACTOR[self.part]
@@ -281,7 +282,7 @@ class BlockPinModel:
             plane_strain=self.plane_strain,
         )
 
-    def _seen(self, names: tuple[str, ...]) -> Seen:
+    def _seen(self, names: tuple[str, ...], discrete: Discretisation) -> Seen:
         motion = field_motion(
             names,
             self.specimen,
@@ -292,7 +293,7 @@ class BlockPinModel:
             np.asarray(self.travel or self.force),
             self.control,
             self.points(),
-            self.discretise().probe,
+            discrete.probe,
             motion,
             SYMMETRY_FACTOR[self.part],
             names,

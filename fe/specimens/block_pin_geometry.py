@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 
 from fe.pin_surface import BAR, ROUND, RigidPin
+from fe.specimens.checks import check_length
 from fe.touch import FrictionLaw
 
 Interface = Literal["stick", "slide"] | float
@@ -35,9 +36,7 @@ class BlockPin:
 
     def __post_init__(self) -> None:
         for name in ("width", "depth", "height", "pin_width", "pin_fillet"):
-            value = getattr(self, name)
-            if not 0.0 < value < np.inf:
-                raise ValueError(f"{name}: expected a length above 0 mm, found {value}")
+            check_length(name, getattr(self, name))
         if not self.pin_fillet < self.pin_width / 2.0:
             raise ValueError(
                 f"pin_fillet: expected less than half the pin's width {self.pin_width} mm, "

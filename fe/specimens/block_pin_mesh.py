@@ -14,6 +14,7 @@ from fe.contact import Faces
 from fe.discretisation import Pattern, elements, faces, pattern
 from fe.pin_surface import RigidPin, under_flat
 from fe.specimens.block_pin_geometry import BlockPin, Contact, Symmetry
+from fe.specimens.checks import check_counts
 from fe.weak_form import Elements
 
 Array = npt.NDArray[np.float64]
@@ -88,8 +89,7 @@ def check_field_grid(grid: FieldGrid, specimen: BlockPin, symmetry: Symmetry) ->
     """Raise ValueError for impossible numbers, and for points beside the modelled part's face."""
     found = np.asarray(grid)
     if found.ndim == 1:
-        if found.shape != (2,) or found.dtype.kind != "i" or found.min() < 1:
-            raise ValueError(f"field_grid: expected 2 whole numbers of at least 1, found {grid}")
+        check_counts("field_grid", grid, (1, 1))
         return
     if found.ndim != 2 or found.shape[1] != 2 or not np.isfinite(found).all():
         raise ValueError(f"field_grid: expected points (x, y) in mm, found shape {found.shape}")

@@ -37,6 +37,13 @@ from fe.plate import Edges, Plate, ring_edges
 from fe.progress import Progress
 from fe.response import Response
 from fe.seen import FieldObjective
+from fe.specimens.checks import (
+    check_bulk_ratio,
+    check_counts,
+    check_length,
+    check_lengths,
+    check_travel,
+)
 from fe.steps import StepOptions
 
 Array = npt.NDArray[np.float64]
@@ -54,10 +61,7 @@ class Cylinder:
     height: float = 30.0
 
     def __post_init__(self) -> None:
-        for name in ("diameter", "height"):
-            value = getattr(self, name)
-            if not value > 0.0:
-                raise ValueError(f"{name}: expected a length above 0 mm, found {value}")
+        check_lengths(self)
 
 
 @dataclass(frozen=True)
@@ -92,23 +96,19 @@ class CylinderModel:
     sensitivities: tuple[str, ...] | None = None
 
     def __post_init__(self) -> None:
-        if min(self.cells) < 1:
-            raise ValueError(f"cells: expected at least one element a side, found {self.cells}")
+        check_counts("cells", self.cells, (1, 1))
+        check_counts("n_point", self.n_point, 1)
         check_targets(self.travel, self.force)
         check_asked(self.sensitivities)
-        if max(self.travel, default=0.0) >= self.specimen.height:
-            raise ValueError(
-                f"travel: expected less than the height {self.specimen.height} mm, "
-                f"found {self.travel[-1]}"
-            )
+        check_travel(self.travel, self.specimen.height, "height")
         if self.ends not in ("bonded", "slide"):
             raise ValueError(f"ends: expected 'bonded' or 'slide', found {self.ends!r}")
-        if not self.friction >= 0.0:
+        if not 0.0 <= self.friction < np.inf:
             raise ValueError(
-                f"friction: expected a coefficient of at least 0, found {self.friction}"
+                f"friction: expected a finite coefficient of at least 0, found {self.friction}"
             )
-        if not self.bulk_ratio > 0.0:
-            raise ValueError(f"bulk_ratio: expected a ratio above 0, found {self.bulk_ratio}")
+        check_length("slip", self.slip)
+        check_bulk_ratio(self.bulk_ratio)
 
     def points(self) -> Array:
         """(n_point, 2) reference r, z of the field points on the side, mm."""

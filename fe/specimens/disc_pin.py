@@ -26,7 +26,7 @@ from fe.load_stepping import TravelState
 from fe.material_parameters import MaterialParameters, all_parameters, ratio_parameters
 from fe.materials.material import Material, mooney_rivlin_of_ratios
 from fe.newton import NewtonOptions
-from fe.parameters import TRAVEL_ZERO, check_asked, check_names
+from fe.parameters import check_asked, check_names
 from fe.pin_surface import RigidPin, under_flat
 from fe.plane_elements import axisymmetric_elements, hoop_equations
 from fe.plate import ring_edges
@@ -38,7 +38,8 @@ from fe.seen import FieldObjective, Seen, objective_gradients, response
 from fe.sensitivity import Objective
 from fe.specimens.block_pin_geometry import BlockPin, Contact
 from fe.specimens.block_pin_mesh import Discretisation, block_mesh
-from fe.specimens.block_pin_parameters import PENALTY, by_geometry, mesh_motion, parameters
+from fe.specimens.block_pin_parameters import by_geometry, known_names, mesh_motion, parameters
+from fe.specimens.checks import check_bulk_ratio, check_counts, check_lengths, check_travel
 from fe.steps import March, StepOptions
 
 Array = npt.NDArray[np.float64]
@@ -66,8 +67,7 @@ class Disc:
     pin_fillet: float = 0.3
 
     def __post_init__(self) -> None:
-        if not 0.0 < self.diameter < np.inf:
-            raise ValueError(f"diameter: expected a length above 0 mm, found {self.diameter}")
+        check_lengths(self)
         self.block()
 
     def block(self) -> BlockPin:
@@ -97,7 +97,6 @@ class DiscPinModel:
     `cells` are the numbers of Q2 elements along radius and height; `n_point` the number of field
     points along the side; all else is as of `fe.BlockPinModel`, forces those of the whole disc.
     Sensitivities are also in "diameter", "height", "pin_width", "pin_fillet" and "travel_zero".
-
     Raises ValueError for impossible numbers.
     """
 
@@ -114,17 +113,12 @@ class DiscPinModel:
     force: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
-        if min(self.cells) < 1:
-            raise ValueError(f"cells: expected at least one element a side, found {self.cells}")
+        check_counts("cells", self.cells, (1, 1))
+        check_counts("n_point", self.n_point, 1)
         check_targets(self.travel, self.force)
         check_asked(self.sensitivities)
-        if max(self.travel, default=0.0) >= self.specimen.height:
-            raise ValueError(
-                f"travel: expected less than the height {self.specimen.height} mm, "
-                f"found {self.travel[-1]}"
-            )
-        if not self.bulk_ratio > 0.0:
-            raise ValueError(f"bulk_ratio: expected a ratio above 0, found {self.bulk_ratio}")
+        check_travel(self.travel, self.specimen.height, "height")
+        check_bulk_ratio(self.bulk_ratio)
 
     @property
     def control(self) -> Control:
@@ -164,16 +158,18 @@ class DiscPinModel:
         """
         run = self._of(material)
 
-        def states(of_state: Objective) -> list[TravelState]:
-            return self._march(run, of_state, None)[0]
+        discrete = self.discretise()
 
-        return objective_gradients(states, self._seen(run.names), objective)
+        def states(of_state: Objective) -> list[TravelState]:
+            return self._march(run, discrete, of_state, None)[0]
+
+        return objective_gradients(states, self._seen(run.names, discrete), objective)
 
     def solve_for(
         self, material: Material, progress: Progress | None = None
     ) -> tuple[list[TravelState], March, int]:
         """States of the half section at the targets reached, outcome, factorisations."""
-        return self._march(self._of(material), None, progress)
+        return self._march(self._of(material), self.discretise(), None, progress)
 
     def mesh(self) -> MeshQuad:
         """Half section (r, y), with the lines of a block under a round pin."""
@@ -213,21 +209,25 @@ class DiscPinModel:
 
     def _known_names(self) -> tuple[str, ...]:
         """Of all parameters other than the material's."""
-        law = self.contact.friction(1.0)
-        rubs = (("friction_pin", law.pin), ("friction_base", law.base))
-        friction = (name for name, coefficient in rubs if coefficient > 0.0)
-        return (*friction, *PENALTY, *DIMENSIONS, TRAVEL_ZERO)
+        own = {of_block: name for name, of_block in DIMENSIONS.items()}
+        names = known_names(self.specimen.block(), self.contact, "quarter")
+        return tuple(own.get(name, name) for name in names if name != "depth")
 
     def _respond(self, run: _Run, progress: Progress | None) -> Response:
         started = time.perf_counter()
-        states, outcome, n_factorisations = self._march(run, None, progress)
+        discrete = self.discretise()
+        states, outcome, n_factorisations = self._march(run, discrete, None, progress)
         seconds = time.perf_counter() - started
-        return response(states, outcome, self._seen(run.names), n_factorisations, seconds)
+        return response(states, outcome, self._seen(run.names, discrete), n_factorisations, seconds)
 
     def _march(
-        self, run: _Run, objective: Objective | None, progress: Progress | None
+        self,
+        run: _Run,
+        discrete: Discretisation,
+        objective: Objective | None,
+        progress: Progress | None,
     ) -> tuple[list[TravelState], March, int]:
-        discrete, shear = self.discretise(), run.material.shear_modulus
+        shear = run.material.shear_modulus
         problem = Problem(
             elements=discrete.elements,
             faces=discrete.faces,
@@ -265,7 +265,7 @@ class DiscPinModel:
         y = (np.arange(self.n_point) + 0.5) * block.height / self.n_point
         return np.stack([np.full(self.n_point, block.width / 2.0), y], axis=1)
 
-    def _seen(self, names: tuple[str, ...]) -> Seen:
+    def _seen(self, names: tuple[str, ...], discrete: Discretisation) -> Seen:
         block, at = self.specimen.block(), self.points()
         passed = np.zeros((*at.shape, len(names)))
         for j, name in enumerate(names):
@@ -278,7 +278,7 @@ class DiscPinModel:
             targets=np.asarray(self.travel or self.force),
             control=self.control,
             points=at,
-            probe=self.discretise().probe,
+            probe=discrete.probe,
             motion=passing(passed, at, lambda: basis, basis.N),
             factor=1.0,
             names=names,

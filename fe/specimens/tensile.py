@@ -34,6 +34,7 @@ from fe.parameters import check_asked
 from fe.progress import Progress
 from fe.response import Response
 from fe.seen import FieldObjective
+from fe.specimens.checks import check_bulk_ratio, check_counts, check_lengths
 from fe.steps import StepOptions
 
 Array = npt.NDArray[np.float64]
@@ -56,14 +57,11 @@ class NotchedPlate:
     notch_depth: float = 4.0
 
     def __post_init__(self) -> None:
-        for name in ("width", "length", "thickness", "notch_radius", "notch_depth"):
-            value = getattr(self, name)
-            if not value > 0.0:
-                raise ValueError(f"{name}: expected a length above 0 mm, found {value}")
+        check_lengths(self)
         if not self.notch_depth < min(self.notch_radius, self.width / 2.0):
             raise ValueError(
                 f"notch_depth: expected less than the radius {self.notch_radius} mm and half the "
-                f"width {self.width} mm, found {self.notch_depth}"
+                f"width {self.width / 2.0} mm, found {self.notch_depth}"
             )
         if not 2.0 * self.notch_reach < self.length:
             raise ValueError(
@@ -109,13 +107,11 @@ class TensileModel:
     sensitivities: tuple[str, ...] | None = None
 
     def __post_init__(self) -> None:
-        nx, ny, nz = self.cells
-        if min(nx, nz) < 1 or ny < 2:
-            raise ValueError(f"cells: expected at least (1, 2, 1) elements, found {self.cells}")
+        check_counts("cells", self.cells, (1, 2, 1))
+        check_counts("field_grid", self.field_grid, (1, 1))
         check_targets(self.travel, self.force)
         check_asked(self.sensitivities)
-        if not self.bulk_ratio > 0.0:
-            raise ValueError(f"bulk_ratio: expected a ratio above 0, found {self.bulk_ratio}")
+        check_bulk_ratio(self.bulk_ratio)
 
     def points(self) -> Array:
         """(n_point, 2) reference x, y of the field points on the front face, mm."""

@@ -35,6 +35,7 @@ from fe.parameters import check_asked
 from fe.progress import Progress
 from fe.response import Response
 from fe.seen import FieldObjective
+from fe.specimens.checks import check_bulk_ratio, check_counts, check_lengths, check_travel
 from fe.steps import StepOptions
 from fe.weak_form import Elements
 
@@ -50,10 +51,7 @@ class Bar:
     depth: float = 1.0
 
     def __post_init__(self) -> None:
-        for name in ("width", "length", "depth"):
-            value = getattr(self, name)
-            if not value > 0.0:
-                raise ValueError(f"{name}: expected a length above 0 mm, found {value}")
+        check_lengths(self)
 
 
 @dataclass(frozen=True)
@@ -79,20 +77,16 @@ class UniaxialModel:
     sensitivities: tuple[str, ...] | None = None
 
     def __post_init__(self) -> None:
+        check_counts("field_grid", self.field_grid, (1, 1))
         check_targets(self.travel, self.force)
         check_asked(self.sensitivities)
+        check_bulk_ratio(self.bulk_ratio)
         if self.direction not in ("tension", "compression"):
             raise ValueError(
                 f"direction: expected 'tension' or 'compression', found {self.direction!r}"
             )
-        if (
-            self.direction == "compression"
-            and max(self.travel, default=0.0) >= self.specimen.length
-        ):
-            raise ValueError(
-                f"travel: expected less than the length {self.specimen.length} mm in compression, "
-                f"found {self.travel[-1]}"
-            )
+        if self.direction == "compression":
+            check_travel(self.travel, self.specimen.length, "length")
 
     def points(self) -> Array:
         """(n_point, 2) reference x, y of the field points on the face z = depth, mm."""
