@@ -27,7 +27,7 @@ class Programme:
 
     @property
     def end(self) -> float:
-        """s"""
+        """When the record ends, s."""
         return float(self.time[-1])
 
 

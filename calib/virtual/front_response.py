@@ -123,7 +123,8 @@ class FrontResponse:
         return order
 
     def _probe(self, points: Array) -> sp.csr_matrix:
-        return self._basis.probes(points.T).tocsr()
+        probe: sp.csr_matrix = self._basis.probes(points.T).tocsr()
+        return probe
 
     def _check(self, travel: Array) -> None:
         if np.max(travel, initial=0.0) > self.travel[-1] + SAME:

@@ -47,7 +47,7 @@ def view(truth: TruthResponse, placement: Placement, travel: Array, cameras: Cam
     in_image = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2)
     turn = placement.rotation
     # the points are regular in the image: which places of the plane of the face lie behind them
-    material = np.linalg.solve(turn[:2, :2], in_image.T).T
+    material = np.asarray(np.linalg.solve(turn[:2, :2], in_image.T).T, dtype=np.float64)
     flat = np.column_stack([material, np.zeros(len(material))])
     moved = truth.field_at(material, travel, placement.x_shift)
     seen = np.stack(

@@ -135,7 +135,9 @@ def _write_static(
         np.repeat(once.seen, n, axis=0),
     )
     spacing = grid_spacing(cameras, specimen.width, specimen.height)
-    frames = dic_frames(still, cameras, spacing, np.arange(n) * 1.0, rng, first_is_reference=False)
+    frames = dic_frames(
+        still, cameras, spacing, np.arange(n, dtype=np.float64), rng, first_is_reference=False
+    )
     write_frames(folder, frames, POINT_WRITERS[cameras.format])
 
 

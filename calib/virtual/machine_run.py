@@ -50,12 +50,13 @@ def run_machine(
     path = programme(protocol)
     step = 1.0 / machine.rate_hz
     time = np.arange(0.0, path.end + step / 2.0, step)
-    position = np.interp(time, path.time, path.position)
+    position: Array = np.interp(time, path.time, path.position)
     contact = float(machine.contact_sd_mm * rng.standard_normal())
     travel = _travel(truth, stiffness, position + contact, machine.compliance_mm_per_N)
     softening = _softening(path, time, protocol.preconditioning_cycles, settings.rubber)
     force = relaxing_force(truth.force_at(travel, stiffness) * softening, step, settings.rubber)
-    reached = np.arange(1, protocol.increments + 1) * protocol.increment_mm + contact
+    steps = np.arange(1, protocol.increments + 1, dtype=np.float64)
+    reached: Array = steps * protocol.increment_mm + contact
     in_holds = _travel(truth, stiffness, reached, machine.compliance_mm_per_N)
     return MachineRun(
         time,

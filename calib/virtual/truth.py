@@ -128,7 +128,8 @@ class TruthResponse:
 
     def _mirrored(self, centred: Array, travel: Array, half: float) -> Array:
         mirror = np.array([-1.0, 1.0, 1.0])
-        return self._change(centred * mirror[:2], travel, half) * mirror
+        back: Array = self._change(centred * mirror[:2], travel, half) * mirror
+        return back
 
 
 def pin_at_centre(x: Array, shift: float, half: float) -> Array:
@@ -137,13 +138,15 @@ def pin_at_centre(x: Array, shift: float, half: float) -> Array:
     Unchanged by the pin's axis within `EDGE`, stretched to the sides at -half and half beyond.
     """
     from_places = np.array([-half, shift - EDGE, shift + EDGE, half])
-    return np.interp(x, from_places, [-half, -EDGE, EDGE, half])
+    at_centre: Array = np.interp(x, from_places, [-half, -EDGE, EDGE, half])
+    return at_centre
 
 
 def pin_shifted(x: Array, shift: float, half: float) -> Array:
     """The inverse of `pin_at_centre`."""
     to_places = np.array([-half, shift - EDGE, shift + EDGE, half])
-    return np.interp(x, [-half, -EDGE, EDGE, half], to_places)
+    shifted: Array = np.interp(x, [-half, -EDGE, EDGE, half], to_places)
+    return shifted
 
 
 def solve_truth(truth: BlockTruth, folder: Path | None = None) -> TruthResponse:
