@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import csv
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -30,6 +30,9 @@ class FieldData:
     """length over which the noise of neighbouring points is correlated, mm"""
     reference_share: float
     """share of the noise variance that the reference image puts on all increments alike, [0, 1)"""
+    patterns: Array | None = None
+    """(q, n_step, n_point, 3) further errors of known shape, each of one SD, mm: the directions in
+    which samples differ, as they enter the error of their mean; None where there are none"""
 
     def __post_init__(self) -> None:
         if self.points.ndim != 2 or self.points.shape[1] != 2:
@@ -49,6 +52,45 @@ class FieldData:
             )
         if not 0 <= self.reference_share < 1:
             raise ValueError(f"reference_share: expected in [0, 1), got {self.reference_share}")
+        if self.patterns is not None:
+            if self.patterns.ndim != 4 or self.patterns.shape[1:] != shape:
+                expected = f"(q, {shape[0]}, {shape[1]}, 3)"
+                raise ValueError(
+                    f"patterns: expected shape {expected}, found {self.patterns.shape}"
+                )
+            if not np.all(np.isfinite(self.patterns)):
+                raise ValueError("patterns: expected finite values, found NaN or infinity")
+
+    def at_steps(self, steps: list[int]) -> FieldData:
+        """The same at some of the steps."""
+        patterns = None if self.patterns is None else self.patterns[:, steps]
+        return replace(self, displacement=self.displacement[steps], patterns=patterns)
+
+
+@dataclass(frozen=True)
+class SampleData:
+    """The samples one by one, for models of what differs between them.
+
+    Raises ValueError when shapes disagree.
+    """
+
+    names: tuple[str, ...]
+    force: Array
+    """(n_sample, n_step) N"""
+    displacement: Array
+    """(n_sample, n_step, n_point, 3) mm; NaN where a sample has no such point"""
+
+    def __post_init__(self) -> None:
+        n, n_step = self.force.shape
+        if len(self.names) != n:
+            raise ValueError(f"names: expected {n} as forces, found {len(self.names)}")
+        shape = self.displacement.shape
+        if len(shape) != 4 or shape[:2] != (n, n_step) or shape[3] != 3:
+            raise ValueError(f"displacement: expected ({n}, {n_step}, n_point, 3), found {shape}")
+
+    def at_steps(self, steps: list[int]) -> SampleData:
+        """The same at some of the steps."""
+        return SampleData(self.names, self.force[:, steps], self.displacement[:, steps])
 
 
 @dataclass(frozen=True)
@@ -69,6 +111,11 @@ class Dataset:
     """(n_step,) standard deviation between the samples, N"""
     n_samples: int
     field: FieldData | None = None
+    force_covariance: Array | None = None
+    """(n_step, n_step) measured covariance of one sample's forces between samples, N^2; None where
+    only the SDs are known"""
+    samples: SampleData | None = None
+    """the samples one by one; None where only their mean is known"""
 
     def __post_init__(self) -> None:
         if self.travel.ndim != 1 or self.travel.size == 0:
@@ -90,6 +137,39 @@ class Dataset:
             raise ValueError(
                 f"field: expected {self.travel.size} steps as in travel, found {found}"
             )
+        self._check_covariance()
+        samples = self.samples
+        if samples is not None and samples.force.shape != (self.n_samples, self.travel.size):
+            expected = f"({self.n_samples}, {self.travel.size})"
+            raise ValueError(f"samples: expected forces {expected}, found {samples.force.shape}")
+
+    def _check_covariance(self) -> None:
+        """A covariance is that of the SDs, and not singular: its inverse weighs the forces."""
+        covariance, n = self.force_covariance, self.travel.size
+        if covariance is None:
+            return
+        if covariance.shape != (n, n):
+            raise ValueError(f"force_covariance: expected ({n}, {n}), found {covariance.shape}")
+        if not np.allclose(np.diag(covariance), self.force_sd**2, rtol=1e-6):
+            raise ValueError("force_covariance: expected the squares of force_sd on its diagonal")
+        if not np.linalg.eigvalsh(covariance).min() > 0:
+            raise ValueError(
+                "force_covariance: expected a positive definite matrix, which takes more samples "
+                f"than increments; found one that is not, of {self.n_samples} samples"
+            )
+
+    def at_steps(self, steps: list[int]) -> Dataset:
+        """The same at some of the steps, by their index in increasing order."""
+        covariance = self.force_covariance
+        return replace(
+            self,
+            travel=self.travel[steps],
+            force_mean=self.force_mean[steps],
+            force_sd=self.force_sd[steps],
+            field=None if self.field is None else self.field.at_steps(steps),
+            force_covariance=None if covariance is None else covariance[np.ix_(steps, steps)],
+            samples=None if self.samples is None else self.samples.at_steps(steps),
+        )
 
 
 def read_force_csv(path: Path | str) -> Dataset:

@@ -1,0 +1,110 @@
+"""A Dataset as one npz file: no pickle, with a version and the hash of what it was made from."""
+
+from __future__ import annotations
+
+import zlib
+from pathlib import Path
+from typing import Any, cast
+from zipfile import BadZipFile
+
+import numpy as np
+
+from calib.data.dataset import Dataset, FieldData, SampleData
+from fe.atomic_file import replacing
+from fe.response import Array
+
+VERSION = 1
+"""of the file's layout; another one is refused"""
+_FORCES = ("travel", "force_mean", "force_sd")
+_NOISE = ("correlation_length", "reference_share")
+
+Arrays = dict[str, Any]
+"""arrays by name"""
+
+
+def dataset_arrays(dataset: Dataset) -> Arrays:
+    """All that a dataset holds, as arrays that need no pickle."""
+    arrays: Arrays = {name: getattr(dataset, name) for name in _FORCES}
+    arrays |= {
+        "name": np.array(dataset.name),
+        "synthetic": np.array(dataset.synthetic),
+        "n_samples": np.array(dataset.n_samples),
+    }
+    if dataset.force_covariance is not None:
+        arrays["force_covariance"] = dataset.force_covariance
+    field, samples = dataset.field, dataset.samples
+    if field is not None:
+        arrays |= {name: getattr(field, name) for name in ("points", "displacement", "noise_std")}
+        arrays |= {name: np.array(getattr(field, name)) for name in _NOISE}
+        if field.patterns is not None:
+            arrays["patterns"] = field.patterns
+    if samples is not None:
+        arrays["sample_names"] = np.array(samples.names)
+        arrays["sample_force"] = samples.force
+        arrays["sample_displacement"] = samples.displacement
+    return arrays
+
+
+def dataset_of_arrays(arrays: Arrays) -> Dataset:
+    """The dataset that `dataset_arrays` took apart. Raises KeyError and ValueError otherwise."""
+    field = samples = None
+    if "displacement" in arrays:
+        field = FieldData(
+            points=arrays["points"],
+            displacement=arrays["displacement"],
+            noise_std=arrays["noise_std"],
+            correlation_length=float(arrays["correlation_length"]),
+            reference_share=float(arrays["reference_share"]),
+            patterns=arrays.get("patterns"),
+        )
+    if "sample_names" in arrays:
+        names = tuple(str(name) for name in arrays["sample_names"])
+        samples = SampleData(names, arrays["sample_force"], arrays["sample_displacement"])
+    return Dataset(
+        name=str(arrays["name"]),
+        synthetic=bool(arrays["synthetic"]),
+        n_samples=int(arrays["n_samples"]),
+        field=field,
+        force_covariance=arrays.get("force_covariance"),
+        samples=samples,
+        **{name: arrays[name] for name in _FORCES},
+    )
+
+
+def save_dataset(path: Path | str, dataset: Dataset, inputs: str = "") -> None:
+    """Write one npz file, atomically; `inputs` is the hash of what the dataset was made from."""
+    arrays = dataset_arrays(dataset)
+    arrays |= {"version": np.array(VERSION), "inputs": np.array(inputs)}
+    with replacing(Path(path)) as temporary, temporary.open("wb") as stream:
+        np.savez(stream, **cast("dict[str, Any]", arrays))
+
+
+def load_dataset(path: Path | str) -> tuple[Dataset, str]:
+    """The dataset and the hash of its inputs, from what `save_dataset` wrote.
+
+    Raises ValueError of one sentence for a file that is damaged, of another version, or no dataset.
+    """
+    path = Path(path)
+    try:
+        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as stored:
+            arrays: dict[str, Array] = {name: stored[name] for name in stored.files}
+        version = int(arrays["version"])
+    # RuntimeError: a damaged zip may claim to be encrypted or of an unknown compression
+    except (
+        OSError,
+        ValueError,
+        KeyError,
+        TypeError,
+        AttributeError,
+        EOFError,
+        RuntimeError,
+        BadZipFile,
+        zlib.error,
+    ) as error:
+        raise ValueError(f"{path}: found no readable dataset ({error}), expected one") from error
+    if version != VERSION:
+        raise ValueError(f"{path}: found version {version}, expected {VERSION}")
+    try:
+        return dataset_of_arrays(arrays), str(arrays["inputs"])
+    except (KeyError, ValueError, TypeError) as error:
+        raise ValueError(f"{path}: found no complete dataset ({error}), expected one") from error

@@ -1,0 +1,89 @@
+"""Mean over the samples, and what is known of its error from how they differ."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from calib.data.readers.frames import BoolArray
+from fe.response import Array
+
+MOST_PATTERNS = 0.5
+"""of the number of samples less one"""
+
+
+class MeanField(NamedTuple):
+    """Mean field of the samples at the points that enough of them have."""
+
+    kept: BoolArray
+    """(n,) points that are in it"""
+    displacement: Array
+    """(n_step, n_kept, 3) mean, mm"""
+    count: Array
+    """(n_kept,) number of samples with the point in all steps"""
+    patterns: Array
+    """(q, n_step, n_kept, 3) errors of the mean of known shape, one SD each, mm: the directions in
+    which samples differ by more than noise"""
+    residual_std: Array
+    """(3,) SD of one sample about the mean, less the patterns, mm"""
+
+
+def mean_force(forces: Array) -> tuple[Array, Array]:
+    """Mean (n_step,) and covariance (n_step, n_step) between samples of forces (n, n_step), N."""
+    covariance = np.atleast_2d(np.cov(forces, rowvar=False, ddof=1))
+    return forces.mean(axis=0), covariance
+
+
+def mean_field(fields: Array, min_share: float, noise_std: Array | None) -> MeanField:
+    """Mean of fields (n_sample, n_step, n, 3) [mm], NaN where a sample has nothing.
+
+    A point enters when at least `min_share` of the samples have it in all steps. The samples'
+    deviations from the mean are split in principal patterns; the largest are kept until what is
+    left is no more than `noise_std` (3,) [mm], the noise of one sample's field, says. Without it
+    half of all patterns are kept.
+    Raises ValueError when no point is left.
+    """
+    n = len(fields)
+    complete = np.isfinite(fields).all(axis=(1, 3))
+    count = complete.sum(axis=0)
+    kept = count >= max(min_share * n, 1)
+    if not kept.any():
+        raise ValueError("expected points that enough samples have, found none")
+    has = complete[:, None, kept, None]
+    values = np.where(has, fields[:, :, kept], 0.0)
+    mean = values.sum(axis=0) / count[kept][:, None]
+    off = np.where(has, values - mean, 0.0)
+    if n < 3:
+        return MeanField(kept, mean, count[kept], off[:0], _std(off, count[kept]))
+    scale = _std(off, count[kept]) if noise_std is None else noise_std
+    scale = np.where(scale > 0, scale, 1.0)
+    flat = (off / scale).reshape(n, -1)
+    vectors, sizes, shapes = np.linalg.svd(flat, full_matrices=False)
+    q = _n_patterns(sizes[: n - 1], flat.shape[1], noise_std is not None)
+    shape = (q, *mean.shape)
+    patterns = (sizes[:q, None] * shapes[:q]).reshape(shape) * scale / np.sqrt(n * (n - 1))
+    left = flat - (vectors[:, :q] * sizes[:q]) @ shapes[:q]
+    freedom = (n - 1) / (n - 1 - q)
+    residual = _std(left.reshape(off.shape) * scale, count[kept]) * np.sqrt(freedom)
+    return MeanField(kept, mean, count[kept], patterns, residual)
+
+
+def _std(off: Array, count: Array) -> Array:
+    """(3,) SD of deviations (n_sample, n_step, n, 3) from the mean of `count` (n,) samples."""
+    pairs = off.shape[1] * np.maximum(count - 1, 0).sum()
+    squares = (off**2).sum(axis=(0, 1, 2))
+    return np.asarray(np.sqrt(squares / max(pairs, 1)), dtype=np.float64)
+
+
+def _n_patterns(sizes: Array, n_value: int, noise_known: bool) -> int:
+    """Number of patterns to keep of deviations in units of the noise."""
+    freedom = sizes.size
+    most = int(MOST_PATTERNS * freedom)
+    if not noise_known:
+        return most
+    squares = sizes**2
+    for q in range(most):
+        if squares[q:].sum() / ((freedom - q) * n_value) <= 1.1:
+            return q
+    return most

@@ -1,0 +1,116 @@
+"""Where the pin touches, and the load cell's zero: slack, drift and compliance of a test machine."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.optimize import minimize_scalar, nnls
+
+from calib.data.readers import MachineRecord
+from calib.data.readers.frames import BoolArray
+from fe.response import Array
+
+FIT_DEPTH = 0.6
+"""mm beyond contact over which the force is a polynomial of the travel"""
+CLEAR = 0.03
+"""mm before contact at which the pin is surely free"""
+MOST_POINTS = 600
+"""of a fit; a ramp may hold many more readings"""
+
+
+@dataclass(frozen=True)
+class Contact:
+    """Where the force begins to rise."""
+
+    travel: float
+    """mm, position of the machine at contact: the slack"""
+    travel_sd: float
+    """mm, by the noise of the force"""
+    noise_sd: float
+    """N, of one reading about the fit"""
+
+
+def in_compression(record: MachineRecord, force_sign: int) -> MachineRecord:
+    """The record with compression positive; `force_sign` is that of files that do not say.
+
+    Where the file is silent, the travel is turned so that it grows with the force.
+    Raises ValueError without a travel.
+    """
+    if record.travel is None:
+        raise ValueError("expected the travel with the force, found a force alone")
+    if record.positive != "unknown":
+        return record.in_compression()
+    force = force_sign * record.force
+    together = np.sum((record.travel - record.travel.mean()) * (force - force.mean()))
+    travel = record.travel if together >= 0 else -record.travel
+    return replace(record, force=force, travel=travel, positive="compression")
+
+
+def find_contact(travel: Array, force: Array) -> Contact:
+    """Contact of one loading ramp (n,): mm, N, from free or just touching to deep.
+
+    The force is f0 before contact and f0 + a h + b h^2 + c h^3 at the depth h beyond it, with a, b
+    and c not negative: a pin that is pressed in meets ever more. The place of contact minimises
+    the sum of squares, whose curvature gives its SD.
+    Raises ValueError when there are too few readings.
+    """
+    if travel.size < 8:
+        raise ValueError(f"travel: expected 8 or more readings of a ramp, found {travel.size}")
+    if travel.size > MOST_POINTS:
+        chosen = np.linspace(0, travel.size - 1, MOST_POINTS).astype(int)
+        travel, force = travel[chosen], force[chosen]
+    place = _best(travel, force, travel.min() - 0.3, travel.max() - 0.1)
+    near = travel < place + FIT_DEPTH
+    if np.count_nonzero(near) < 8:
+        near = np.ones(travel.size, dtype=np.bool_)
+    travel, force = travel[near], force[near]
+    place = _best(travel, force, place - 0.2, place + 0.2)
+    return _with_sd(travel, force, place)
+
+
+def _misfit(place: float, travel: Array, force: Array) -> float:
+    depth = np.maximum(travel - place, 0.0)
+    columns = np.column_stack(
+        [np.ones_like(depth), -np.ones_like(depth), depth, depth**2, depth**3]
+    )
+    return float(nnls(columns, force)[1] ** 2)
+
+
+def _best(travel: Array, force: Array, low: float, high: float) -> float:
+    places = np.linspace(low, high, 41)
+    misfits = [_misfit(place, travel, force) for place in places]
+    best, step = places[int(np.argmin(misfits))], places[1] - places[0]
+    found = minimize_scalar(
+        _misfit, bounds=(best - step, best + step), args=(travel, force), method="bounded"
+    )
+    return float(found.x)
+
+
+def _with_sd(travel: Array, force: Array, place: float) -> Contact:
+    """The curvature is taken over a span that the noise of a few readings does not fill."""
+    span = 0.02
+    at = [_misfit(place + shift, travel, force) for shift in (-span, 0.0, span)]
+    variance = at[1] / max(travel.size - 5, 1)
+    curvature = (at[0] - 2 * at[1] + at[2]) / span**2
+    sd = np.sqrt(2 * variance / curvature) if curvature > 0 else np.inf
+    return Contact(place, float(sd), float(np.sqrt(variance)))
+
+
+def force_zero(time: Array, travel: Array, force: Array, contact: float) -> Array:
+    """(n,) reading of the load cell without load, N: means where the pin is free, linear between.
+
+    A load cell drifts; each time the pin is free its zero is measured again. Without any such
+    time the zero is that of the first reading.
+    """
+    is_free: BoolArray = travel < contact - CLEAR
+    if not is_free.any():
+        return np.full(force.shape, force[0])
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], is_free, [False]]).astype(np.int8)))
+    times, zeros, counts = [], [], []
+    for start, end in zip(edges[::2], edges[1::2], strict=True):
+        times.append(time[start:end].mean())
+        zeros.append(force[start:end].mean())
+        counts.append(end - start)
+    enough = np.array(counts) >= max(counts) / 10  # a few readings in passing say little
+    return np.interp(time, np.array(times)[enough], np.array(zeros)[enough])

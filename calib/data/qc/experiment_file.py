@@ -1,0 +1,238 @@
+"""What no instrument's file tells of an experiment: `experiment.toml` in the folder of its files.
+
+Units mm, N, s, degrees. The text under a field is also what a refusal says it expects.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import ConfigDict, Field
+from pydantic.dataclasses import dataclass
+
+from calib.toml_file import Contradiction, FileRefused, read_document, read_file
+from fe.response import Array
+
+STRICT = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False, use_attribute_docstrings=True)
+FILE = "experiment.toml"
+
+Positive = Annotated[float, Field(gt=0, lt=1e6)]
+NotNegative = Annotated[float, Field(ge=0, lt=1e6)]
+Coordinate = Annotated[float, Field(gt=-1e6, lt=1e6)]
+Count = Annotated[int, Field(ge=1, le=1000)]
+Share = Annotated[float, Field(gt=0, le=1)]
+Axis = Literal["+x", "-x", "+y", "-y", "+z", "-z"]
+Mapping = Literal["shape", "linear", "cubic"]
+RigidBody = Literal["symmetry", "base", "none"]
+
+
+@dataclass(frozen=True, kw_only=True, config=STRICT)
+class Specimen:
+    """[specimen] The block."""
+
+    width_mm: Positive = 10.0
+    """width of the sample (x), mm"""
+    depth_mm: Positive = 10.0
+    """depth of the sample (z, along the bar pin), mm"""
+    height_mm: Positive = 2.5
+    """height of the sample (y), mm"""
+
+
+@dataclass(frozen=True, kw_only=True, config=STRICT)
+class Protocol:
+    """[protocol] What the test machine was told to do."""
+
+    increment_mm: Positive = 0.2
+    """travel of one step, mm"""
+    increments: Count = 9
+    """number of steps, each followed by a hold"""
+    hold_s: Positive = 20.0
+    """duration of one hold, s"""
+    preconditioning_cycles: Annotated[int, Field(ge=0, le=1000)] = 5
+    """number of cycles before the steps, 0 or more"""
+    preconditioning_travel_mm: Positive = 1.0
+    """travel of one preconditioning cycle, mm"""
+    use: Annotated[tuple[Count, ...], Field(min_length=2)] = (3, 4, 5, 6, 7)
+    """numbers of two or more increments that enter the data set, increasing, the first step is 1"""
+
+    def __post_init__(self) -> None:
+        for index, number in enumerate(self.use):
+            if index and number <= self.use[index - 1]:
+                expected = f"more than the number before ({self.use[index - 1]})"
+                raise Contradiction(f"use.{index}", number, expected)
+            if number > self.increments:
+                expected = f"at most protocol.increments ({self.increments})"
+                raise Contradiction(f"use.{index}", number, expected)
+
+    @property
+    def travel(self) -> Array:
+        """(n_step,) nominal travels of the increments used, mm."""
+        return np.round(self.increment_mm * np.array(self.use, dtype=np.float64), 9)
+
+
+@dataclass(frozen=True, kw_only=True, config=STRICT)
+class Machine:
+    """[machine] The test machine."""
+
+    compression_force_sign: Literal[-1, 1] = -1
+    """sign of a compressive force in files that do not say it, -1 or 1"""
+    compliance_mm_per_N: NotNegative = 0.0
+    """travel that the machine itself takes, mm per N"""
+    force_window: Share = 0.25
+    """share of the hold, at its end, over which the force is averaged"""
+
+
+@dataclass(frozen=True, kw_only=True, config=STRICT)
+class Camera:
+    """[camera] The clock of the DIC frames."""
+
+    max_clock_offset_s: Positive = 5.0
+    """largest difference between the clocks of camera and test machine, s"""
+    margin_s: NotNegative = 0.0
+    """time after the start and before the end of a hold at which no frame is taken, s"""
+
+
+@dataclass(frozen=True, kw_only=True, config=STRICT)
+class Axes:
+    """[axes] Which axis of the DIC files is our x (right), y (up), z (towards the camera)."""
+
+    x: Axis = "+x"
+    """axis of the DIC file, with its sign, that points to the right"""
+    y: Axis = "+y"
+    """axis of the DIC file, with its sign, that points up"""
+    z: Axis = "+z"
+    """axis of the DIC file, with its sign, that points towards the camera"""
+
+    def __post_init__(self) -> None:
+        if len({self.x[1], self.y[1], self.z[1]}) < 3:
+            raise Contradiction("z", self.z, "each of x, y and z of the file once in [axes]")
+
+    @property
+    def matrix(self) -> Array:
+        """(3, 3) rows are our axes in those of the file."""
+        signed = [(1.0 if axis[0] == "+" else -1.0, "xyz".index(axis[1])) for axis in self._all]
+        rows = np.zeros((3, 3))
+        for row, (sign, column) in enumerate(signed):
+            rows[row, column] = sign
+        return rows
+
+    @property
+    def _all(self) -> tuple[Axis, Axis, Axis]:
+        return self.x, self.y, self.z
+
+
+Corner = tuple[Coordinate, Coordinate]
+
+
+@dataclass(frozen=True, kw_only=True, config=STRICT)
+class Mask:
+    """[mask] What of the image is the sample, in x and y of [axes]."""
+
+    rectangle_mm: tuple[Coordinate, Coordinate, Coordinate, Coordinate] | None = None
+    """left, bottom, right, top of what is kept, mm"""
+    polygon_mm: Annotated[tuple[Corner, ...], Field(min_length=3)] | None = None
+    """three or more corners [x, y] around what is kept, mm"""
+
+    def __post_init__(self) -> None:
+        box = self.rectangle_mm
+        if box is not None and not (box[0] < box[2] and box[1] < box[3]):
+            raise Contradiction("rectangle_mm", box, "left < right and bottom < top")
+
+
+@dataclass(frozen=True, kw_only=True, config=STRICT)
+class FieldOptions:
+    """[field] From the points of a sample to the field of the data set."""
+
+    mapping: Mapping = "shape"
+    """"shape": at DIC points, where the FE field is evaluated; "linear", "cubic": DIC interpolated
+    to the FE model's own points"""
+    spacing_mm: Positive = 0.2
+    """distance of the data set's points with mapping = "shape", mm"""
+    rigid_body: RigidBody = "symmetry"
+    """how rigid motion is found: "symmetry" about the pin, "base" where it sticks, or "none\""""
+    base_mm: Coordinate | None = None
+    """height of the base in y of [axes], mm; without it the first row without points"""
+    min_share: Share = 0.8
+    """share of the kept samples that must have a point for it to be in the data set"""
+
+
+@dataclass(frozen=True, kw_only=True, config=STRICT)
+class Quality:
+    """[quality] Rules: a sample beyond one of them is rejected."""
+
+    max_angle_deg: Positive = 1.0
+    """largest angle of the face about the height (top view), degrees (thesis, section 4.3.2)"""
+    max_x_shift_mm: Positive = 0.25
+    """largest distance of pin and sample's centre along x, mm (thesis, section 4.3.2)"""
+    max_tilt_deg: Positive | None = None
+    """largest angle of the face about its width, degrees"""
+    max_roll_deg: Positive | None = None
+    """largest angle of the face about its normal, degrees"""
+    max_slack_mm: Positive | None = None
+    """largest travel before contact, mm"""
+    max_force_deviation: Positive | None = None
+    """largest deviation of a force from the median of the samples, in robust SDs"""
+    max_cycle_change_percent: Positive | None = None
+    """largest change of peak force over the last preconditioning cycle, percent"""
+    max_outlier_share: Share = 0.05
+    """largest share of points that are outliers"""
+    min_points: Count = 100
+    """smallest number of points with a displacement in every frame used"""
+    outlier_mad: Positive = 5.0
+    """a point is an outlier beyond this many local median deviations"""
+    outlier_floor_mm: Positive = 0.005
+    """added to the local median deviation, about the noise of one point, mm"""
+
+
+@dataclass(frozen=True, kw_only=True, config=STRICT)
+class Experiment:
+    """One laboratory's experiment. Units mm, N, s."""
+
+    name: Annotated[str, Field(max_length=60)] = ""
+    """a name; without it that of the folder"""
+    synthetic: bool = False
+    """whether the files were made by a model"""
+    samples: Annotated[tuple[str, ...], Field(min_length=1)] | None = None
+    """folders of the samples; without it all that hold a test-machine record"""
+    specimen: Specimen = Specimen()
+    """a section [specimen]"""
+    protocol: Protocol = Protocol()
+    """a section [protocol]"""
+    machine: Machine = Machine()
+    """a section [machine]"""
+    camera: Camera = Camera()
+    """a section [camera]"""
+    axes: Axes = Axes()
+    """a section [axes]"""
+    mask: Mask = Mask()
+    """a section [mask]"""
+    field: FieldOptions = FieldOptions()
+    """a section [field]"""
+    quality: Quality = Quality()
+    """a section [quality]"""
+
+    def __post_init__(self) -> None:
+        last = self.protocol.increment_mm * self.protocol.increments
+        if last >= self.specimen.height_mm:
+            expected = f"steps that end below specimen.height_mm ({self.specimen.height_mm:g} mm)"
+            raise Contradiction("protocol.increments", self.protocol.increments, expected)
+        names = self.samples or ()
+        for index, name in enumerate(names):
+            if name in names[:index]:
+                raise Contradiction(f"samples.{index}", name, "a folder that is not named before")
+
+
+def read_experiment(folder: Path) -> Experiment:
+    """Read and check `experiment.toml` in `folder`.
+
+    Raises FileRefused, a ValueError of one sentence with file, line and key.
+    """
+    path = folder / FILE
+    if not folder.is_dir():
+        raise FileRefused(f"{folder}: found no such folder, expected one with {FILE}")
+    if not path.is_file():
+        raise FileRefused(f"{path}: found no such file, expected what the instruments do not tell")
+    document = read_document(read_file(path, "experiment file"), str(path), "experiment file")
+    return document.checked(Experiment)

@@ -1,0 +1,155 @@
+"""The files of one experiment: which there are, their hash, and the times of the frames.
+
+    LAB/experiment.toml  LAB/static/  LAB/S01/machine.csv  LAB/S01/dic/  LAB/S01/frames.csv
+"""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from calib.data.qc.experiment_file import FILE, Experiment
+from calib.data.readers import DicSeries, WrongFile
+from fe.response import Array
+
+STATIC = "static"
+MACHINE = "machine.csv"
+DIC = "dic"
+FRAMES = "frames.csv"
+COLUMNS = ["frame", "time_s"]
+LONGEST = 10_000_000
+"""bytes; a table of frames is short"""
+
+
+@dataclass(frozen=True)
+class SampleFiles:
+    """Where the files of one sample are."""
+
+    name: str
+    machine: Path
+    dic: Path
+    """folder of the frames, or a file of all"""
+    frames: Path
+
+
+def sample_files(folder: Path, experiment: Experiment) -> tuple[SampleFiles, ...]:
+    """The samples in their order: as listed, else all folders with a test-machine record.
+
+    Raises WrongFile where there is none or a file is missing.
+    """
+    if experiment.samples is not None:
+        names = list(experiment.samples)
+    else:
+        held = (path for path in folder.iterdir() if path.is_dir() and path.name != STATIC)
+        names = sorted((p.name for p in held if (p / MACHINE).exists()), key=_natural)
+    if not names:
+        raise WrongFile(folder, None, f"folders of samples with {MACHINE}", "none")
+    return tuple(_sample(folder, name) for name in names)
+
+
+def _sample(folder: Path, name: str) -> SampleFiles:
+    place = folder / name
+    if Path(name).name != name or not place.is_dir():
+        raise WrongFile(folder / FILE, None, f"samples: folders within {folder}", repr(name))
+    files = sorted(place.glob(f"{DIC}*"), key=lambda path: (path.name != DIC, path.name))
+    for path in (place / MACHINE, place / FRAMES):
+        if not path.is_file():
+            raise WrongFile(path, None, "a file of this sample", "none")
+    if not files:
+        raise WrongFile(place / DIC, None, "a folder of DIC frames, or a file of all", "none")
+    return SampleFiles(name, place / MACHINE, files[0], place / FRAMES)
+
+
+def static_folder(folder: Path) -> Path | None:
+    """Folder of the static frames; None where there is none."""
+    path = folder / STATIC
+    return path if path.is_dir() else None
+
+
+def input_hash(folder: Path, samples: tuple[SampleFiles, ...]) -> str:
+    """SHA-256 of names and bytes of all files that the data set follows from."""
+    paths = [folder / FILE]
+    for place in (static_folder(folder), *(sample.dic for sample in samples)):
+        if place is not None:
+            paths += sorted(p for p in place.rglob("*") if p.is_file()) if place.is_dir() else [place]
+    paths += [path for sample in samples for path in (sample.machine, sample.frames)]
+    digest = hashlib.sha256()
+    for path in paths:
+        digest.update(path.relative_to(folder).as_posix().encode() + b"\0")
+        try:
+            with path.open("rb") as stream:
+                digest.update(hashlib.file_digest(stream, "sha256").digest())
+        except OSError as error:
+            raise WrongFile(path, None, "a readable file", f"none ({error.strerror})") from error
+    return digest.hexdigest()
+
+
+def frame_times(path: Path, series: DicSeries) -> Array:
+    """(n_frame,) time of each frame by the camera's clock, s, from a csv `frame,time_s`.
+
+    `frame` is the name of the frame's file without its ending, or a number that counts up.
+    Raises WrongFile with the line.
+    """
+    rows = _rows(path)
+    names = [frame.name for frame in series.frames]
+    if len(rows) != len(names):
+        raise WrongFile(path, None, f"{len(names)} lines, one a frame of {DIC}", f"{len(rows)}")
+    by_name = {name: time for _, name, time in rows}
+    if set(by_name) == set(names) and len(by_name) == len(names):
+        return np.array([by_name[name] for name in names])
+    previous = -np.inf
+    for line, name, _ in rows:
+        if not re.fullmatch(r"\d{1,9}(\.0*)?", name, re.ASCII) or float(name) <= previous:
+            raise WrongFile(path, line, "names of the frames or numbers that count up", repr(name))
+        previous = float(name)
+    times = np.array([time for _, _, time in rows])
+    if np.any(np.diff(times) <= 0):
+        row = int(np.argmax(np.diff(times) <= 0)) + 1
+        raise WrongFile(path, rows[row][0], "times that increase", f"{times[row]:g}")
+    return times
+
+
+def _rows(path: Path) -> list[tuple[int, str, float]]:
+    """Line, frame and time of every row."""
+    try:
+        if path.stat().st_size > LONGEST:
+            raise WrongFile(path, None, f"at most {LONGEST:,} bytes", "more")
+        text = path.read_text(encoding="utf-8-sig")
+    except (OSError, UnicodeDecodeError) as error:
+        raise WrongFile(path, None, "a readable text file", f"none ({error})") from error
+    rows: list[tuple[int, str, float]] = []
+    header_seen = False
+    for number, line in enumerate(text.splitlines(), start=1):
+        if not line.strip() or line.lstrip().startswith("#"):
+            continue
+        cells = [cell.strip() for cell in next(csv.reader([line]))]
+        if not header_seen:
+            if cells != COLUMNS:
+                raise WrongFile(path, number, f"columns {','.join(COLUMNS)}", ",".join(cells)[:80])
+            header_seen = True
+            continue
+        rows.append((number, cells[0], _time(path, number, cells)))
+    if not rows:
+        raise WrongFile(path, None, "a line for each frame", "none")
+    return rows
+
+
+def _time(path: Path, number: int, cells: list[str]) -> float:
+    try:
+        [_, text] = cells
+        value = float(text)
+    except ValueError:
+        value = np.nan
+    if not np.isfinite(value):
+        raise WrongFile(path, number, "a frame and its time in s", ",".join(cells)[:80])
+    return value
+
+
+def _natural(name: str) -> list[tuple[int, str]]:
+    parts = re.split(r"(\d+)", name)
+    return [(int(part), "") if part.isdecimal() else (-1, part) for part in parts]

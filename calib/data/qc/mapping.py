@@ -1,0 +1,93 @@
+"""From the lattice of a sample to given points: linear, cubic, or the nearest DIC point itself.
+
+Thesis, section 4.4.2: a point is interpolated linearly between its four neighbours, three of which
+suffice; with two missing it is not used.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from calib.data.qc.experiment_file import Mapping
+from calib.data.readers.frames import BoolArray
+from fe.response import Array, IntArray
+
+
+def map_field(values: Array, at: Array, method: Mapping) -> Array:
+    """(n_frame, n, 3) values at lattice coordinates `at` (n, 2) [column, row]; NaN where none.
+
+    values (n_frame, n_row, n_column, 3) with NaN where nothing was measured. "linear": between
+    four neighbours; "cubic": cubic convolution (Keys 1981) over 4 x 4, linear where one of them is
+    missing; "shape": the nearest point, carried over the rest of the way (half a spacing at most)
+    by the slope between its neighbours, linear where one of them is missing: an FE field is then
+    evaluated there by its shape functions, and nothing is interpolated.
+    """
+    linear = _linear(values, at)
+    if method == "linear":
+        return linear
+    other = _cubic(values, at) if method == "cubic" else _nearest(values, at)
+    return np.where(np.isnan(other), linear, other)
+
+
+def _gather(values: Array, column: IntArray, row: IntArray) -> Array:
+    """(n_frame, n, 3) values at whole places; NaN outside the lattice."""
+    rows, columns = values.shape[1:3]
+    inside: BoolArray = (row >= 0) & (row < rows) & (column >= 0) & (column < columns)
+    found = values[:, row.clip(0, rows - 1), column.clip(0, columns - 1)]
+    return np.where(inside[:, None], found, np.nan)
+
+
+def _split(at: Array) -> tuple[IntArray, IntArray, Array, Array]:
+    """Whole parts below and what is left, column first."""
+    whole = np.floor(at).astype(np.int64)
+    rest = at - whole
+    return whole[:, 0], whole[:, 1], rest[:, :1], rest[:, 1:]
+
+
+def _linear(values: Array, at: Array) -> Array:
+    column, row, right, up = _split(at)
+    corners = [_gather(values, column + i, row + j) for j in (0, 1) for i in (0, 1)]
+    missing = [np.isnan(corner) for corner in corners]
+    one = np.sum(missing, axis=0) == 1
+    # of three corners: the plane through them gives the fourth
+    beside = ((1, 2, 3), (0, 3, 2), (0, 3, 1), (1, 2, 0))
+    filled = [
+        np.where(missing[k] & one, corners[a] + corners[b] - corners[c], corners[k])
+        for k, (a, b, c) in enumerate(beside)
+    ]
+    low = filled[0] * (1 - right) + filled[1] * right
+    high = filled[2] * (1 - right) + filled[3] * right
+    mapped: Array = low * (1 - up) + high * up
+    return mapped
+
+
+def _cubic(values: Array, at: Array) -> Array:
+    column, row, right, up = _split(at)
+    across, along = _keys(right), _keys(up)
+    total = np.zeros((len(values), len(at), 3))
+    for j in range(4):
+        for i in range(4):
+            weight = across[i] * along[j]
+            total += weight * _gather(values, column + i - 1, row + j - 1)
+    return total
+
+
+def _keys(t: Array) -> tuple[Array, Array, Array, Array]:
+    """Weights of the four points around a place t in [0, 1) between the middle two."""
+    return (
+        0.5 * (-t + 2 * t**2 - t**3),
+        0.5 * (2 - 5 * t**2 + 3 * t**3),
+        0.5 * (t + 4 * t**2 - 3 * t**3),
+        0.5 * (-(t**2) + t**3),
+    )
+
+
+def _nearest(values: Array, at: Array) -> Array:
+    nearest = np.round(at).astype(np.int64)
+    column, row = nearest[:, 0], nearest[:, 1]
+    rest = at - nearest
+    across = _gather(values, column + 1, row) - _gather(values, column - 1, row)
+    along = _gather(values, column, row + 1) - _gather(values, column, row - 1)
+    here = _gather(values, column, row)
+    mapped: Array = here + 0.5 * (rest[:, :1] * across + rest[:, 1:] * along)
+    return mapped

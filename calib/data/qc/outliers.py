@@ -1,0 +1,76 @@
+"""Outliers of a field by robust local statistics: the normalised median test on a lattice.
+
+Westerweel & Scarano, Exp. Fluids 39 (2005) 1096: a value is compared with the median of its
+neighbours, and the difference with the median of such differences around it. Here the neighbours
+are means of opposite pairs, which a gradient leaves alone.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from calib.data.readers.frames import BoolArray
+from fe.response import Array
+
+_PAIRS = ((0, 1), (1, 0), (1, 1), (1, -1))
+
+
+class Cleaned(NamedTuple):
+    """A field without its outliers."""
+
+    displacement: Array
+    """(..., n_row, n_column, 3) mm; outliers replaced by the median of their neighbours' means"""
+    is_outlier: BoolArray
+    """(..., n_row, n_column)"""
+    threshold: float
+    """in local median deviations"""
+    median_deviation: float
+    """mm, usual local median deviation"""
+
+
+def without_outliers(displacement: Array, threshold: float, floor: float) -> Cleaned:
+    """Replace values off their neighbours by more than threshold (local median deviation + floor).
+
+    displacement (..., n_row, n_column, 3) in mm, NaN where nothing was measured; floor in mm.
+    Points with no complete pair of opposite neighbours are left as they are.
+    """
+    predicted = _median(_opposite_means(displacement))
+    off = np.abs(displacement - predicted)
+    usual = _median(_neighbours(off))
+    limit = threshold * (usual + floor)
+    with np.errstate(invalid="ignore"):
+        is_outlier: BoolArray = np.any(off > limit, axis=-1)
+    cleaned = np.where(is_outlier[..., None], predicted, displacement)
+    known = usual[np.isfinite(usual)]
+    deviation = float(np.median(known)) if known.size else float("nan")
+    return Cleaned(cleaned, is_outlier, threshold, deviation)
+
+
+def _shifted(values: Array, down: int, right: int) -> Array:
+    """Values of the neighbour `down` rows and `right` columns on; NaN beyond the edge."""
+    padded = np.pad(
+        values, [(0, 0)] * (values.ndim - 3) + [(1, 1), (1, 1), (0, 0)], constant_values=np.nan
+    )
+    rows, columns = values.shape[-3], values.shape[-2]
+    return padded[..., 1 + down : 1 + down + rows, 1 + right : 1 + right + columns, :]
+
+
+def _opposite_means(values: Array) -> Array:
+    return np.stack([0.5 * (_shifted(values, *p) + _shifted(values, -p[0], -p[1])) for p in _PAIRS])
+
+
+def _neighbours(values: Array) -> Array:
+    ways = [*_PAIRS, *((-down, -right) for down, right in _PAIRS)]
+    return np.stack([_shifted(values, *way) for way in ways])
+
+
+def _median(values: Array) -> Array:
+    """Median over the first axis without NaN; NaN where there is nothing (faster than nanmedian)."""
+    ordered = np.sort(values, axis=0)
+    count = np.count_nonzero(np.isfinite(values), axis=0)
+    low = np.take_along_axis(ordered, np.maximum(count - 1, 0)[None] // 2, axis=0)[0]
+    high = np.take_along_axis(ordered, count[None] // 2 % len(values), axis=0)[0]
+    middle: Array = np.where(count % 2 == 1, low, 0.5 * (low + high))
+    return np.where(count > 0, middle, np.nan)

@@ -1,0 +1,131 @@
+"""Rules that a sample has to meet, and which it breaks (thesis, sections 4.3.2 and 5.2)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from calib.data.qc.experiment_file import Experiment
+from calib.data.qc.plateaus import cycle_changes
+from calib.data.qc.sample import Sample
+from fe.response import Array
+
+
+class Rejection(NamedTuple):
+    """One rule that one sample breaks."""
+
+    sample: str
+    rule: str
+    """key in [quality] of the experiment file, or what of the protocol was not met"""
+    reason: str
+    """the rule in words"""
+    value: float | str
+    threshold: float | str
+    unit: str
+
+    def text(self) -> str:
+        """One sentence."""
+        value, threshold = (_shown(v) for v in (self.value, self.threshold))
+        unit = f" {self.unit}" if self.unit else ""
+        return f"{self.sample}: {self.reason}: found {value}{unit}, expected {threshold}{unit}"
+
+
+class Rule(NamedTuple):
+    """A limit on one figure of a sample."""
+
+    key: str
+    reason: str
+    unit: str
+    limit: float | None
+    value: float
+    is_least: bool = False
+    """whether the limit is the smallest value allowed"""
+
+
+def _shown(value: float | str) -> str:
+    return value if isinstance(value, str) else f"{value:.4g}"
+
+
+def placement_rules(sample: Sample, points: int, experiment: Experiment) -> tuple[Rule, ...]:
+    """Rules that one sample is judged by alone; `points` is its number of complete points."""
+    face, machine, quality = sample.face, sample.machine, experiment.quality
+    if face is None or machine is None:
+        return ()
+    at, steps = face.placement, experiment.protocol.travel
+    present = np.isfinite(face.lattice.displacement[1:, ..., 0])
+    outliers = np.count_nonzero(face.cleaned.is_outlier) / max(np.count_nonzero(present), 1)
+    force = np.full(steps.size, np.nan) if sample.force is None else sample.force
+    missing = float(np.count_nonzero(~np.isfinite(force)))
+    changes = cycle_changes(list(machine.cycles))
+    change = abs(float(changes[-1])) if changes.size else 0.0
+    return (
+        Rule("max_angle_deg", "angular deviation", "degrees", quality.max_angle_deg, abs(at.angle_deg)),
+        Rule("max_x_shift_mm", "x-shift", "mm", quality.max_x_shift_mm, abs(at.x_shift)),
+        Rule("max_tilt_deg", "tilt of the face", "degrees", quality.max_tilt_deg, abs(at.tilt_deg)),
+        Rule("max_roll_deg", "roll of the face", "degrees", quality.max_roll_deg, abs(at.roll_deg)),
+        Rule("max_slack_mm", "travel before contact", "mm", quality.max_slack_mm, abs(machine.contact.travel)),
+        Rule(
+            "max_cycle_change_percent",
+            "change over the last preconditioning cycle",
+            "percent",
+            quality.max_cycle_change_percent,
+            change,
+        ),
+        Rule("max_outlier_share", "share of outliers", "", quality.max_outlier_share, outliers),
+        Rule("min_points", "complete points", "", quality.min_points, points, is_least=True),
+        Rule("increments", "increments without a hold near them", "", 0.0, missing),
+    )
+
+
+def broken(sample: Sample, rules: Sequence[Rule]) -> list[Rejection]:
+    """The rules that a sample breaks; a test that did not go as planned breaks the protocol."""
+    failure = sample.failure
+    if failure is not None:
+        value, threshold = failure.found, failure.expected
+        return [Rejection(sample.name, "protocol", failure.what, value, threshold, "")]
+    found = []
+    for rule in rules:
+        if rule.limit is None:
+            continue
+        good = rule.value >= rule.limit if rule.is_least else rule.value <= rule.limit
+        if not good:  # NaN is not good either
+            found.append(
+                Rejection(sample.name, rule.key, rule.reason, rule.value, rule.limit, rule.unit)
+            )
+    return found
+
+
+def odd_forces(names: Sequence[str], forces: Array, limit: float | None) -> list[Rejection]:
+    """Samples whose force lies more than `limit` robust SDs off the median at any increment.
+
+    forces (n_sample, n_step) in N. The robust SD is 1.4826 times the median absolute deviation.
+    """
+    if limit is None or len(forces) < 3:
+        return []
+    off = np.abs(forces - np.median(forces, axis=0))
+    spread = 1.4826 * np.median(off, axis=0)
+    worst = np.max(off / np.where(spread > 0, spread, np.inf), axis=1)
+    reason = "force off the median of the samples"
+    return [
+        Rejection(name, "max_force_deviation", reason, float(value), limit, "robust SDs")
+        for name, value in zip(names, worst, strict=True)
+        if value > limit
+    ]
+
+
+def eligibility(n_total: int, rejections: Sequence[Rejection]) -> list[tuple[str, int]]:
+    """Criteria and numbers of samples, as in thesis Table 5.2; a sample may fail on several."""
+    eliminated = len({one.sample for one in rejections})
+    reasons = dict.fromkeys(one.reason for one in rejections)
+    failing = {
+        reason: len({one.sample for one in rejections if one.reason == reason})
+        for reason in ("angular deviation", "x-shift", *reasons)
+    }
+    return [
+        ("Total", n_total),
+        ("Eliminated", eliminated),
+        *((f"Fails on {reason}", number) for reason, number in failing.items()),
+        ("Remaining", n_total - eliminated),
+    ]

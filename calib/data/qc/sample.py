@@ -1,0 +1,140 @@
+"""One sample from its files to forces and a field at the nominal travels."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from calib.data.qc.experiment_file import Experiment, Mapping
+from calib.data.qc.lab_files import SampleFiles, frame_times
+from calib.data.qc.lattice import Lattice, lattice_of
+from calib.data.qc.machine_test import MachineTest, NotAsPlanned, at_travel, machine_test
+from calib.data.qc.mapping import map_field
+from calib.data.qc.masks import inside
+from calib.data.qc.outliers import Cleaned, without_outliers
+from calib.data.qc.registration import Placement, place
+from calib.data.qc.rigid_motion import folded, without_rigid_motion
+from calib.data.qc.synchronise import Synchronised, synchronise
+from calib.data.readers import PointFrame, WrongFile, read_dic, read_machine
+from fe.response import Array
+
+REACH = 0.6
+"""of an increment that a hold may lie from the nominal travel"""
+
+
+@dataclass(frozen=True)
+class FaceField:
+    """The front face of one sample under load."""
+
+    lattice: Lattice
+    """frames: the reference, then one a hold used"""
+    travel: Array
+    """(n_hold,) mm, of the frames after the reference"""
+    placement: Placement
+    cleaned: Cleaned
+    """of the frames after the reference"""
+
+    def mapped(self, points: Array, method: Mapping, rigid: str) -> tuple[Array, Array]:
+        """(n_hold, n, 3) field of half the face at points (n, 2), both in our frame, mm.
+
+        Both halves are mapped, rigid motion is taken off, and one is folded onto the other; with
+        the motion (n_hold, 3) that was taken off.
+        """
+        halves = []
+        for sign in (1.0, -1.0):
+            at = self.lattice.coordinates(self.placement.points(points * np.array([sign, 1.0])))
+            moved = map_field(self.cleaned.displacement, at, method)
+            halves.append(moved @ self.placement.rotation.T)
+        right, left, motion = without_rigid_motion(*halves, points, rigid)  # type: ignore[arg-type]
+        return folded(right, left), motion
+
+
+@dataclass(frozen=True)
+class Sample:
+    """All that was found of one sample; `machine` and `face` are None where a test went wrong."""
+
+    name: str
+    machine: MachineTest | None = None
+    synchronised: Synchronised | None = None
+    force: Array | None = None
+    """(n_step,) N at the nominal travels; NaN where no hold is near"""
+    face: FaceField | None = None
+    failure: NotAsPlanned | None = None
+
+
+def read_sample(files: SampleFiles, experiment: Experiment) -> Sample:
+    """Read and analyse one sample.
+
+    Raises WrongFile for a file that cannot be read; a test that did not go as planned is a result.
+    """
+    protocol = experiment.protocol
+    record = read_machine(files.machine)
+    series = read_dic(files.dic)
+    times = frame_times(files.frames, series)
+    if series.frames[0].is_planar:
+        raise WrongFile(files.dic, None, "stereo results with z and its displacement", "planar")
+    if record.travel is None:
+        raise WrongFile(files.machine, None, "the travel with the force", "a force alone")
+    if len(series.frames) < 2:
+        raise WrongFile(files.dic, None, "the reference and one frame or more", "one frame")
+    machine = None
+    try:
+        machine = machine_test(record, protocol, experiment.machine)
+        camera = experiment.camera
+        together = synchronise(
+            times, list(machine.holds), camera.max_clock_offset_s, camera.margin_s
+        )
+        numbers, travel, forces = machine.loaded()
+        force = at_travel(travel, forces, protocol.travel, REACH * protocol.increment_mm)
+        face = _face(list(series.frames), together, numbers, travel, experiment)
+    except NotAsPlanned as failure:
+        return Sample(files.name, machine, failure=failure)
+    except ValueError as error:  # of readings or points that show no such test
+        expected, _, found = str(error).partition(", found ")
+        planned = NotAsPlanned("analysis", found, expected.removeprefix("expected "))
+        return Sample(files.name, machine, failure=planned)
+    return Sample(files.name, machine, together, force, face)
+
+
+def _face(
+    frames: list[PointFrame],
+    together: Synchronised,
+    numbers: Array,
+    travel: Array,
+    experiment: Experiment,
+) -> FaceField:
+    """The field of the frames taken in a hold near an increment used, and their neighbours."""
+    chosen, places = _frames_of_holds(together, numbers, travel, experiment)
+    picked = [frames[0], *(frames[index] for index in chosen)]
+    axes, quality = experiment.axes.matrix, experiment.quality
+    lattice = lattice_of(picked, axes, partial(inside, experiment.mask))
+    cleaned = without_outliers(
+        lattice.displacement[1:], quality.outlier_mad, quality.outlier_floor_mm
+    )
+    clean = lattice._replace(
+        displacement=np.concatenate([lattice.displacement[:1], cleaned.displacement])
+    )
+    placement = place(clean, [*range(1, len(picked))][-2:], experiment.field.base_mm)
+    return FaceField(lattice, places, placement, cleaned)
+
+
+def _frames_of_holds(
+    together: Synchronised, numbers: Array, travel: Array, experiment: Experiment
+) -> tuple[list[int], Array]:
+    """Frame and travel of each hold that is needed: those used and one on each side.
+
+    Of several frames in one hold the last counts, as its force has relaxed the most.
+    """
+    use = experiment.protocol.use
+    wanted = range(max(min(use) - 1, 1), max(use) + 2)
+    chosen, places = [], []
+    for number, place_of in zip(numbers, travel, strict=True):
+        taken = np.flatnonzero(together.hold[1:] == number) + 1
+        if number in wanted and taken.size:
+            chosen.append(int(taken[-1]))
+            places.append(float(place_of))
+        elif number in use:
+            raise NotAsPlanned(f"frames in hold {number}", 0, 1)
+    return chosen, np.array(places)
