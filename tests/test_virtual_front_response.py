@@ -41,7 +41,7 @@ def test_field_between_nodes_and_travels_is_that_of_the_function_it_was_made_of(
 
 
 def test_travels_beyond_what_was_computed_are_refused() -> None:
-    with pytest.raises(ValueError, match="at most 1.9 mm"):
+    with pytest.raises(ValueError, match=r"at most 1\.9 mm"):
         analytic_truth().force_at(np.array([2.0]))
 
 

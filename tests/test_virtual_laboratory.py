@@ -123,7 +123,7 @@ def test_angle_is_the_slope_of_z_along_x_and_roll_that_of_y() -> None:
 
 
 def test_points_behind_the_pin_and_beside_the_face_are_hidden() -> None:
-    seen, _ = frames_of(STRAIGHT, SMALL)
+    seen, _ = frames_of(STRAIGHT, replace(SMALL, edge_mm=0.12))
     x, y = seen.material.T
     beside = (np.abs(x) > 4.88) | (y < 0.12) | (y > 2.38)
     assert not seen.seen[:, beside].any()

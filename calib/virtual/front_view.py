@@ -69,10 +69,10 @@ def _seen(
     cameras: Cameras,
 ) -> BoolArray:
     """Whether points at `place` (n_point, 3), from `material` of the face, can be correlated."""
-    specimen, lost = truth.truth.specimen, cameras.hidden_mm
+    specimen, lost, edge = truth.truth.specimen, cameras.hidden_mm, cameras.edge_mm
     half = specimen.width / 2.0
-    on_face = (np.abs(material[:, 0]) < half - lost) & (
-        np.abs(material[:, 1] - specimen.height / 2.0) < specimen.height / 2.0 - lost
+    on_face = (np.abs(material[:, 0]) < half - edge) & (
+        np.abs(material[:, 1] - specimen.height / 2.0) < specimen.height / 2.0 - edge
     )
     if travel <= 0.0:
         return on_face

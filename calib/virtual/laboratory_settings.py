@@ -101,7 +101,10 @@ class Cameras:
     margin_mm: float = 0.2
     """the rectangle of points goes this far beyond the face"""
     hidden_mm: float = 0.12
-    """points closer than this to the edge of pin or sample are lost: half a subset"""
+    """points closer than this to the pin's edge are lost: half a subset"""
+    edge_mm: float = 0.0
+    """points closer than this to the sample's edges are lost: programs that fit subsets cut by an
+    edge lose none"""
     least_seen: float = 0.25
     """share of a surface's area that must face the cameras for a subset to be found"""
     noise_mm: tuple[float, float, float] = (0.005, 0.005, 0.01)
