@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from virtual_blocks import analytic_truth
 
+from calib.cli import main
 from calib.data.readers import read_dic, read_machine
 from calib.virtual import Cameras, LaboratorySettings, Placing, make_laboratory
 from calib.virtual.correlated_noise import correlated_noise, torus_amplitudes
@@ -96,8 +97,24 @@ def test_layout_and_truth_are_as_documented(machine, tmp_path) -> None:
 def test_an_experiment_that_is_there_is_not_written_over(tmp_path) -> None:
     settings = LaboratorySettings(samples=1, cameras=SMALL, placing=Placing(misplaced=0))
     make_laboratory(tmp_path, analytic_truth(), settings, 1)
-    with pytest.raises(ValueError, match="expected a folder without experiment"):
+    with pytest.raises(ValueError, match="expected a new or empty folder"):
         make_laboratory(tmp_path, analytic_truth(), settings, 1)
+
+
+def test_the_command_makes_a_laboratory_and_refuses_in_one_sentence(
+    tmp_path, monkeypatch, capsys
+) -> None:
+    monkeypatch.setattr("calib.virtual.truth.solve_truth", lambda *_: analytic_truth())
+    folder = tmp_path / "lab"
+    asked = ["laboratory", str(folder), "--samples", "1", "--format", "vic-3d", "--seed", "5"]
+    assert main(asked) == 0
+    assert json.loads((folder / "truth.json").read_text())["seed"] == 5
+    assert read_dic(folder / "S01" / "dic").format == "VIC-3D csv"
+    assert main(asked) == 2
+    assert main(["laboratory", str(tmp_path / "new"), "--format", "vic"]) == 2
+    said = capsys.readouterr().err.splitlines()
+    assert said[0].endswith("expected a new or empty folder")
+    assert said[1].startswith("calib: format: expected one of davis-csv, ")
 
 
 def test_without_errors_the_files_hold_the_truth() -> None:

@@ -53,13 +53,12 @@ def make_laboratory(
     seed: int,
     say: Callable[[str], None] = lambda _: None,
 ) -> tuple[SampleTruth, ...]:
-    """Write a laboratory into `folder`, which must not have one, and say what is true of it.
+    """Write a laboratory into the new or empty `folder` and return what is true of it.
 
     The same truth, settings and seed give the same bytes. Raises ValueError when the folder holds
-    an experiment already, and when the truth does not reach the protocol's last travel.
+    something already, and when the truth does not reach the protocol's last travel.
     """
-    if (folder / "experiment.toml").exists():
-        raise ValueError(f"{folder}: found experiment.toml, expected a folder without experiment")
+    check_new(folder)
     placing_seed, static_seed, *sample_seeds = np.random.SeedSequence(seed).spawn(
         settings.samples + 2
     )
@@ -83,6 +82,12 @@ def make_laboratory(
     }
     (folder / TRUTH_FILE).write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
     return tuple(samples)
+
+
+def check_new(folder: Path) -> None:
+    """Raise ValueError where a laboratory cannot be written: something is there already."""
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise ValueError(f"{folder}: found something there, expected a new or empty folder")
 
 
 def _write_sample(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, fields
-from typing import Literal, get_args
+from typing import Literal, cast, get_args
 
 PointFormat = Literal[
     "davis-csv", "davis-tecplot", "matchid-2023", "matchid-2024", "vic-3d", "dice", "softcal"
@@ -198,6 +198,23 @@ class LaboratorySettings:
             raise ValueError(
                 f"use: expected increments of 1 to {self.protocol.increments}, found {self.use}"
             )
+
+
+MISPLACED_SHARE = 1 / 3
+"""of samples, where the number of the misplaced is not asked for"""
+
+
+def chosen(samples: int, points: str, machine: str) -> LaboratorySettings:
+    """A laboratory of so many samples whose files are of these formats.
+
+    Raises ValueError for a format that cannot be written.
+    """
+    return LaboratorySettings(
+        samples=samples,
+        machine_format=cast("MachineFormat", machine),
+        cameras=Cameras(format=cast("PointFormat", points)),
+        placing=Placing(misplaced=round(MISPLACED_SHARE * samples)),
+    )
 
 
 def _above_zero(settings: object, *names: str) -> None:
