@@ -68,6 +68,17 @@ def _parser() -> argparse.ArgumentParser:
         _add_study(verb)
         verb.set_defaults(verb=_run, until=name)
 
+    qc = verbs.add_parser(
+        "qc", help="make a data set of a laboratory's files, and say what is in it"
+    )
+    qc.add_argument(
+        "study",
+        metavar="STUDY_OR_LAB",
+        help="folder with experiment.toml, or a study that names it",
+    )
+    qc.add_argument("--out", type=Path, metavar="DIR", help="results (default: qc in that folder)")
+    qc.set_defaults(verb=_qc)
+
     summary = verbs.add_parser("summary", help="print the table of a posterior")
     summary.add_argument("path", type=Path, metavar="PATH", help="posterior.nc, or its folder")
     style = summary.add_mutually_exclusive_group()
@@ -186,6 +197,18 @@ def _run(arguments: argparse.Namespace) -> int:
     except (CampaignFailed, WorkerDied) as error:
         print(f"calib: {error}", file=sys.stderr)
         return FAILED
+
+
+def _qc(arguments: argparse.Namespace) -> int:
+    from calib.study.experiment_data import QC_FOLDER, experiment_folder, make_dataset, qc_lines
+
+    folder = experiment_folder(arguments.study)
+    result, paths = make_dataset(folder, arguments.out or folder / QC_FOLDER, with_figures=True)
+    for line in qc_lines(result, paths):
+        _say(line)
+    if result.dataset is None:
+        return _failed(["fewer than two samples meet the rules: there is no data set"])
+    return 0
 
 
 def _check_executor(arguments: argparse.Namespace) -> None:

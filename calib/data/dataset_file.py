@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import zlib
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 from zipfile import BadZipFile
 
 import numpy as np
@@ -76,7 +76,7 @@ def save_dataset(path: Path | str, dataset: Dataset, inputs: str = "") -> None:
     arrays = dataset_arrays(dataset)
     arrays |= {"version": np.array(VERSION), "inputs": np.array(inputs)}
     with replacing(Path(path)) as temporary, temporary.open("wb") as stream:
-        np.savez(stream, **cast("dict[str, Any]", arrays))
+        np.savez(stream, **arrays)
 
 
 def load_dataset(path: Path | str) -> tuple[Dataset, str]:

@@ -186,7 +186,8 @@ def field_covariance(
 ) -> FieldCovariance:
     """Covariance of the errors of `field`, without the emulator's.
 
-    `patterns` (q, n_step, n_point, 3) are model errors of known shape [mm]; `floor`, one SD [mm] or
+    `patterns` (q, n_step, n_point, 3) are model errors of known shape [mm], to which come those of
+    the field itself; `floor`, one SD [mm] or
     (n_step, 3) of them, is for model errors of unknown shape, correlated over the points as a
     squared exponential of `FLOOR_LENGTH` and half common to all increments: errors of a mesh
     are smooth and grow with the travel. Taken as independent they would average away, as they do
@@ -199,6 +200,8 @@ def field_covariance(
         raise ValueError(f"floor: expected zero or a positive SD in mm, got {floors.min()}")
     if patterns is None:
         patterns = np.zeros((0, n_step, n_point, 3))
+    if field.patterns is not None:
+        patterns = np.concatenate([field.patterns, patterns])
     if patterns.shape[1:] != (n_step, n_point, 3):
         expected = f"(q, {n_step}, {n_point}, 3)"
         raise ValueError(f"patterns: expected shape {expected}, found {patterns.shape}")

@@ -60,7 +60,12 @@ def between_sample_covariance(force_sd: Array, load_cell_sd: float, correlation:
 
 
 def mean_covariance(dataset: Dataset, settings: NoiseSettings) -> Array:
-    """(n_step, n_step) covariance of the mean force of `n_samples` samples, N^2."""
+    """(n_step, n_step) covariance of the mean force of `n_samples` samples, N^2.
+
+    As measured between the samples where the dataset has it, else by the settings.
+    """
+    if dataset.force_covariance is not None:
+        return dataset.force_covariance / dataset.n_samples
     covariance = between_sample_covariance(
         dataset.force_sd, settings.load_cell_sd, settings.sample_correlation
     )

@@ -14,7 +14,7 @@ import numpy as np
 from pydantic import AliasChoices, Field
 from pydantic.dataclasses import dataclass
 
-from calib.data import read_force_csv, thesis_forces
+from calib.study.data_source import measured_dataset
 from calib.study.sections import (
     STRICT,
     VIRTUAL,
@@ -44,8 +44,10 @@ from calib.toml_file import (
     read_file,
     sentence,
 )
+from fe.response import Array
 
 SAME_TRAVEL = 1e-6  # mm, within which an increment and a measured travel are the same
+FILE = "experiment.toml"
 FAR_HEIGHT = 3.0  # largest ratio of the heights that hypotheses give to one sample
 
 
@@ -202,6 +204,13 @@ def _read_study(document: Document, folder: Path) -> Study:
             reason = sentence(study.data.source, f"a file in {folder}")
             raise document.refuse(Refusal(("data", "source"), reason))
         study = dataclasses.replace(study, data=DataSource(source=str(path)))
+    if study.data.folder is not None:
+        path = (folder / study.data.folder).resolve()
+        if not (path / FILE).is_file():
+            reason = sentence(study.data.folder, f"a folder in {folder} with {FILE}")
+            raise document.refuse(Refusal(("data", "folder"), reason))
+        source = dataclasses.replace(study.data, folder=str(path))
+        study = dataclasses.replace(study, data=source)
     try:
         _check_against_data(study)
     except Contradiction as error:
@@ -215,7 +224,9 @@ def _check_against_data(study: Study) -> None:
     """Refuse increments that were not measured and noise that the data exclude."""
     if study.data.source == VIRTUAL:
         return
-    measured = read_force_csv(study.data.source) if study.data.is_file else thesis_forces()
+    measured = measured_dataset(study.data)
+    if measured.field is not None:
+        _check_places(study, measured.field.points)
     spread = []
     for index, travel in enumerate(study.increments):
         nearest = int(np.argmin(np.abs(measured.travel - travel)))
@@ -224,6 +235,25 @@ def _check_against_data(study: Study) -> None:
             expected = f"a travel that was measured: {known} mm"
             raise Contradiction(f"increments.{index}", travel, expected)
         spread.append(float(measured.force_sd[nearest]))
+    if measured.force_covariance is not None:
+        if study.noise.correlation_study:
+            expected = "no values: the correlation of the forces is measured"
+            found = list(study.noise.correlation_study)
+            raise Contradiction("noise.correlation_study", found, expected)
+        return
     if study.noise.load_cell_sd >= min(spread):
         expected = f"less than the smallest SD between samples ({min(spread):g} N), a part of it"
         raise Contradiction("noise.load_cell_sd", study.noise.load_cell_sd, expected)
+
+
+def _check_places(study: Study, points: Array) -> None:
+    """Refuse a block that does not reach as far as the points that were measured on it."""
+    right, top = points.max(axis=0)
+    if right > study.geometry.width / 2:
+        expected = f"{2 * right:g} mm or more, as wide as the points that were measured"
+        raise Contradiction("geometry.width", study.geometry.width, expected)
+    for index, hypothesis in enumerate(study.hypotheses):
+        if top > study.height(hypothesis):
+            key = "geometry.height" if hypothesis.height is None else f"hypothesis.{index}.height"
+            expected = f"{top:g} mm or more, as high as the points that were measured"
+            raise Contradiction(key, study.height(hypothesis), expected)

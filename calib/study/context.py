@@ -11,10 +11,12 @@ from typing import Protocol
 import numpy as np
 
 from calib.study.config import Study
+from calib.study.data_source import measured_dataset
 from calib.study.sections import Cells, Hypothesis
 from fe.executors import MapFn
 from fe.response import Array, Response
 from fe.specimens.block_pin import BlockPin, BlockPinModel, Contact
+from fe.specimens.block_pin_mesh import FieldGrid
 
 
 class Simulate(Protocol):
@@ -70,7 +72,17 @@ def block_pin_model(study: Study, hypothesis: Hypothesis, cells: Cells) -> Simul
         cells=cells,
         travel=study.increments,
         bulk_ratio=study.material.bulk_ratio,
+        field_grid=_field_grid(study),
     )
+
+
+def _field_grid(study: Study) -> FieldGrid:
+    """The points of a measured field, at which shape functions give that of the model."""
+    if not study.data.is_experiment:
+        return (35, 24)
+    field = measured_dataset(study.data).field
+    assert field is not None  # that of an experiment has one
+    return tuple((float(x), float(y)) for x, y in field.points)
 
 
 def stream(study: Study, purpose: str) -> np.random.Generator:

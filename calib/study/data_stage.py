@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from calib.data import PUBLISHED_CONSTANTS, Dataset, FieldData, read_force_csv, thesis_forces
+from calib.data import PUBLISHED_CONSTANTS, Dataset
+from calib.data.dataset_file import dataset_arrays, dataset_of_arrays
 from calib.study.artifacts import read_json, write_json, write_npz
 from calib.study.config import SAME_TRAVEL, Study, StudyError
+from calib.study.data_source import measured_dataset
 from calib.study.sections import THESIS_TABLE
 from fe.response import Array
 
@@ -36,17 +38,16 @@ def measured(study: Study) -> StudyData:
     Raises StudyError when a file cannot be read or an increment was not measured.
     """
     try:
-        if study.data.source == THESIS_TABLE:
-            dataset, published = thesis_forces(), with_mu(PUBLISHED_CONSTANTS)
-        else:
-            dataset, published = read_force_csv(Path(study.data.source)), None
+        dataset = measured_dataset(study.data)
     except (OSError, ValueError) as error:
         raise StudyError(str(error)) from error
+    is_thesis = study.data.source == THESIS_TABLE
+    published = with_mu(PUBLISHED_CONSTANTS) if is_thesis else None
     return StudyData(at_increments(dataset, study.increments), published, None, None)
 
 
 def at_increments(dataset: Dataset, increments: tuple[float, ...]) -> Dataset:
-    """The part of a force data set measured at the given travels (mm).
+    """The part of a data set measured at the given travels (mm).
 
     Raises StudyError naming the travel that was not measured.
     """
@@ -59,12 +60,7 @@ def at_increments(dataset: Dataset, increments: tuple[float, ...]) -> Dataset:
                 f"increments: found {travel:g} mm, expected a travel that was measured: {known} mm"
             )
         chosen.append(nearest)
-    return replace(
-        dataset,
-        travel=dataset.travel[chosen],
-        force_mean=dataset.force_mean[chosen],
-        force_sd=dataset.force_sd[chosen],
-    )
+    return dataset.at_steps(chosen)
 
 
 def with_mu(constants: dict[str, float]) -> dict[str, float]:
@@ -76,11 +72,6 @@ def with_mu(constants: dict[str, float]) -> dict[str, float]:
 def save_data(out: Path, data: StudyData) -> list[Path]:
     """Write data.npz and data.json; returns their paths."""
     dataset = data.dataset
-    arrays = {
-        "travel": dataset.travel,
-        "force_mean": dataset.force_mean,
-        "force_sd": dataset.force_sd,
-    }
     facts: dict[str, object] = {
         "units": {"travel": "mm", "force": "N", "displacement": "mm", "constants": "MPa"},
         "name": dataset.name,
@@ -94,14 +85,11 @@ def save_data(out: Path, data: StudyData) -> list[Path]:
         "truth_hypothesis": data.truth_hypothesis,
     }
     if dataset.field is not None:
-        arrays["points"] = dataset.field.points
-        arrays["displacement"] = dataset.field.displacement
-        arrays["noise_std"] = dataset.field.noise_std
         facts["correlation_length"] = dataset.field.correlation_length
         facts["reference_share"] = dataset.field.reference_share
         facts["n_point"] = len(dataset.field.points)
     paths = [out / f"{DATA}.npz", out / f"{DATA}.json"]
-    write_npz(paths[0], arrays)
+    write_npz(paths[0], dataset_arrays(dataset))
     write_json(paths[1], facts)
     return paths
 
@@ -114,22 +102,7 @@ def load_data(out: Path) -> StudyData:
             arrays: dict[str, Array] = {name: stored[name] for name in stored.files}
     except (OSError, ValueError, EOFError) as error:
         raise ValueError(f"{out / DATA}.npz: not readable ({error}); delete it") from error
-    field = None
-    if "displacement" in arrays:
-        field = FieldData(
-            points=arrays["points"],
-            displacement=arrays["displacement"],
-            noise_std=arrays["noise_std"],
-            correlation_length=facts["correlation_length"],
-            reference_share=facts["reference_share"],
-        )
-    dataset = Dataset(
-        name=facts["name"],
-        synthetic=facts["synthetic"],
-        travel=arrays["travel"],
-        force_mean=arrays["force_mean"],
-        force_sd=arrays["force_sd"],
-        n_samples=facts["n_samples"],
-        field=field,
-    )
+    facts_of_old = ("name", "synthetic", "n_samples", "correlation_length", "reference_share")
+    known = {name: np.asarray(facts[name]) for name in facts_of_old if name in facts}
+    dataset = dataset_of_arrays({**known, **arrays})
     return StudyData(dataset, facts["published"], facts["truth"], facts["truth_hypothesis"])

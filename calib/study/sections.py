@@ -28,6 +28,7 @@ Interface = SkipValidation[Literal["stick", "slide"] | float]
 SHARPEST = 0.05  # mm; the strain at a sharp edge is singular, so that no mesh resolves it
 THESIS_TABLE = "thesis-table-5.1"
 VIRTUAL = "virtual"
+EXPERIMENT = "experiment"
 LARGEST_S = 10.0  # C11 / kappa, far beyond any published for a silicone or tissue
 
 
@@ -36,17 +37,28 @@ class DataSource:
     """[data] What was measured."""
 
     source: str
-    """where the data come from: a data set of the package or a csv file beside the study file"""
+    """where the data come from: a data set of the package, "experiment" or a csv file beside the
+    study file"""
+    folder: str | None = None
+    """folder of a laboratory's files, with the source "experiment" only"""
 
     def __post_init__(self) -> None:
         if self.is_file and not self.source.endswith(".csv"):
-            expected = f'"{THESIS_TABLE}", "{VIRTUAL}" or the path of a .csv file'
+            expected = f'"{THESIS_TABLE}", "{VIRTUAL}", "{EXPERIMENT}" or the path of a .csv file'
             raise Contradiction("source", self.source, expected)
+        if self.is_experiment != (self.folder is not None):
+            expected = f"a folder with source = {EXPERIMENT!r}, and none without"
+            raise Contradiction("folder", self.folder, expected)
 
     @property
     def is_file(self) -> bool:
         """True when the data are a file of the user's (`source` is then its path)."""
-        return self.source not in {THESIS_TABLE, VIRTUAL}
+        return self.source not in {THESIS_TABLE, VIRTUAL, EXPERIMENT}
+
+    @property
+    def is_experiment(self) -> bool:
+        """True when the data are made of a laboratory's files in `folder`."""
+        return self.source == EXPERIMENT
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)

@@ -7,6 +7,8 @@ from dataclasses import dataclass, replace
 from operator import attrgetter
 from pathlib import Path
 
+from calib.data.qc.experiment_file import read_experiment
+from calib.data.qc.lab_files import input_hash, sample_files
 from calib.study import (
     check_stage,
     compare_stage,
@@ -58,6 +60,9 @@ def _data(context: Context) -> dict[str, object]:
     source = Path(context.study.data.source)
     if context.study.data.is_file and source.is_file():
         settings["content"] = hash_of_file(source)
+    if context.study.data.folder is not None:
+        folder = Path(context.study.data.folder)
+        settings["content"] = input_hash(folder, sample_files(folder, read_experiment(folder)))
     return settings
 
 

@@ -72,7 +72,7 @@ def fit_and_judge(
 
 def has_field(study: Study) -> bool:
     """Whether the study's data have a field, so that the error of the emulated field matters."""
-    return study.virtual is not None
+    return study.virtual is not None or study.data.is_experiment
 
 
 def split(campaign: Campaign, n_train: int) -> tuple[TrainingSet, TrainingSet | None]:

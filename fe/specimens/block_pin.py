@@ -33,7 +33,14 @@ from fe.response import Response
 from fe.sensitivity import Objective
 from fe.specimens.block_pin_field import FieldMotion, field_motion
 from fe.specimens.block_pin_geometry import BlockPin, Contact, Interface, Symmetry
-from fe.specimens.block_pin_mesh import Discretisation, block_mesh, discretise, front_points
+from fe.specimens.block_pin_mesh import (
+    Discretisation,
+    FieldGrid,
+    block_mesh,
+    check_field_grid,
+    discretise,
+    front_points,
+)
 from fe.specimens.block_pin_parameters import check_names, known_names, parameters
 from fe.specimens.block_pin_part import SYMMETRY_FACTOR, check_part, modelled_part
 from fe.specimens.block_pin_response import Seen, response
@@ -85,7 +92,7 @@ class BlockPinModel:
     cells: tuple[int, int, int]
     travel: tuple[float, ...] = ()
     bulk_ratio: float = 200.0
-    field_grid: tuple[int, int] = (35, 24)
+    field_grid: FieldGrid = (35, 24)
     penalty: PenaltyLaw = field(default_factory=PenaltyLaw)
     steps: StepOptions = field(default_factory=StepOptions)
     newton: NewtonOptions = field(default_factory=NewtonOptions)
@@ -95,13 +102,9 @@ class BlockPinModel:
     plane_strain: bool = False
 
     def __post_init__(self) -> None:
-        for name, n_number in (("cells", 3), ("field_grid", 2)):
-            found = np.asarray(getattr(self, name))
-            if found.shape != (n_number,) or found.dtype.kind != "i" or found.min() < 1:
-                raise ValueError(
-                    f"{name}: expected {n_number} whole numbers of at least 1, "
-                    f"found {getattr(self, name)}"
-                )
+        cells = np.asarray(self.cells)
+        if cells.shape != (3,) or cells.dtype.kind != "i" or cells.min() < 1:
+            raise ValueError(f"cells: expected 3 whole numbers of at least 1, found {self.cells}")
         if isinstance(self.sensitivities, str):
             raise ValueError(f"sensitivities: expected a tuple, found {self.sensitivities!r}")
         check_targets(self.travel, self.force)
@@ -113,6 +116,7 @@ class BlockPinModel:
         if not self.bulk_ratio > 0.0:
             raise ValueError(f"bulk_ratio: expected a ratio above 0, found {self.bulk_ratio}")
         check_part(self.specimen, self.contact, self.symmetry)
+        check_field_grid(self.field_grid, self.specimen, self.part)
         straight = self.specimen.pin == "bar" and not self.specimen.turned
         if self.plane_strain and not (straight and self.cells[2] == 1 and self.part != "full"):
             raise ValueError(

@@ -61,13 +61,39 @@ class Discretisation:
     """(n_point, n_node) nodal values to values at the field points"""
 
 
-def front_points(specimen: BlockPin, symmetry: Symmetry, grid: tuple[int, int]) -> Array:
+FieldGrid = tuple[int, int] | tuple[tuple[float, float], ...]
+"""numbers of field points along x and y of half the front face, or their own x, y in mm"""
+
+
+def check_field_grid(grid: FieldGrid, specimen: BlockPin, symmetry: Symmetry) -> None:
+    """Raise ValueError for impossible numbers, and for points beside the modelled part's face."""
+    found = np.asarray(grid)
+    if found.ndim == 1:
+        if found.shape != (2,) or found.dtype.kind != "i" or found.min() < 1:
+            raise ValueError(f"field_grid: expected 2 whole numbers of at least 1, found {grid}")
+        return
+    if found.ndim != 2 or found.shape[1] != 2 or not np.isfinite(found).all():
+        raise ValueError(f"field_grid: expected points (x, y) in mm, found shape {found.shape}")
+    half = specimen.width / 2.0
+    low = np.array([0.0 if symmetry == "quarter" else -half, 0.0])
+    beside = np.any((found < low) | (found > [half, specimen.height]), axis=1)
+    if beside.any():
+        raise ValueError(
+            f"field_grid: expected points with x from {low[0]:g} to {half:g} mm and y from 0 to "
+            f"{specimen.height:g} mm, found {found[beside][0].tolist()}"
+        )
+
+
+def front_points(specimen: BlockPin, symmetry: Symmetry, grid: FieldGrid) -> Array:
     """(n_point, 2) reference x, y of the field points on the modelled part of the front face, mm.
 
     `grid` are their numbers along x and y on half the front face; they are at the centres of
-    equal rectangles.
+    equal rectangles.  Or it is the points themselves, which stay where they are when the
+    specimen's geometry changes.
     """
-    nx, ny = grid
+    if isinstance(grid[0], tuple):
+        return np.array(grid, dtype=np.float64)
+    nx, ny = (int(n) for n in np.asarray(grid))
     x = (np.arange(nx) + 0.5) * specimen.width / 2.0 / nx
     if symmetry != "quarter":
         x = np.concatenate([-x[::-1], x])

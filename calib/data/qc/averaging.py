@@ -20,13 +20,16 @@ class MeanField(NamedTuple):
     """(n,) points that are in it"""
     displacement: Array
     """(n_step, n_kept, 3) mean, mm"""
-    count: Array
+    n_samples: Array
     """(n_kept,) number of samples with the point in all steps"""
     patterns: Array
     """(q, n_step, n_kept, 3) errors of the mean of known shape, one SD each, mm: the directions in
     which samples differ by more than noise"""
+    residual: Array
+    """(n_sample, n_step, n_kept, 3) what is left of the samples' deviations, mm; NaN where a sample
+    has no such point"""
     residual_std: Array
-    """(3,) SD of one sample about the mean, less the patterns, mm"""
+    """(3,) its SD, mm"""
 
 
 def mean_force(forces: Array) -> tuple[Array, Array]:
@@ -45,17 +48,18 @@ def mean_field(fields: Array, min_share: float, noise_std: Array | None) -> Mean
     Raises ValueError when no point is left.
     """
     n = len(fields)
-    complete = np.isfinite(fields).all(axis=(1, 3))
-    count = complete.sum(axis=0)
-    kept = count >= max(min_share * n, 1)
+    complete: BoolArray = np.asarray(np.isfinite(fields).all(axis=(1, 3)))
+    count: Array = np.asarray(complete.sum(axis=0), dtype=np.float64)
+    kept: BoolArray = np.asarray(count >= max(min_share * n, 1))
     if not kept.any():
         raise ValueError("expected points that enough samples have, found none")
-    has = complete[:, None, kept, None]
+    has = complete[:, kept][:, None, :, None]
     values = np.where(has, fields[:, :, kept], 0.0)
     mean = values.sum(axis=0) / count[kept][:, None]
     off = np.where(has, values - mean, 0.0)
     if n < 3:
-        return MeanField(kept, mean, count[kept], off[:0], _std(off, count[kept]))
+        left = np.where(has, off, np.nan)
+        return MeanField(kept, mean, count[kept], off[:0], left, _std(off, count[kept]))
     scale = _std(off, count[kept]) if noise_std is None else noise_std
     scale = np.where(scale > 0, scale, 1.0)
     flat = (off / scale).reshape(n, -1)
@@ -65,8 +69,9 @@ def mean_field(fields: Array, min_share: float, noise_std: Array | None) -> Mean
     patterns = (sizes[:q, None] * shapes[:q]).reshape(shape) * scale / np.sqrt(n * (n - 1))
     left = flat - (vectors[:, :q] * sizes[:q]) @ shapes[:q]
     freedom = (n - 1) / (n - 1 - q)
-    residual = _std(left.reshape(off.shape) * scale, count[kept]) * np.sqrt(freedom)
-    return MeanField(kept, mean, count[kept], patterns, residual)
+    residual = left.reshape(off.shape) * scale
+    std = _std(residual, count[kept]) * np.sqrt(freedom)
+    return MeanField(kept, mean, count[kept], patterns, np.where(has, residual, np.nan), std)
 
 
 def _std(off: Array, count: Array) -> Array:

@@ -1,4 +1,4 @@
-"""Where the pin touches, and the load cell's zero: slack, drift and compliance of a test machine."""
+"""Where the pin touches, and the load cell's zero: slack and drift of a test machine."""
 
 from __future__ import annotations
 
@@ -15,8 +15,10 @@ FIT_DEPTH = 0.6
 """mm beyond contact over which the force is a polynomial of the travel"""
 CLEAR = 0.03
 """mm before contact at which the pin is surely free"""
-MOST_POINTS = 600
-"""of a fit; a ramp may hold many more readings"""
+MOST_POINTS = 1000
+"""of a fit; ramps may hold many more readings"""
+SMALLEST_SD = 0.01
+"""mm: a polynomial is not quite how the force begins"""
 
 
 @dataclass(frozen=True)
@@ -29,6 +31,19 @@ class Contact:
     """mm, by the noise of the force"""
     noise_sd: float
     """N, of one reading about the fit"""
+    by_force: float
+    """mm, what the force alone says"""
+    by_force_sd: float
+    """mm, its SD by the noise of the force"""
+
+    def combined(self, by_hand: float, by_hand_sd: float) -> Contact:
+        """Mean of what the force says and of the operator's zero, by their precision."""
+        if by_hand_sd == 0:
+            return replace(self, travel=by_hand, travel_sd=0.0)
+        weight = self.by_force_sd**-2 / (self.by_force_sd**-2 + by_hand_sd**-2)
+        travel = weight * self.by_force + (1 - weight) * by_hand
+        sd = (self.by_force_sd**-2 + by_hand_sd**-2) ** -0.5
+        return replace(self, travel=travel, travel_sd=sd)
 
 
 def in_compression(record: MachineRecord, force_sign: int) -> MachineRecord:
@@ -48,7 +63,7 @@ def in_compression(record: MachineRecord, force_sign: int) -> MachineRecord:
 
 
 def find_contact(travel: Array, force: Array) -> Contact:
-    """Contact of one loading ramp (n,): mm, N, from free or just touching to deep.
+    """Contact of the readings (n,) [mm, N] of ways down from free or just touching to deep.
 
     The force is f0 before contact and f0 + a h + b h^2 + c h^3 at the depth h beyond it, with a, b
     and c not negative: a pin that is pressed in meets ever more. The place of contact minimises
@@ -94,23 +109,28 @@ def _with_sd(travel: Array, force: Array, place: float) -> Contact:
     variance = at[1] / max(travel.size - 5, 1)
     curvature = (at[0] - 2 * at[1] + at[2]) / span**2
     sd = np.sqrt(2 * variance / curvature) if curvature > 0 else np.inf
-    return Contact(place, float(sd), float(np.sqrt(variance)))
+    sd = max(float(sd), SMALLEST_SD)
+    return Contact(place, sd, float(np.sqrt(variance)), place, sd)
 
 
 def force_zero(time: Array, travel: Array, force: Array, contact: float) -> Array:
     """(n,) reading of the load cell without load, N: means where the pin is free, linear between.
 
-    A load cell drifts; each time the pin is free its zero is measured again. Without any such
-    time the zero is that of the first reading.
+    A load cell drifts; each time the pin rests free of the sample its zero is measured again. Only
+    the later half of such a time counts, as a sample may stick to a pin that leaves it, and short
+    times between cycles do not. Without any such time the zero is that of the first reading.
     """
     is_free: BoolArray = travel < contact - CLEAR
     if not is_free.any():
         return np.full(force.shape, force[0])
     edges = np.flatnonzero(np.diff(np.concatenate([[False], is_free, [False]]).astype(np.int8)))
-    times, zeros, counts = [], [], []
-    for start, end in zip(edges[::2], edges[1::2], strict=True):
-        times.append(time[start:end].mean())
-        zeros.append(force[start:end].mean())
-        counts.append(end - start)
-    enough = np.array(counts) >= max(counts) / 10  # a few readings in passing say little
-    return np.interp(time, np.array(times)[enough], np.array(zeros)[enough])
+    starts, ends = edges[::2], edges[1::2]
+    longest = (ends - starts).max()
+    times, zeros = [], []
+    for start, end in zip(starts, ends, strict=True):
+        if end - start >= longest / 2:
+            late = slice((start + end) // 2, end)
+            times.append(time[late].mean())
+            zeros.append(force[late].mean())
+    zero: Array = np.interp(time, np.array(times), np.array(zeros))
+    return zero

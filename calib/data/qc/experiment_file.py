@@ -80,6 +80,9 @@ class Machine:
     """sign of a compressive force in files that do not say it, -1 or 1"""
     compliance_mm_per_N: NotNegative = 0.0
     """travel that the machine itself takes, mm per N"""
+    contact_sd_mm: NotNegative = 0.02
+    """SD of the place where the steps begin about that where the pin touches, mm; 0 takes the one
+    for the other"""
     force_window: Share = 0.25
     """share of the hold, at its end, over which the force is averaged"""
 
@@ -124,21 +127,25 @@ class Axes:
 
 
 Corner = tuple[Coordinate, Coordinate]
+Box = tuple[Coordinate, Coordinate, Coordinate, Coordinate]
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
 class Mask:
     """[mask] What of the image is the sample, in x and y of [axes]."""
 
-    rectangle_mm: tuple[Coordinate, Coordinate, Coordinate, Coordinate] | None = None
+    rectangle_mm: Box | None = None
     """left, bottom, right, top of what is kept, mm"""
     polygon_mm: Annotated[tuple[Corner, ...], Field(min_length=3)] | None = None
     """three or more corners [x, y] around what is kept, mm"""
+    pin_rectangle_mm: Box | None = None
+    """left, bottom, right, top of points on the pin, whose travel is held against the machine's"""
 
     def __post_init__(self) -> None:
-        box = self.rectangle_mm
-        if box is not None and not (box[0] < box[2] and box[1] < box[3]):
-            raise Contradiction("rectangle_mm", box, "left < right and bottom < top")
+        for key in ("rectangle_mm", "pin_rectangle_mm"):
+            box = getattr(self, key)
+            if box is not None and not (box[0] < box[2] and box[1] < box[3]):
+                raise Contradiction(key, box, "left < right and bottom < top")
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
@@ -153,7 +160,10 @@ class FieldOptions:
     rigid_body: RigidBody = "symmetry"
     """how rigid motion is found: "symmetry" about the pin, "base" where it sticks, or "none\""""
     base_mm: Coordinate | None = None
-    """height of the base in y of [axes], mm; without it the first row without points"""
+    """height of the base in y of [axes], mm; without it the lowest row less the edge's margin"""
+    edge_mm: NotNegative | None = None
+    """distance of the outermost points from the edge of the sample, mm; without it half of what
+    the points seen lack of specimen.width_mm, 0.5 at most"""
     min_share: Share = 0.8
     """share of the kept samples that must have a point for it to be in the data set"""
 

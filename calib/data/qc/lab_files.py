@@ -1,6 +1,6 @@
 """The files of one experiment: which there are, their hash, and the times of the frames.
 
-    LAB/experiment.toml  LAB/static/  LAB/S01/machine.csv  LAB/S01/dic/  LAB/S01/frames.csv
+LAB/experiment.toml  LAB/static/  LAB/S01/machine.csv  LAB/S01/dic/  LAB/S01/frames.csv
 """
 
 from __future__ import annotations
@@ -76,7 +76,9 @@ def input_hash(folder: Path, samples: tuple[SampleFiles, ...]) -> str:
     paths = [folder / FILE]
     for place in (static_folder(folder), *(sample.dic for sample in samples)):
         if place is not None:
-            paths += sorted(p for p in place.rglob("*") if p.is_file()) if place.is_dir() else [place]
+            paths += (
+                sorted(p for p in place.rglob("*") if p.is_file()) if place.is_dir() else [place]
+            )
     paths += [path for sample in samples for path in (sample.machine, sample.frames)]
     digest = hashlib.sha256()
     for path in paths:

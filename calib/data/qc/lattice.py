@@ -41,13 +41,17 @@ class Lattice(NamedTuple):
 
     def coordinates(self, points: Array) -> Array:
         """(n, 2) column and row, not whole, of points (n, 2) x, y in mm."""
-        found: Array = np.linalg.solve(self.steps.T, (points - self.origin).T).T
-        return found
+        return _places(points, self.origin, self.steps)
 
     def present(self) -> BoolArray:
         """(n_row, n_column) places that have a point."""
         found: BoolArray = np.isfinite(self.position[..., 0])
         return found
+
+
+def _places(points: Array, origin: Array, steps: Array) -> Array:
+    """(n, 2) column and row of points (n, 2) in mm."""
+    return np.asarray(np.linalg.solve(steps.T, (points - origin).T).T, dtype=np.float64)
 
 
 def lattice_of(
@@ -103,20 +107,21 @@ def _fit(points: Array, spacing: Array) -> tuple[Array, Array]:
     """
     points = np.unique(points, axis=0)
     centre = points[np.argmin(np.linalg.norm(points - np.median(points, axis=0), axis=1))]
-    origin, steps = centre, np.diag(spacing)
+    origin: Array = centre
+    steps: Array = np.diag(spacing)
     distance = np.linalg.norm(points - centre, axis=1)
     radius, largest = 6 * float(spacing.max()), float(distance.max())
     while True:
         near = distance <= radius
-        index = np.round(np.linalg.solve(steps.T, (points[near] - origin).T).T)
+        index = np.round(_places(points[near], origin, steps))
         columns = np.column_stack([np.ones(len(index)), index])
         found, *_ = np.linalg.lstsq(columns, points[near], rcond=None)
         if np.linalg.matrix_rank(columns) == 3:
-            origin, steps = found[0], found[1:]
+            origin, steps = np.asarray(found[0]), np.asarray(found[1:])
         if radius > largest:
             break
         radius *= 2
-    place = np.linalg.solve(steps.T, (points - origin).T).T
+    place = _places(points, origin, steps)
     off = float(np.sqrt(np.mean((place - np.round(place)) ** 2)))
     if off > OFF_LATTICE / 2:  # points anywhere are 0.29 beside on average
         raise ValueError(f"expected points in rows and columns, found them {off:.2g} steps beside")
@@ -125,7 +130,8 @@ def _fit(points: Array, spacing: Array) -> tuple[Array, Array]:
 
 def _spacings(points: Array) -> Array:
     """(2,) usual distance to the next point along x and y, mm."""
-    distance, index = KDTree(points).query(points, k=min(9, len(points)))
+    found_distance, found_index = KDTree(points).query(points, k=min(9, len(points)))
+    distance, index = np.asarray(found_distance), np.asarray(found_index)
     apart = np.abs(points[index[:, 1:]] - points[:, None])
     found = np.full(2, float(np.median(distance[:, 1])))
     for axis in (0, 1):
@@ -143,27 +149,23 @@ def _fill(
 ) -> Lattice:
     wanted = [np.flatnonzero(mask) for mask in valid]
     later = slice(1, None) if len(valid) > 1 else slice(None)
-    index: list[IntArray] = []
-    previous: tuple[IntArray, Array, IntArray] | None = None
-    for rows, place in zip(wanted, position, strict=True):
-        if previous is not None and previous[1] is place and np.array_equal(previous[0], rows):
-            index.append(previous[2])
-            continue
-        at = np.linalg.solve(steps.T, (place[rows, :2] - origin).T).T
-        index.append(np.round(at).astype(np.int64))
-    low = np.min([i.min(axis=0) for i in index[later] if i.size], axis=0)
-    high = np.max([i.max(axis=0) for i in index[later] if i.size], axis=0)
+    index: list[IntArray] = [
+        np.round(_places(place[rows, :2], origin, steps)).astype(np.int64)
+        for rows, place in zip(wanted, position, strict=True)
+    ]
+    every = np.concatenate(index[later])
+    low, high = np.min(every, axis=0), np.max(every, axis=0)
     shape = (high - low + 1)[::-1]
     if shape.max() > LARGEST_SPAN:
         raise ValueError(f"expected at most {LARGEST_SPAN} rows and columns, found {shape.max()}")
     displacement = np.full((len(valid), *shape, 3), np.nan)
     at_rest = np.full((*shape, 3), np.nan)
     for frame in range(len(valid) - 1, -1, -1):
-        rows, place = wanted[frame], index[frame] - low
-        inside = np.all((place >= 0) & (place <= high - low), axis=1)
-        rows, place = rows[inside], place[inside]
-        displacement[frame, place[:, 1], place[:, 0]] = moved[frame][rows]
-        at_rest[place[:, 1], place[:, 0]] = position[frame][rows]
+        at = index[frame] - low
+        inside = np.all((at >= 0) & (at <= high - low), axis=1)
+        rows, row, column = wanted[frame][inside], at[inside, 1], at[inside, 0]
+        displacement[frame, row, column] = moved[frame][rows]
+        at_rest[row, column] = position[frame][rows]
     if len(valid) > 1:
         seen = np.isfinite(displacement[1:, ..., 0]).any(axis=0)
         at_rest[~seen] = np.nan

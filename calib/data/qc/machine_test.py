@@ -6,13 +6,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.data.qc.contact import Contact, find_contact, force_zero, in_compression
+from calib.data.qc.contact import FIT_DEPTH, Contact, find_contact, force_zero, in_compression
 from calib.data.qc.experiment_file import Machine, Protocol
 from calib.data.qc.plateaus import Cycle, Hold, find_cycles, find_holds, step_holds
 from calib.data.qc.relaxation import Relaxation, relaxation
 from calib.data.readers import MachineRecord
 from calib.data.readers.frames import BoolArray
 from fe.response import Array
+
+ENOUGH = 30
+"""readings of a way down that show where the pin touches"""
 
 
 class NotAsPlanned(ValueError):  # noqa: N818 - says what it is
@@ -63,8 +66,7 @@ def machine_test(record: MachineRecord, protocol: Protocol, machine: Machine) ->
     steps = step_holds(holds, protocol, -np.inf)
     if len(steps) < max(protocol.use):
         raise NotAsPlanned("plateaus", len(steps), protocol.increments)
-    ramp = _loading_ramp(time, position, steps)
-    contact = find_contact(position[ramp], force[ramp])
+    contact = _contact(time, position, force, steps, protocol, machine)
     steps = step_holds(holds, protocol, contact.travel)
     force = force - force_zero(time, position, force, contact.travel)
     travel = position - contact.travel - machine.compliance_mm_per_N * force
@@ -72,7 +74,7 @@ def machine_test(record: MachineRecord, protocol: Protocol, machine: Machine) ->
     for hold in steps:
         during = (time >= hold.start) & (time <= hold.end)
         if np.count_nonzero(during) < 5:
-            raise NotAsPlanned("readings of a hold", np.count_nonzero(during), 5)
+            raise NotAsPlanned("readings of a hold", int(during.sum()), 5)
         plateaus.append(relaxation(time[during], force[during], machine.force_window))
         late = during & (time >= hold.end - machine.force_window * (hold.end - hold.start))
         places.append(float(travel[late].mean()))
@@ -82,36 +84,40 @@ def machine_test(record: MachineRecord, protocol: Protocol, machine: Machine) ->
     )
 
 
-def _loading_ramp(time: Array, position: Array, steps: list[Hold]) -> BoolArray:
-    """Readings of the last way down before the steps, else of the first steps.
+def _contact(
+    time: Array,
+    position: Array,
+    force: Array,
+    steps: list[Hold],
+    protocol: Protocol,
+    machine: Machine,
+) -> Contact:
+    """Where the pin touches: by the operator, who starts the steps there, and by the force.
 
-    A steady ramp has no relaxation in it; of the preconditioning the last is the one whose material
-    the steps meet.
+    The two are averaged, each with the weight of its precision.
     """
-    first = steps[0].start
-    before = time < first
-    depth = steps[0].position
-    deep = before & (position > depth + 0.3)
-    if not deep.any():
-        return (time <= steps[min(3, len(steps) - 1)].end) & (position >= position[0] - 1e-9)
-    last = int(np.flatnonzero(deep)[-1])
-    # back from the last peak to where the pin was highest since the peak before
-    start = last
-    while start > 0 and position[start] > depth - 0.05:
-        start -= 1
-    peak = start + int(np.argmax(position[start : last + 1]))
-    shallow = start
-    lowest = position[start]
-    for index in range(start, -1, -1):
-        if position[index] > depth + 0.3:
-            break
-        if position[index] <= lowest:
-            shallow, lowest = index, float(position[index])
-        elif position[index] <= lowest + 0.02:
-            shallow = index
-    ramp = np.zeros(time.size, dtype=np.bool_)
-    ramp[shallow : peak + 1] = True
-    return ramp
+    first = steps[0] if len(steps) > protocol.increments else None
+    by_hand = steps[0].position - (0.0 if first is not None else protocol.increment_mm)
+    loading = _loading(time, position, steps[0].start, by_hand)
+    if np.count_nonzero(loading) < ENOUGH:
+        loading = (time <= steps[min(4, len(steps) - 1)].end) & (time > steps[0].start - 30.0)
+    by_force = find_contact(position[loading], force[loading])
+    return by_force.combined(by_hand, machine.contact_sd_mm)
+
+
+def _loading(time: Array, position: Array, before: float, contact: float) -> BoolArray:
+    """Readings of all ways down before the steps, from above contact to well beyond it.
+
+    In a steady ramp nothing relaxes, and where the pin touches does not change from cycle to cycle.
+    """
+    step = float(np.median(np.diff(time)))
+    near = max(int(0.25 / step), 2)
+    ahead = np.interp(time + near * step, time, position)
+    behind = np.interp(time - near * step, time, position)
+    down: BoolArray = (ahead - behind > 0.04) & (ahead >= position) & (position >= behind)
+    depth = position - contact
+    deep: BoolArray = np.asarray(down & (depth > -0.4) & (depth < FIT_DEPTH) & (time < before))
+    return deep
 
 
 def at_travel(travel: Array, values: Array, nominal: Array, reach: float) -> Array:

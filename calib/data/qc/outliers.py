@@ -67,7 +67,7 @@ def _neighbours(values: Array) -> Array:
 
 
 def _median(values: Array) -> Array:
-    """Median over the first axis without NaN; NaN where there is nothing (faster than nanmedian)."""
+    """Median over the first axis without NaN; NaN where there is nothing."""
     ordered = np.sort(values, axis=0)
     count = np.count_nonzero(np.isfinite(values), axis=0)
     low = np.take_along_axis(ordered, np.maximum(count - 1, 0)[None] // 2, axis=0)[0]

@@ -51,7 +51,7 @@ def find_holds(time: Array, position: Array, protocol: Protocol) -> list[Hold]:
     even = np.arange(time[0], time[-1] + step / 2, step)
     place = np.interp(even, time, position)
     noise = 1.4826 * float(np.median(np.abs(np.diff(place, 2)))) / np.sqrt(6.0)
-    half = max(int(round(protocol.hold_s / 8 / step)), 1)
+    half = max(round(protocol.hold_s / 8 / step), 1)
     size = 2 * half + 1
     spread = maximum_filter1d(place, size) - minimum_filter1d(place, size)
     allowed = STILL * protocol.increment_mm + 6 * noise
@@ -125,9 +125,7 @@ def find_cycles(
             first -= 1
         while after < travel.size and close[after]:
             after += 1
-        cycles.append(
-            Cycle(float(time[peak]), float(np.mean(force[first:after])), float(level))
-        )
+        cycles.append(Cycle(float(time[peak]), float(np.mean(force[first:after])), float(level)))
     return cycles
 
 

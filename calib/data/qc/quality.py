@@ -29,7 +29,10 @@ class Rejection(NamedTuple):
         """One sentence."""
         value, threshold = (_shown(v) for v in (self.value, self.threshold))
         unit = f" {self.unit}" if self.unit else ""
-        return f"{self.sample}: {self.reason}: found {value}{unit}, expected {threshold}{unit}"
+        bound = {"protocol": "", "min_points": "at least "}.get(self.rule, "at most ")
+        return (
+            f"{self.sample}: {self.reason}: found {value}{unit}, expected {bound}{threshold}{unit}"
+        )
 
 
 class Rule(NamedTuple):
@@ -55,17 +58,29 @@ def placement_rules(sample: Sample, points: int, experiment: Experiment) -> tupl
         return ()
     at, steps = face.placement, experiment.protocol.travel
     present = np.isfinite(face.lattice.displacement[1:, ..., 0])
-    outliers = np.count_nonzero(face.cleaned.is_outlier) / max(np.count_nonzero(present), 1)
+    outliers = float(face.cleaned.is_outlier.sum() / max(int(present.sum()), 1))
     force = np.full(steps.size, np.nan) if sample.force is None else sample.force
     missing = float(np.count_nonzero(~np.isfinite(force)))
     changes = cycle_changes(list(machine.cycles))
     change = abs(float(changes[-1])) if changes.size else 0.0
     return (
-        Rule("max_angle_deg", "angular deviation", "degrees", quality.max_angle_deg, abs(at.angle_deg)),
+        Rule(
+            "max_angle_deg",
+            "angular deviation",
+            "degrees",
+            quality.max_angle_deg,
+            abs(at.angle_deg),
+        ),
         Rule("max_x_shift_mm", "x-shift", "mm", quality.max_x_shift_mm, abs(at.x_shift)),
         Rule("max_tilt_deg", "tilt of the face", "degrees", quality.max_tilt_deg, abs(at.tilt_deg)),
         Rule("max_roll_deg", "roll of the face", "degrees", quality.max_roll_deg, abs(at.roll_deg)),
-        Rule("max_slack_mm", "travel before contact", "mm", quality.max_slack_mm, abs(machine.contact.travel)),
+        Rule(
+            "max_slack_mm",
+            "travel before contact",
+            "mm",
+            quality.max_slack_mm,
+            abs(machine.contact.travel),
+        ),
         Rule(
             "max_cycle_change_percent",
             "change over the last preconditioning cycle",

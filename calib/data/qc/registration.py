@@ -11,7 +11,6 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import least_squares
-from scipy.stats import theilslopes
 
 from calib.data.qc.lattice import Lattice
 from fe.response import Array
@@ -20,6 +19,8 @@ WINDOW = 3.0
 """mm on each side of the pin over which the field is held against its mirror image"""
 LARGEST_SHIFT = 1.5
 """mm around the largest displacement in which the pin is looked for"""
+LARGEST_EDGE = 0.5
+"""mm that points may end before the edge of a sample"""
 MOST_POINTS = 3000
 """of the fit of a plane"""
 
@@ -40,7 +41,7 @@ class Placement(NamedTuple):
     x_shift: float
     """mm from the sample's middle to the pin, along x"""
     width: float
-    """mm between the sides of the points seen"""
+    """mm between the outermost points seen"""
     plane_rms: float
     """mm, points about the fitted plane"""
 
@@ -51,26 +52,32 @@ class Placement(NamedTuple):
         return found
 
 
-def place(lattice: Lattice, frames: list[int], base: float | None = None) -> Placement:
-    """Placement of a sample; `frames` are those with load, the deepest last.
+def place(
+    lattice: Lattice,
+    frames: list[int],
+    width: float,
+    edge: float | None = None,
+    base: float | None = None,
+) -> Placement:
+    """Placement of a sample of `width` [mm]; `frames` are those with load, the deepest last.
 
-    `base` is the height of the base in the file's axes [mm] where it is known.
+    Points end half a subset before the edge. How far, in mm, is `edge`, or what the points seen
+    lack of the width on each side. `base` is the height of the base in the file's axes [mm] where
+    it is known.
     Raises ValueError when the points do not show a face and a pin.
     """
     present = lattice.present()
     cloud = lattice.position[present]
-    slope_x, slope_y, level, rms = _plane(cloud)
+    slope_x, slope_y, rms = _plane(cloud)
     upright = _axes(slope_x, slope_y, 0.0)
     low = _lowest(lattice.position @ upright.T)
-    slope, height, *_ = theilslopes(low[:, 1], low[:, 0])
-    roll = float(np.arctan(slope))
+    roll = float(np.arctan(np.polyfit(low[:, 0], low[:, 1], 1)[0]))
     rotation = _axes(slope_x, slope_y, roll)
     turned = lattice.position @ rotation.T
-    # the edge lies between the last row with points and the first without
-    half = 0.5 * lattice.spacing
-    low = _lowest(turned)
-    bottom = float(np.median(low[:, 1])) - half
     left, right = _sides(turned)
+    if edge is None:
+        edge = float(np.clip(0.5 * (width - (right - left)), 0.0, LARGEST_EDGE))
+    bottom = float(np.median(_lowest(turned)[:, 1])) - edge
     pin = _pin(lattice, turned, rotation, frames)
     z = float(np.median(turned[present][:, 2]))
     origin = rotation.T @ np.array([pin, bottom, z])
@@ -84,25 +91,28 @@ def place(lattice: Lattice, frames: list[int], base: float | None = None) -> Pla
         tilt_deg=float(np.degrees(np.arctan(slope_y))),
         roll_deg=float(np.degrees(roll)),
         x_shift=pin - 0.5 * (left + right),
-        width=right - left + 2 * half,
+        width=right - left,
         plane_rms=rms,
     )
 
 
-def _plane(cloud: Array) -> tuple[float, float, float, float]:
-    """Slopes dz/dx, dz/dy, z at the middle, and RMS, of the plane most points lie on."""
+def _plane(cloud: Array) -> tuple[float, float, float]:
+    """Slopes dz/dx, dz/dy and RMS of the plane most points lie on."""
     if len(cloud) > MOST_POINTS:
         cloud = cloud[:: len(cloud) // MOST_POINTS + 1]
     x, y, z = (cloud - np.median(cloud, axis=0)).T
     columns = np.column_stack([x, y, np.ones_like(x)])
     start = np.linalg.lstsq(columns, z, rcond=None)[0]
     scale = max(1.4826 * float(np.median(np.abs(z - columns @ start))), 1e-6)
-    found = least_squares(
-        lambda p: columns @ p - z, start, jac=lambda p: columns, loss="cauchy", f_scale=scale
-    ).x
+
+    def misfit(p: Array) -> Array:
+        off: Array = columns @ p - z
+        return off
+
+    found = least_squares(misfit, start, loss="cauchy", f_scale=scale).x
     off = z - columns @ found
     near = np.abs(off) <= 5 * 1.4826 * np.median(np.abs(off)) + 1e-9
-    return float(found[0]), float(found[1]), float(found[2]), float(off[near].std())
+    return float(found[0]), float(found[1]), float(off[near].std())
 
 
 def _axes(slope_x: float, slope_y: float, roll: float) -> Array:
@@ -112,7 +122,8 @@ def _axes(slope_x: float, slope_y: float, roll: float) -> Array:
     across /= np.linalg.norm(across)
     up = np.cross(normal, across)
     c, s = np.cos(roll), np.sin(roll)
-    return np.stack([c * across + s * up, -s * across + c * up, normal])
+    axes: Array = np.stack([c * across + s * up, -s * across + c * up, normal])
+    return axes
 
 
 def _lowest(position: Array) -> Array:
@@ -126,11 +137,12 @@ def _lowest(position: Array) -> Array:
     kept = np.abs(low[:, 1] - middle) <= max(5 * spread, 0.3)
     if np.count_nonzero(kept) < 3:
         raise ValueError("expected a lower edge of 3 or more columns of points, found none")
-    return low[kept]
+    edge: Array = low[kept]
+    return edge
 
 
 def _sides(position: Array) -> tuple[float, float]:
-    """x of the outermost points, mm: medians over the rows that are not much shorter."""
+    """Outermost x of the points, mm: medians over the rows that are not much shorter."""
     x = position[..., 0]
     rows = np.isfinite(x).any(axis=1)
     left, right = np.nanmin(x[rows], axis=1), np.nanmax(x[rows], axis=1)
@@ -139,7 +151,7 @@ def _sides(position: Array) -> tuple[float, float]:
 
 
 def _pin(lattice: Lattice, turned: Array, rotation: Array, frames: list[int]) -> float:
-    """x of the pin, mm: the middle of the field's symmetry next to its largest displacement.
+    """Pin's x, mm: the middle of the field's symmetry next to its largest displacement.
 
     The thesis takes the column of the largest mean displacement in y and z, which is known to a
     spacing at best. Around it, the x is taken about which u_y and u_z are most nearly even and u_x
@@ -154,8 +166,10 @@ def _pin(lattice: Lattice, turned: Array, rotation: Array, frames: list[int]) ->
     if not enough.any():
         raise ValueError("expected displacements under load, found none")
     mean = np.where(known, size, 0.0).sum(axis=0) / np.maximum(count, 1)
-    column_x = np.array([np.nanmedian(c) if np.isfinite(c).any() else np.nan for c in turned[..., 0].T])
-    half_mm = max(int(round(0.5 / lattice.spacing)), 1)
+    column_x = np.array(
+        [np.nanmedian(c) if np.isfinite(c).any() else np.nan for c in turned[..., 0].T]
+    )
+    half_mm = max(round(0.5 / lattice.spacing), 1)
     smooth = np.convolve(np.where(enough, mean, 0.0), np.ones(2 * half_mm + 1), mode="same")
     weight = np.convolve(enough.astype(float), np.ones(2 * half_mm + 1), mode="same")
     profile = np.where(enough, smooth / np.maximum(weight, 1), -np.inf)
@@ -176,7 +190,7 @@ def _pin(lattice: Lattice, turned: Array, rotation: Array, frames: list[int]) ->
 
 def _asymmetry(moved: Array, middle: float, window: int) -> float:
     """Mean square difference of a field and its mirror image about a (half) column."""
-    twice = int(round(2 * middle))
+    twice = round(2 * middle)
     n = moved.shape[2]
     right = np.arange(int(np.floor(middle)) + 1, min(n, int(np.ceil(middle)) + window))
     left = twice - right

@@ -7,12 +7,12 @@ from functools import partial
 
 import numpy as np
 
-from calib.data.qc.experiment_file import Experiment, Mapping
+from calib.data.qc.experiment_file import Box, Experiment, Mapping, RigidBody
 from calib.data.qc.lab_files import SampleFiles, frame_times
 from calib.data.qc.lattice import Lattice, lattice_of
 from calib.data.qc.machine_test import MachineTest, NotAsPlanned, at_travel, machine_test
 from calib.data.qc.mapping import map_field
-from calib.data.qc.masks import inside
+from calib.data.qc.masks import inside, within
 from calib.data.qc.outliers import Cleaned, without_outliers
 from calib.data.qc.registration import Placement, place
 from calib.data.qc.rigid_motion import folded, without_rigid_motion
@@ -35,8 +35,10 @@ class FaceField:
     placement: Placement
     cleaned: Cleaned
     """of the frames after the reference"""
+    pin_travel: Array | None = None
+    """(n_hold,) median u_y of the points on the pin, mm; None where none are named"""
 
-    def mapped(self, points: Array, method: Mapping, rigid: str) -> tuple[Array, Array]:
+    def mapped(self, points: Array, method: Mapping, rigid: RigidBody) -> tuple[Array, Array]:
         """(n_hold, n, 3) field of half the face at points (n, 2), both in our frame, mm.
 
         Both halves are mapped, rigid motion is taken off, and one is folded onto the other; with
@@ -47,7 +49,7 @@ class FaceField:
             at = self.lattice.coordinates(self.placement.points(points * np.array([sign, 1.0])))
             moved = map_field(self.cleaned.displacement, at, method)
             halves.append(moved @ self.placement.rotation.T)
-        right, left, motion = without_rigid_motion(*halves, points, rigid)  # type: ignore[arg-type]
+        right, left, motion = without_rigid_motion(halves[0], halves[1], points, rigid)
         return folded(right, left), motion
 
 
@@ -116,8 +118,20 @@ def _face(
     clean = lattice._replace(
         displacement=np.concatenate([lattice.displacement[:1], cleaned.displacement])
     )
-    placement = place(clean, [*range(1, len(picked))][-2:], experiment.field.base_mm)
-    return FaceField(lattice, places, placement, cleaned)
+    loaded = [*range(1, len(picked))][-2:]
+    options, width = experiment.field, experiment.specimen.width_mm
+    placement = place(clean, loaded, width, options.edge_mm, options.base_mm)
+    pin = experiment.mask.pin_rectangle_mm
+    on_pin = None if pin is None else np.array([_pin_travel(f, axes, pin) for f in picked[1:]])
+    return FaceField(lattice, places, placement, cleaned, on_pin)
+
+
+def _pin_travel(frame: PointFrame, axes: Array, pin: Box) -> float:
+    """Median u_y of the valid points on the pin in one frame, mm."""
+    chosen = frame.valid & within(pin, (frame.position @ axes.T)[:, :2])
+    if not chosen.any():
+        raise NotAsPlanned("points on the pin", 0, 1)
+    return float(np.median((frame.displacement[chosen] @ axes.T)[:, 1]))
 
 
 def _frames_of_holds(

@@ -1,0 +1,235 @@
+"""All samples of an experiment, from their files to one data set."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from calib.data.dataset import Dataset, FieldData, SampleData
+from calib.data.qc.averaging import MeanField, mean_field, mean_force
+from calib.data.qc.experiment_file import Experiment, Mapping, read_experiment
+from calib.data.qc.lab_files import SampleFiles, input_hash, sample_files, static_folder
+from calib.data.qc.machine_test import at_travel
+from calib.data.qc.noise_floor import NoiseFloor, noise_floor
+from calib.data.qc.quality import Rejection, Rule, broken, odd_forces, placement_rules
+from calib.data.qc.sample import REACH, Sample, read_sample
+from calib.data.qc.static_noise import static_noise
+from calib.data.readers.frames import BoolArray
+from fe.response import Array
+
+THESIS_GRID = (35, 24)
+"""points of half the face along x and y (thesis, section 4.4.2)"""
+
+
+@dataclass(frozen=True)
+class FieldNoise:
+    """What is known of the noise of one sample's field, and of the mean's."""
+
+    at_points: NoiseFloor | None
+    """of the DIC points, by static frames"""
+    static: NoiseFloor | None
+    """of the data set's points, by static frames"""
+    repeats: NoiseFloor
+    """of the data set's points, by what differs between the samples beyond their patterns"""
+    mean_std: Array
+    """(3,) SD of the mean's noise, mm"""
+
+
+@dataclass(frozen=True)
+class QcResult:
+    """Everything found, sample by sample, and the data set of those that were kept."""
+
+    folder: Path
+    experiment: Experiment
+    name: str
+    inputs: str
+    """hash of all files"""
+    samples: tuple[Sample, ...]
+    rules: tuple[tuple[Rule, ...], ...]
+    """one tuple a sample"""
+    rejections: tuple[Rejection, ...]
+    points: Array
+    """(n, 2) mm, all places of half the face"""
+    fields: Array
+    """(n_sample, n_step, n, 3) mm at them, NaN where there is nothing"""
+    mean: MeanField | None
+    """of the kept samples; None where there is no data set"""
+    noise: FieldNoise | None
+    dataset: Dataset | None
+    """None where fewer than two samples are kept"""
+    seconds: float
+
+    @property
+    def kept(self) -> BoolArray:
+        """(n_sample,) samples without a rejection."""
+        rejected = {one.sample for one in self.rejections}
+        return np.array([sample.name not in rejected for sample in self.samples])
+
+    def forces(self) -> Array:
+        """(n_sample, n_step) N; NaN where a test did not go as planned."""
+        nothing = np.full(self.experiment.protocol.travel.size, np.nan)
+        return np.array([nothing if s.force is None else s.force for s in self.samples])
+
+
+def face_points(experiment: Experiment) -> Array:
+    """(n, 2) places on half the face, mm: centres of equal rectangles."""
+    half, height = experiment.specimen.width_mm / 2, experiment.specimen.height_mm
+    nx, ny = THESIS_GRID
+    if experiment.field.mapping == "shape":
+        spacing = experiment.field.spacing_mm
+        nx, ny = max(round(half / spacing), 2), max(round(height / spacing), 2)
+    x, y = (np.arange(nx) + 0.5) * half / nx, (np.arange(ny) + 0.5) * height / ny
+    return np.stack([c.ravel() for c in np.meshgrid(x, y, indexing="ij")], axis=1)
+
+
+def analyse(folder: Path | str, tell: Callable[[int, int], None] | None = None) -> QcResult:
+    """Read a laboratory's folder and make a data set of the samples that meet all rules.
+
+    `tell` is called with the numbers of samples done and in all. Rejected samples are results; a
+    file that cannot be read raises ValueError of one sentence with file, place, found, expected.
+    """
+    started = time.perf_counter()
+    folder = Path(folder)
+    experiment = read_experiment(folder)
+    files = sample_files(folder, experiment)
+    points = face_points(experiment)
+    samples, fields, rules = _samples(files, experiment, points, tell)
+    rejections = [
+        r for sample, own in zip(samples, rules, strict=True) for r in broken(sample, own)
+    ]
+    rejections += _odd(samples, rejections, experiment)
+    static = static_folder(folder)
+    noise = None if static is None else static_noise(static, experiment, points)
+    result = QcResult(
+        folder=folder,
+        experiment=experiment,
+        name=experiment.name or folder.resolve().name,
+        inputs=input_hash(folder, files),
+        samples=samples,
+        rules=rules,
+        rejections=tuple(rejections),
+        points=points,
+        fields=fields,
+        mean=None,
+        noise=None,
+        dataset=None,
+        seconds=time.perf_counter() - started,
+    )
+    return _with_dataset(result, noise, started)
+
+
+def _samples(
+    files: tuple[SampleFiles, ...],
+    experiment: Experiment,
+    points: Array,
+    tell: Callable[[int, int], None] | None,
+) -> tuple[tuple[Sample, ...], Array, tuple[tuple[Rule, ...], ...]]:
+    samples, fields, rules = [], [], []
+    for number, one in enumerate(files, start=1):
+        sample = read_sample(one, experiment)
+        samples.append(sample)
+        fields.append(sample_field(sample, experiment, points, experiment.field.mapping))
+        rules.append(placement_rules(sample, _complete(sample), experiment))
+        if tell is not None:
+            tell(number, len(files))
+    return tuple(samples), np.array(fields), tuple(rules)
+
+
+def sample_field(sample: Sample, experiment: Experiment, points: Array, method: Mapping) -> Array:
+    """(n_step, n, 3) field of a sample at points (n, 2) and the nominal travels, mm."""
+    protocol, face = experiment.protocol, sample.face
+    if face is None:
+        return np.full((protocol.travel.size, len(points), 3), np.nan)
+    mapped, _ = face.mapped(points, method, experiment.field.rigid_body)
+    return at_travel(face.travel, mapped, protocol.travel, REACH * protocol.increment_mm)
+
+
+def _complete(sample: Sample) -> int:
+    if sample.face is None:
+        return 0
+    moved = sample.face.lattice.displacement[1:, ..., 0]
+    return int(np.count_nonzero(np.isfinite(moved).all(axis=0)))
+
+
+def _odd(
+    samples: tuple[Sample, ...], rejections: list[Rejection], experiment: Experiment
+) -> list[Rejection]:
+    """Forces are held against those of the samples that meet all other rules."""
+    rejected = {one.sample for one in rejections}
+    good = [s for s in samples if s.name not in rejected and s.force is not None]
+    forces = np.array([s.force for s in good])
+    limit = experiment.quality.max_force_deviation
+    return odd_forces([s.name for s in good], forces, limit)
+
+
+def _with_dataset(
+    result: QcResult, static: tuple[NoiseFloor, NoiseFloor] | None, started: float
+) -> QcResult:
+    """The result with noise, mean and data set where two samples or more are left."""
+    kept = result.kept
+    if np.count_nonzero(kept) < 2:
+        return replace(result, seconds=time.perf_counter() - started)
+    experiment, fields, forces = result.experiment, result.fields[kept], result.forces()[kept]
+    limit = None if static is None else static[1].std
+    mean = mean_field(fields, experiment.field.min_share, limit)
+    noise = _noise(fields, result.points, mean, static)
+    force, covariance = mean_force(forces)
+    n, n_step = forces.shape
+    field = FieldData(
+        points=result.points[mean.kept],
+        displacement=mean.displacement,
+        noise_std=noise.mean_std,
+        correlation_length=(noise.static or noise.repeats).correlation_length,
+        reference_share=(noise.static or noise.repeats).reference_share,
+        patterns=mean.patterns if len(mean.patterns) else None,
+    )
+    names = tuple(s.name for s, good in zip(result.samples, kept, strict=True) if good)
+    dataset = Dataset(
+        name=result.name,
+        synthetic=experiment.synthetic,
+        travel=experiment.protocol.travel,
+        force_mean=force,
+        force_sd=np.sqrt(np.diag(covariance)),
+        n_samples=n,
+        field=field,
+        # with fewer samples it has no inverse, or one that is chance
+        force_covariance=covariance if n >= n_step + 2 else None,
+        samples=SampleData(names, forces, fields[:, :, mean.kept]),
+    )
+    seconds = time.perf_counter() - started
+    return replace(result, mean=mean, noise=noise, dataset=dataset, seconds=seconds)
+
+
+def _noise(
+    fields: Array, points: Array, mean: MeanField, static: tuple[NoiseFloor, NoiseFloor] | None
+) -> FieldNoise:
+    """The larger of what static frames and what the samples' scatter say, over the root of n."""
+    n = len(fields)
+    repeats = _repeats(points[mean.kept], mean)
+    std = repeats.std if static is None else np.maximum(static[1].std, mean.residual_std)
+    effective = len(mean.n_samples) / np.sum(1.0 / mean.n_samples)
+    at_points, at_places = (None, None) if static is None else static
+    return FieldNoise(at_points, at_places, repeats, std / np.sqrt(min(effective, n)))
+
+
+def _repeats(points: Array, mean: MeanField) -> NoiseFloor:
+    """Noise by the samples: steps of one sample share its reference as static frames do theirs."""
+    off = mean.residual
+    floors = [noise_floor(one, points) for one in off if _is_enough(one)]
+    if not floors:
+        raise ValueError("expected one sample or more with enough points in common, found none")
+    return floors[0]._replace(
+        std=mean.residual_std,
+        correlation_length=float(np.median([floor.correlation_length for floor in floors])),
+        nugget=float(np.median([floor.nugget for floor in floors])),
+        reference_share=float(np.median([floor.reference_share for floor in floors])),
+        n_frames=off.shape[0] * off.shape[1],
+    )
+
+
+def _is_enough(off: Array) -> bool:
+    return len(off) >= 2 and int(np.isfinite(off).all(axis=(0, 2)).sum()) >= 10

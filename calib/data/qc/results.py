@@ -1,0 +1,129 @@
+"""What the analysis of an experiment leaves: dataset.npz, qc.json and the tables."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from calib.data.dataset_file import save_dataset
+from calib.data.qc.noise_floor import NoiseFloor
+from calib.data.qc.pipeline import QcResult
+from calib.data.qc.quality import eligibility
+from calib.data.qc.statistics import (
+    QcTable,
+    all_tables,
+    requirements,
+    table_csv,
+)
+from calib.data.requirements import requirements_text
+from fe.atomic_file import replacing
+
+DATASET = "dataset.npz"
+REPORT = "qc.json"
+TABLES = "tables"
+
+
+def write_results(result: QcResult, out: Path, version: str) -> list[Path]:
+    """Write everything but the figures into the folder `out`; returns the paths.
+
+    `version` of softcal goes into qc.json. Without a data set an older dataset.npz is removed: it
+    is not that of these files.
+    """
+    (out / TABLES).mkdir(parents=True, exist_ok=True)
+    paths = []
+    for table in all_tables(result):
+        paths.append(_text(out / TABLES / f"{table.name}.csv", table_csv(table)))
+    text = requirements_text(requirements(result))
+    paths.append(_text(out / TABLES / "requirements.txt", text + "\n"))
+    report = json.dumps(_plain(qc_report(result, version)), indent=1, allow_nan=False)
+    paths.append(_text(out / REPORT, report + "\n"))
+    if result.dataset is None:
+        (out / DATASET).unlink(missing_ok=True)
+    else:
+        save_dataset(out / DATASET, result.dataset, f"{version} {result.inputs}")
+        paths.append(out / DATASET)
+    return paths
+
+
+def qc_report(result: QcResult, version: str) -> dict[str, object]:
+    """What was kept and rejected, with reason, value and threshold, and what was found."""
+    experiment, noise, dataset = result.experiment, result.noise, result.dataset
+    samples = []
+    for sample, rules, kept in zip(result.samples, result.rules, result.kept, strict=True):
+        own = [r for r in result.rejections if r.sample == sample.name]
+        samples.append(
+            {
+                "name": sample.name,
+                "kept": bool(kept),
+                "rejections": [{**r._asdict(), "sentence": r.text()} for r in own],
+                "figures": {rule.key: rule.value for rule in rules},
+            }
+        )
+    return {
+        "version": version,
+        "name": result.name,
+        "synthetic": experiment.synthetic,
+        "inputs": result.inputs,
+        "units": {"length": "mm", "force": "N", "angle": "degree", "time": "s"},
+        "eligible": dict(eligibility(len(result.samples), result.rejections)),
+        "thresholds": {
+            name: getattr(experiment.quality, name)
+            for name in experiment.quality.__dataclass_fields__
+        },
+        "samples": samples,
+        "noise": None
+        if noise is None
+        else {
+            "mean_std": noise.mean_std,
+            "at_points": _floor(noise.at_points),
+            "static": _floor(noise.static),
+            "repeats": _floor(noise.repeats),
+        },
+        "dataset": None
+        if dataset is None or dataset.field is None
+        else {
+            "travel": dataset.travel,
+            "force_mean": dataset.force_mean,
+            "force_sd": dataset.force_sd,
+            "force_covariance": dataset.force_covariance,
+            "n_samples": dataset.n_samples,
+            "n_points": len(dataset.field.points),
+            "n_patterns": 0 if dataset.field.patterns is None else len(dataset.field.patterns),
+        },
+        "tables": {
+            t.name: _rows(t) for t in all_tables(result) if t.name in ("placement", "mapping")
+        },
+    }
+
+
+def _floor(floor: NoiseFloor | None) -> dict[str, object] | None:
+    return None if floor is None else floor._asdict()
+
+
+def _rows(table: QcTable) -> list[dict[str, object]]:
+    return [dict(zip(table.columns, row, strict=True)) for row in table.rows]
+
+
+def _text(path: Path, text: str) -> Path:
+    with replacing(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+    return path
+
+
+def _plain(value: object) -> Any:
+    """What JSON can hold; NaN and infinities become null."""
+    if isinstance(value, np.ndarray):
+        return _plain(value.tolist())
+    if isinstance(value, dict):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(item) for item in value]
+    if isinstance(value, (np.integer, np.bool_)):
+        return value.item()
+    if isinstance(value, (float, np.floating)):
+        return float(value) if math.isfinite(value) else None
+    return value

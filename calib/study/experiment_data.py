@@ -1,0 +1,116 @@
+"""The data set that a study makes of a laboratory's files, kept in that folder."""
+
+from __future__ import annotations
+
+import os
+import sys
+from functools import cache
+from pathlib import Path
+
+from calib import __version__
+from calib.data import Dataset
+from calib.data.dataset_file import load_dataset
+from calib.data.qc import FILE, QcResult, analyse, read_experiment
+from calib.data.qc.lab_files import input_hash, sample_files
+from calib.data.qc.results import DATASET, write_results
+from calib.data.qc.statistics import (
+    eligibility_table,
+    force_table,
+    noise_table,
+    requirements,
+    table_text,
+)
+from calib.data.requirements import requirements_text
+from calib.study.figure_style import save_png
+from calib.study.progress import progress_bar
+from calib.toml_file import read_document, read_file
+
+QC_FOLDER = "qc"
+"""within the laboratory's folder: what was found, and the data set"""
+FIGURES = "figures"
+
+
+def experiment_folder(study: str | Path) -> Path:
+    """The laboratory's folder: itself, that of its experiment.toml, or the one that a study names.
+
+    Raises ValueError of one sentence where there is none.
+    """
+    path = Path(study)
+    if path.is_dir():
+        return path
+    if path.name == FILE:
+        return path.parent
+    if not path.is_file():
+        raise ValueError(
+            f"{path}: found no such file, expected a folder with {FILE} or a study that names one"
+        )
+    document = read_document(read_file(path, "study file"), str(path), "study file")
+    data = document.values.get("data")
+    folder = data.get("folder") if isinstance(data, dict) else None
+    if not isinstance(folder, str):
+        expected = 'the folder of an experiment, with data.source = "experiment"'
+        raise ValueError(f"{path}: data.folder: found none, expected {expected}")
+    return path.parent / folder
+
+
+def make_dataset(
+    folder: Path, out: Path, *, with_figures: bool, show_progress: bool = True
+) -> tuple[QcResult, list[Path]]:
+    """Analyse the files in `folder` and write the results to `out`; returns what was written.
+
+    Raises ValueError of one sentence for files that cannot be read.
+    """
+    with progress_bar("qc", "sample", shown=show_progress) as progress:
+        result = analyse(folder, progress)
+    paths = write_results(result, out, __version__)
+    if with_figures:
+        from calib.data.qc.figures import all_figures
+
+        for name, figure in all_figures(result).items():
+            save_png(figure, out / FIGURES / f"{name}.png")
+            paths.append(out / FIGURES / f"{name}.png")
+    return result, paths
+
+
+def qc_lines(result: QcResult, paths: list[Path]) -> list[str]:
+    """What `calib qc` prints: each rejection, tables, and where the results are."""
+    tables = (eligibility_table, force_table, noise_table)
+    lines = [rejection.text() for rejection in result.rejections]
+    lines += ["", *(f"{table_text(table(result))}\n" for table in tables)]
+    lines += [requirements_text(requirements(result)), ""]
+    if result.experiment.synthetic:
+        lines.append("synthetic: the files were made by a model")
+    lines.append(f"{len(result.samples)} samples in {result.seconds:.1f} s")
+    return [*lines, *(f"wrote {path}" for path in paths if path.suffix != ".csv")]
+
+
+def experiment_dataset(folder: str | Path) -> Dataset:
+    """The data set of a laboratory's files: from its qc folder when up to date, else made anew.
+
+    Raises ValueError of one sentence when files cannot be read or fewer than two samples are kept.
+    """
+    folder = Path(folder)
+    inputs = input_hash(folder, sample_files(folder, read_experiment(folder)))
+    return _dataset(folder.resolve(), inputs)
+
+
+@cache
+def _dataset(folder: Path, inputs: str) -> Dataset:
+    kept = folder / QC_FOLDER / DATASET
+    if kept.is_file():
+        try:
+            dataset, made_from = load_dataset(kept)
+        except ValueError:
+            made_from = ""  # damaged, or of another version: made anew
+        if made_from == f"{__version__} {inputs}":
+            return dataset
+    result, _ = make_dataset(
+        folder, folder / QC_FOLDER, with_figures=False, show_progress=sys.stderr.isatty()
+    )
+    if result.dataset is None:
+        report = os.path.join(QC_FOLDER, "qc.json")
+        raise ValueError(
+            f"{folder}: found fewer than two samples that meet the rules, expected two or more; "
+            f"see {report}"
+        )
+    return result.dataset
