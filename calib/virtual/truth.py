@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from calib.virtual.front_response import FrontResponse, load_front, save_front, solve_front
+from calib.virtual.front_response import SAME, FrontResponse, load_front, save_front, solve_front
 from fe.fingerprint import canonical_json, fingerprint
 from fe.response import Array
 from fe.specimens.block_pin import BlockPin, BlockPinModel, Contact
@@ -34,7 +34,7 @@ class BlockTruth:
     """MPa"""
     specimen: BlockPin = field(default_factory=BlockPin)
     contact: Contact = field(default_factory=lambda: Contact(0.15, 0.15))
-    cells: tuple[int, int, int] = (16, 8, 4)
+    cells: tuple[int, int, int] = (18, 6, 3)
     """Q2 elements of a quarter along x, y, z: finer than the meshes that are fitted"""
     shift_cells: tuple[int, int, int] | None = (12, 4, 2)
     """of the half model with a shifted pin, or None: the field goes with the pin unchanged"""
@@ -42,6 +42,9 @@ class BlockTruth:
     """mm"""
     travel: tuple[float, ...] = tuple(round(0.1 * n, 1) for n in range(1, 19))
     """at which the response is kept, mm"""
+    fine_travel: float = 1.5
+    """mm, beyond which the fine model is continued by the changes of the coarser one: deeper
+    increments, which the thesis does not use, cost most of the time"""
 
     def __post_init__(self) -> None:
         if not (self.C10 + self.C01 > 0.0 and np.isfinite(self.C11)):
@@ -64,13 +67,15 @@ class BlockTruth:
 
     def model(self) -> BlockPinModel:
         """The fine quarter model."""
-        return BlockPinModel(self.specimen, self.contact, self.cells, self.travel, sensitivities=())
+        is_whole = self.shift_cells is None
+        travel = tuple(d for d in self.travel if is_whole or d <= self.fine_travel)
+        return BlockPinModel(self.specimen, self.contact, self.cells, travel, sensitivities=())
 
     def shift_models(self) -> tuple[BlockPinModel, ...]:
         """The coarser models without and with a shift; none where the field just goes along."""
         if self.shift_cells is None:
             return ()
-        still = replace(self.model(), cells=self.shift_cells)
+        still = replace(self.model(), cells=self.shift_cells, travel=self.travel)
         shifted = replace(self.specimen, pin_shift=(self.shift_solved, 0.0))
         return still, replace(still, specimen=shifted)
 
@@ -157,8 +162,29 @@ def solve_truth(truth: BlockTruth, folder: Path | None = None) -> TruthResponse:
     fine, *others = (
         _solved(model, truth.ratios, folder) for model in (truth.model(), *truth.shift_models())
     )
-    shifts = ShiftedFields(others[0], others[1], truth.shift_solved) if others else None
-    return TruthResponse(truth, fine, shifts)
+    if not others:
+        return TruthResponse(truth, fine)
+    shifts = ShiftedFields(others[0], others[1], truth.shift_solved)
+    return TruthResponse(truth, continued(fine, others[0]), shifts)
+
+
+def continued(fine: FrontResponse, coarse: FrontResponse) -> FrontResponse:
+    """`fine`, and beyond its last travel what `coarse` adds to its own response there."""
+    last = fine.travel[-1:]
+    beyond = coarse.travel[coarse.travel > last + SAME]
+    nodes = np.stack(np.meshgrid(fine.x, fine.y, indexing="ij"), axis=-1).reshape(-1, 2)
+    added = coarse.field_at(nodes, beyond) - coarse.field_at(nodes, last)
+    shape = (beyond.size, *fine.displacement.shape[1:])
+    return replace(
+        fine,
+        travel=np.append(fine.travel, beyond),
+        force=np.append(
+            fine.force, fine.force[-1] + coarse.force_at(beyond) - coarse.force_at(last)
+        ),
+        displacement=np.concatenate(
+            [fine.displacement, fine.displacement[-1] + added.reshape(shape)]
+        ),
+    )
 
 
 def _solved(model: BlockPinModel, ratios: Array, folder: Path | None) -> FrontResponse:
