@@ -18,8 +18,8 @@ from calib.data.qc.statistics import (
     force_table,
     noise_table,
     requirements,
-    table_text,
 )
+from calib.data.qc.table import table_text
 from calib.data.requirements import requirements_text
 from calib.study.figure_style import save_png
 from calib.study.progress import progress_bar

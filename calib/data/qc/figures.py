@@ -161,7 +161,7 @@ def field_figure(result: QcResult) -> Figure:
     dataset = result.dataset
     assert dataset is not None and dataset.field is not None
     field = dataset.field
-    figure = _new(10.0, 5.0)
+    figure = _new(10.0, 3.6)
     axes = figure.subplots(2, 3, sharex=True, sharey=True)
     patterns = field.patterns
     spread = (

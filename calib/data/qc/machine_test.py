@@ -8,7 +8,7 @@ import numpy as np
 
 from calib.data.qc.contact import FIT_DEPTH, Contact, find_contact, force_zero, in_compression
 from calib.data.qc.experiment_file import Machine, Protocol
-from calib.data.qc.plateaus import Cycle, Hold, find_cycles, find_holds, step_holds
+from calib.data.qc.plateaus import Cycle, Hold, find_cycles, find_holds, step_holds, step_row
 from calib.data.qc.relaxation import Relaxation, relaxation
 from calib.data.readers import MachineRecord
 from calib.data.readers.frames import BoolArray
@@ -63,11 +63,17 @@ def machine_test(record: MachineRecord, protocol: Protocol, machine: Machine) ->
     time, force, position = record.time, record.force, record.travel
     assert position is not None  # in_compression has refused it
     holds = find_holds(time, position, protocol)
-    steps = step_holds(holds, protocol, -np.inf)
-    if len(steps) < max(protocol.use):
-        raise NotAsPlanned("plateaus", len(steps), protocol.increments)
-    contact = _contact(time, position, force, steps, protocol, machine)
-    steps = step_holds(holds, protocol, contact.travel)
+    row = step_row(holds, protocol)
+    if len(row) < 2:
+        raise NotAsPlanned("plateaus", 0, protocol.increments)
+    by_force = _contact_by_force(time, position, force, row, protocol)
+    steps = step_holds(holds, protocol, by_force.travel)
+    numbered = [hold for hold in steps if hold.number > 0]
+    if not numbered or numbered[-1].number < max(protocol.use):
+        raise NotAsPlanned("plateaus", len(numbered), protocol.increments)
+    # the operator starts the steps where the pin touches
+    by_hand = numbered[0].position - numbered[0].number * protocol.increment_mm
+    contact = by_force.combined(by_hand, machine.contact_sd_mm)
     force = force - force_zero(time, position, force, contact.travel)
     travel = position - contact.travel - machine.compliance_mm_per_N * force
     plateaus, places = [], []
@@ -84,25 +90,15 @@ def machine_test(record: MachineRecord, protocol: Protocol, machine: Machine) ->
     )
 
 
-def _contact(
-    time: Array,
-    position: Array,
-    force: Array,
-    steps: list[Hold],
-    protocol: Protocol,
-    machine: Machine,
+def _contact_by_force(
+    time: Array, position: Array, force: Array, row: list[Hold], protocol: Protocol
 ) -> Contact:
-    """Where the pin touches: by the operator, who starts the steps there, and by the force.
-
-    The two are averaged, each with the weight of its precision.
-    """
-    first = steps[0] if len(steps) > protocol.increments else None
-    by_hand = steps[0].position - (0.0 if first is not None else protocol.increment_mm)
-    loading = _loading(time, position, steps[0].start, by_hand)
+    """Where the pin touches by the force on all ways down before the steps, else of the steps."""
+    about = row[0].position - 0.5 * protocol.increment_mm  # to an increment: first hold may be 0
+    loading = _loading(time, position, row[0].start, about)
     if np.count_nonzero(loading) < ENOUGH:
-        loading = (time <= steps[min(4, len(steps) - 1)].end) & (time > steps[0].start - 30.0)
-    by_force = find_contact(position[loading], force[loading])
-    return by_force.combined(by_hand, machine.contact_sd_mm)
+        loading = (time <= row[min(4, len(row) - 1)].end) & (time > row[0].start - 30.0)
+    return find_contact(position[loading], force[loading])
 
 
 def _loading(time: Array, position: Array, before: float, contact: float) -> BoolArray:

@@ -14,6 +14,8 @@ import numpy as np
 from calib.data.readers.frames import BoolArray
 from fe.response import Array
 
+PASSES = 3
+"""after which what is left of outliers next to each other stays"""
 _PAIRS = ((0, 1), (1, 0), (1, 1), (1, -1))
 
 
@@ -36,15 +38,25 @@ def without_outliers(displacement: Array, threshold: float, floor: float) -> Cle
     displacement (..., n_row, n_column, 3) in mm, NaN where nothing was measured; floor in mm.
     Points with no complete pair of opposite neighbours are left as they are.
     """
-    predicted = _median(_opposite_means(displacement))
-    off = np.abs(displacement - predicted)
-    usual = _median(_neighbours(off))
-    limit = threshold * (usual + floor)
-    with np.errstate(invalid="ignore"):
-        is_outlier: BoolArray = np.any(off > limit, axis=-1)
-    cleaned = np.where(is_outlier[..., None], predicted, displacement)
-    known = usual[np.isfinite(usual)]
-    deviation = float(np.median(known)) if known.size else float("nan")
+    left, deviation = displacement, float("nan")
+    for _ in range(PASSES):
+        predicted = _median(_opposite_means(left))
+        off = np.abs(left - predicted)
+        around = _neighbours(off)
+        usual = _median(around)
+        # a wild value makes its neighbours look wild: only the worst of them goes at a time
+        worst = np.nan_to_num(around).max(axis=(0, -1))
+        with np.errstate(invalid="ignore"):
+            excess = np.any(off > threshold * (usual + floor), axis=-1)
+            is_wild = (excess & (off.max(axis=-1) >= worst))[..., None]
+        if np.isnan(deviation):
+            known = usual[np.isfinite(usual)]
+            deviation = float(np.median(known)) if known.size else 0.0
+        if not is_wild.any():
+            break
+        left = np.where(is_wild, np.nan, left)
+    is_outlier = np.isnan(left[..., 0]) & np.isfinite(displacement[..., 0])
+    cleaned = np.where(is_outlier[..., None], _median(_opposite_means(left)), left)
     return Cleaned(cleaned, is_outlier, threshold, deviation)
 
 

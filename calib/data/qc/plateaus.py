@@ -71,14 +71,8 @@ def find_holds(time: Array, position: Array, protocol: Protocol) -> list[Hold]:
     return holds
 
 
-def step_holds(holds: list[Hold], protocol: Protocol, contact: float) -> list[Hold]:
-    """The holds of the step protocol, numbered; 0 is a hold before the first step.
-
-    They are the longest row of holds each of which lies one increment deeper than the one before.
-    A row with one hold more than steps begins with number 0, and so does one whose first hold lies
-    before `contact`, the position [mm] at which the pin touches, or less than half an increment
-    beyond it.
-    """
+def step_row(holds: list[Hold], protocol: Protocol) -> list[Hold]:
+    """The longest row of holds each of which lies one increment deeper than the one before."""
     best: list[Hold] = []
     row: list[Hold] = []
     for hold in holds:
@@ -89,12 +83,22 @@ def step_holds(holds: list[Hold], protocol: Protocol, contact: float) -> list[Ho
             row = [hold]
         if len(row) > len(best):
             best = list(row)
+    return best
+
+
+def step_holds(holds: list[Hold], protocol: Protocol, contact: float) -> list[Hold]:
+    """The holds of the step protocol, numbered; 0 is a hold before the first step.
+
+    They are those of `step_row`. The first has number 0 when it lies less than half an increment
+    beyond `contact`, the position [mm] at which the pin touches; holds on the way there are left
+    out.
+    """
+    best = step_row(holds, protocol)
     if not best:
         return []
     ahead = (best[0].position - contact) / protocol.increment_mm
-    first = 0 if len(best) > protocol.increments or ahead < 0.5 else 1
-    if first == 0 and ahead < -0.5:  # holds on the way to contact
-        first = int(np.floor(ahead + 0.5))
+    # where the pin touches is known to less than half an increment; further steps are as planned
+    first = min(round(ahead), 1)
     return [hold._replace(number=first + i) for i, hold in enumerate(best) if first + i >= 0]
 
 
@@ -113,8 +117,7 @@ def find_cycles(
     if travel.size < 3:
         return []
     depth = protocol.preconditioning_travel_mm
-    # a record may begin at the first peak or end in the last
-    padded = np.concatenate([[travel.min()], travel, [travel.min()]])
+    padded = np.concatenate([[travel.min()], travel])  # a record may begin at the first peak
     peaks, _ = find_peaks(padded, prominence=0.5 * depth)
     cycles = []
     for peak in peaks - 1:

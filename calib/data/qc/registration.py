@@ -74,7 +74,7 @@ def place(
     roll = float(np.arctan(np.polyfit(low[:, 0], low[:, 1], 1)[0]))
     rotation = _axes(slope_x, slope_y, roll)
     turned = lattice.position @ rotation.T
-    left, right = _sides(turned)
+    left, right = _sides(turned, lattice.spacing)
     if edge is None:
         edge = float(np.clip(0.5 * (width - (right - left)), 0.0, LARGEST_EDGE))
     bottom = float(np.median(_lowest(turned)[:, 1])) - edge
@@ -141,13 +141,15 @@ def _lowest(position: Array) -> Array:
     return edge
 
 
-def _sides(position: Array) -> tuple[float, float]:
-    """Outermost x of the points, mm: medians over the rows that are not much shorter."""
+def _sides(position: Array, spacing: float) -> tuple[float, float]:
+    """Outermost x of the points, mm: means over the rows, whose ends differ by a point at most."""
     x = position[..., 0]
     rows = np.isfinite(x).any(axis=1)
-    left, right = np.nanmin(x[rows], axis=1), np.nanmax(x[rows], axis=1)
-    long = (right - left) >= 0.8 * np.median(right - left)
-    return float(np.median(left[long])), float(np.median(right[long]))
+    ends = []
+    for found in (np.nanmin(x[rows], axis=1), np.nanmax(x[rows], axis=1)):
+        usual = np.abs(found - np.median(found)) <= 1.5 * spacing
+        ends.append(float(found[usual].mean()))
+    return ends[0], ends[1]
 
 
 def _pin(lattice: Lattice, turned: Array, rotation: Array, frames: list[int]) -> float:
@@ -155,7 +157,7 @@ def _pin(lattice: Lattice, turned: Array, rotation: Array, frames: list[int]) ->
 
     The thesis takes the column of the largest mean displacement in y and z, which is known to a
     spacing at best. Around it, the x is taken about which u_y and u_z are most nearly even and u_x
-    most nearly odd.
+    most nearly odd, but for a rigid motion.
     """
     moved = lattice.displacement[frames] @ rotation.T
     with np.errstate(invalid="ignore"):
@@ -199,8 +201,27 @@ def _asymmetry(moved: Array, middle: float, window: int) -> float:
         return float("nan")
     signs = np.array([-1.0, 1.0, 1.0])
     off = moved[:, :, right] - signs * moved[:, :, left]
-    known = np.isfinite(off)
-    return float((off[known] ** 2).mean()) if known.any() else float("nan")
+    return _beside_rigid_motion(off, right - middle)
+
+
+def _beside_rigid_motion(off: Array, apart: Array) -> float:
+    """Mean square of differences (n_frame, n_row, n, 3) but for what a rigid motion explains.
+
+    A shift along x changes u_x alike everywhere; turns about y and z change u_z and u_y with the
+    distance `apart` (n,) from the mirror plane.
+    """
+    known = np.isfinite(off[..., 0])
+    count = known.sum(axis=(1, 2))
+    if not count.all():
+        return float("nan")
+    values = np.where(known[..., None], off, 0.0)
+    squares = (values**2).sum(axis=(1, 2))
+    shift = values[..., 0].sum(axis=(1, 2))
+    arm = np.where(known, apart, 0.0)
+    turns = (values[..., 1:] * arm[..., None]).sum(axis=(1, 2))
+    squares[:, 0] -= shift**2 / count
+    squares[:, 1:] -= turns**2 / (arm**2).sum(axis=(1, 2))[:, None]
+    return float(squares.sum() / (3 * count.sum()))
 
 
 def _vertex(values: Array, best: int) -> float:

@@ -11,7 +11,7 @@ from fe.response import Array
 
 CONSTANT_RATE = 0.001
 """N/s, below which a force counts as constant (thesis, section 3.5.2)"""
-N_TIMES = 8
+N_TIMES = 12
 """relaxation times of the fit, evenly spaced in their logarithm"""
 
 

@@ -14,11 +14,10 @@ from calib.data.qc.noise_floor import NoiseFloor
 from calib.data.qc.pipeline import QcResult
 from calib.data.qc.quality import eligibility
 from calib.data.qc.statistics import (
-    QcTable,
     all_tables,
     requirements,
-    table_csv,
 )
+from calib.data.qc.table import QcTable, table_csv
 from calib.data.requirements import requirements_text
 from fe.atomic_file import replacing
 

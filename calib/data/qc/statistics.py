@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -11,20 +10,9 @@ from calib.data.qc.experiment_file import Mapping
 from calib.data.qc.pipeline import QcResult, sample_field
 from calib.data.qc.plateaus import converged_after, cycle_changes
 from calib.data.qc.quality import eligibility
+from calib.data.qc.table import Cell, QcTable
 from calib.data.requirements import Outcome, force_deviation, requirements_table
 from fe.response import Array
-
-Cell = str | float | int
-
-
-class QcTable(NamedTuple):
-    """One table."""
-
-    name: str
-    """of its file"""
-    title: str
-    columns: tuple[str, ...]
-    rows: tuple[tuple[Cell, ...], ...]
 
 
 class Box(NamedTuple):
@@ -298,30 +286,3 @@ def requirements(result: QcResult) -> tuple[Outcome, ...]:
         mean, sd = dataset.force_mean.tolist(), dataset.force_sd.tolist()
         figures["force_deviation"] = force_deviation(mean, sd)
     return requirements_table(figures)
-
-
-def table_text(table: QcTable) -> str:
-    """Aligned text."""
-    cells = [table.columns, *(tuple(_shown(c) for c in row) for row in table.rows)]
-    widths = [max(len(row[i]) for row in cells) for i in range(len(table.columns))]
-    lines = (
-        "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
-        for row in cells
-    )
-    return "\n".join([table.title, *lines])
-
-
-def table_csv(table: QcTable) -> str:
-    """Lines of a csv, numbers with all digits."""
-    rows: Sequence[Sequence[Cell]] = [table.columns, *table.rows]
-    return "".join(",".join(_csv(c) for c in row) + "\n" for row in rows)
-
-
-def _shown(cell: Cell) -> str:
-    return f"{cell:.4g}" if isinstance(cell, float) else str(cell)
-
-
-def _csv(cell: Cell) -> str:
-    if isinstance(cell, str):
-        return f'"{cell}"' if "," in cell or '"' in cell else cell
-    return repr(float(cell)) if isinstance(cell, float) else str(cell)

@@ -1,0 +1,218 @@
+"""Force and travel of a test-machine record: zero, slack, compliance, holds, cycles, relaxation."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from closed_form_laboratory import HOLD, INCREMENT, Truth, force_at, machine_record
+
+from calib.data.qc.contact import find_contact, force_zero, in_compression
+from calib.data.qc.experiment_file import Machine, Protocol
+from calib.data.qc.machine_test import NotAsPlanned, at_travel, machine_test
+from calib.data.qc.plateaus import (
+    Cycle,
+    Hold,
+    converged_after,
+    cycle_changes,
+    find_holds,
+    step_holds,
+)
+from calib.data.qc.relaxation import CONSTANT_RATE, fit_prony, relaxation
+from calib.data.qc.synchronise import synchronise
+from calib.data.readers import MachineRecord
+
+PROTOCOL = Protocol(
+    increments=4,
+    hold_s=HOLD,
+    preconditioning_cycles=3,
+    preconditioning_travel_mm=0.8,
+    use=(2, 3, 4),
+)
+MACHINE = Machine(compliance_mm_per_N=0.004)
+
+
+def run(truth: Truth, seed: int = 0, **changes):
+    record, starts, travel = machine_record(truth, np.random.default_rng(seed))
+    return machine_test(record, PROTOCOL, replace(MACHINE, **changes)), starts, travel
+
+
+def test_travel_and_force_of_every_hold_are_those_put_into_the_record():
+    test, starts, travel = run(Truth(slack=0.37))
+    numbers, places, forces = test.loaded()
+    np.testing.assert_array_equal(numbers, [1, 2, 3, 4])
+    np.testing.assert_allclose(places, travel, atol=0.004)
+    np.testing.assert_allclose(forces, force_at(travel), atol=0.012)
+    found = [hold.start for hold in test.holds if hold.number > 0]
+    np.testing.assert_allclose(found, starts, atol=0.15)
+
+
+def test_noise_of_a_real_load_cell_leaves_forces_right_within_what_is_stated():
+    errors = []
+    for seed in range(12):
+        test, _, travel = run(Truth(force_noise=0.07), seed)
+        _, _, forces = test.loaded()
+        spread = np.hypot(
+            [p.force_sd for p in test.plateaus[-4:]],
+            test.contact.travel_sd * (1.5 + 2.4 * travel**2),
+        )
+        errors.append((forces - force_at(travel)) / spread)
+    assert np.sqrt(np.mean(np.square(errors))) == pytest.approx(1.0, abs=0.5)
+    noise = np.mean([p.noise_sd for p in test.plateaus])
+    assert noise == pytest.approx(0.07, rel=0.15)
+
+
+def test_a_known_operators_zero_stands_in_for_the_force():
+    test, _, _ = run(Truth(slack=0.42, force_noise=0.3), contact_sd_mm=0.0)
+    assert test.contact.travel == pytest.approx(0.42, abs=1e-3)
+    assert test.contact.travel_sd == 0.0
+
+
+def test_compliance_taken_for_zero_is_found_in_the_travel():
+    _, places, forces = run(Truth())[0].loaded()
+    _, stiff_places, _ = run(Truth(), compliance_mm_per_N=0.0)[0].loaded()
+    np.testing.assert_allclose(stiff_places - places, 0.004 * forces, atol=2e-3)
+
+
+def test_force_begins_where_a_cubic_was_made_to():
+    travel = np.linspace(0.0, 1.0, 200)
+    found = find_contact(travel, 0.1 + force_at(travel - 0.314))
+    assert found.by_force == pytest.approx(0.314, abs=2e-3)
+
+
+def test_drift_of_the_load_cell_is_measured_each_time_the_pin_is_free():
+    time = np.arange(0.0, 60.0, 0.1)
+    travel = np.where((time > 20) & (time < 40), 0.5, -0.5)
+    drift = 0.2 + 0.01 * time
+    force = drift + np.where(travel > 0, 1.0, 0.0)
+    zero = force_zero(time, travel, force, 0.0)
+    inside = (time > 15) & (time < 55)
+    np.testing.assert_allclose(zero[inside], drift[inside], atol=0.01)
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_signs_follow_the_record_and_the_travel_goes_with_the_force(sign):
+    force, travel = np.array([0.0, 1.0, 2.0]), np.array([0.0, 0.5, 1.0])
+    record = MachineRecord("x", np.arange(3.0), sign * force, -travel, "unknown")
+    turned = in_compression(record, sign)
+    np.testing.assert_array_equal(turned.force, force)
+    np.testing.assert_array_equal(turned.travel, travel)
+    stated = MachineRecord("x", np.arange(3.0), -force, -travel, "tension")
+    np.testing.assert_array_equal(in_compression(stated, 1).force, force)
+
+
+def test_a_record_cut_short_is_not_as_planned():
+    record, starts, _ = machine_record(Truth(), np.random.default_rng(0))
+    some = record.time < starts[2]
+    cut = MachineRecord("x", record.time[some], record.force[some], record.travel[some], "unknown")
+    with pytest.raises(NotAsPlanned) as caught:
+        machine_test(cut, PROTOCOL, MACHINE)
+    assert (caught.value.what, caught.value.found, caught.value.expected) == ("plateaus", 2, 4)
+
+
+def test_holds_survive_noise_quantisation_and_a_creeping_crosshead():
+    rng = np.random.default_rng(3)
+    time = np.arange(0.0, 60.0, 0.05)
+    level = np.interp(time, [0, 5, 7, 27, 29, 49, 51, 60], [0, 0, 0.2, 0.205, 0.4, 0.405, 0, 0])
+    seen = np.round(level + 5e-4 * rng.standard_normal(time.size), 3)
+    holds = step_holds(find_holds(time, seen, Protocol(increments=2, use=(1, 2))), Protocol(), 0.0)
+    numbers = [hold.number for hold in holds]
+    assert numbers[-2:] == [1, 2]
+    np.testing.assert_allclose([h.start for h in holds[-2:]], [7, 29], atol=0.6)
+    np.testing.assert_allclose([h.end for h in holds[-2:]], [27, 49], atol=0.6)
+
+
+def test_a_hold_at_contact_is_number_zero():
+    holds = [Hold(-1, 30.0 * k, 30.0 * k + 20, 0.5 + 0.2 * k) for k in range(5)]
+    four = Protocol(increments=4, use=(2, 3))
+    early = [Hold(-1, -30.0, -10.0, 0.3), *holds]
+    assert [h.number for h in step_holds(early, four, 0.53)] == [0, 1, 2, 3, 4]
+    assert [h.number for h in step_holds(holds, four, 0.5)] == [0, 1, 2, 3, 4]
+    assert [h.number for h in step_holds(holds[1:], four, 0.5)] == [1, 2, 3, 4]
+
+
+def test_cycles_have_the_peaks_of_the_record_and_their_convergence_is_counted():
+    test, _, _ = run(Truth())
+    peak = force_at(np.array([0.8]))[0]
+    assert len(test.cycles) == 3
+    # the mean next to the peak is a little less than the peak
+    np.testing.assert_allclose([c.peak_force for c in test.cycles], peak, rtol=0.06)
+    forces = 1.0 + 0.2 * 0.4 ** np.arange(8)
+    cycles = [Cycle(float(i), float(f), 1.0) for i, f in enumerate(forces)]
+    np.testing.assert_allclose(cycle_changes(cycles), 100 * np.diff(forces) / forces[1:])
+    # changes are 0.12, 0.048, 0.019, 0.0077: below 1 % from the fourth on
+    assert converged_after(cycles) == 4
+    assert converged_after(cycles[:3]) is None
+
+
+def test_relaxation_of_a_known_decay_is_that_of_its_formula():
+    t = np.arange(0.0, 20.0, 0.05)
+    force = 2.0 + 0.08 * np.exp(-t / 1.5)
+    found = relaxation(t + 7.0, force, 0.25)
+    assert found.force == pytest.approx(2.0, abs=1e-4)
+    mean = force.mean()
+    assert found.variation_percent == pytest.approx(100 * (force[0] - force[-1]) / mean, rel=0.03)
+    # 0.08 / 1.5 exp(-t / 1.5) = 0.001
+    assert found.time_to_constant == pytest.approx(
+        1.5 * np.log(0.08 / 1.5 / CONSTANT_RATE), rel=0.1
+    )
+
+
+def test_variation_of_a_noisy_hold_is_that_of_the_fit_and_not_of_the_noise():
+    rng = np.random.default_rng(1)
+    t = np.arange(0.0, 20.0, 0.05)
+    force = 2.0 + 0.08 * np.exp(-t / 1.5) + 0.05 * rng.standard_normal(t.size)
+    found = relaxation(t, force, 0.25)
+    assert found.variation_percent == pytest.approx(4.0, abs=1.5)
+    assert found.raw_variation_percent > 10
+    assert found.noise_sd == pytest.approx(0.05, rel=0.1)
+    assert abs(found.force - 2.0) < 4 * found.force_sd
+
+
+def test_fitted_force_never_rises_in_a_hold():
+    t = np.linspace(0.0, 5.0, 60)
+    prony = fit_prony(t, 1.0 + 0.1 * t)
+    assert np.all(np.diff(prony.force(t)) <= 1e-12)
+
+
+def test_frames_fall_into_their_holds_whatever_the_clock_says():
+    holds = [Hold(k, 10.0 * k, 10.0 * k + 6, 0.2 * k) for k in range(10)]
+    for clock in (-2.8, 0.0, 1.9):
+        times = np.array([-4.0, *(10.0 * k + 3 for k in range(1, 10))]) + clock
+        found = synchronise(times, holds, 5.0)
+        np.testing.assert_array_equal(found.hold[1:], np.arange(1, 10))
+        assert abs(found.offset + clock) <= found.half_width + 1e-9
+
+
+def test_short_holds_tell_the_clock_to_less_than_half_their_length():
+    rng = np.random.default_rng(2)
+    holds = [Hold(k, 5.0 * k, 5.0 * k + 2, 0.2 * k) for k in range(10)]
+    times = np.array([-1.0, *(5.0 * k + 1.0 for k in range(1, 10))]) + 1.3
+    times[1:] += rng.uniform(-0.6, 0.6, 9)
+    found = synchronise(times, holds, 5.0)
+    np.testing.assert_array_equal(found.hold[1:], np.arange(1, 10))
+    assert found.half_width < 1.0
+    assert abs(found.offset + 1.3) <= found.half_width
+
+
+def test_a_frame_between_two_holds_belongs_to_none():
+    holds = [Hold(k, 10.0 * k, 10.0 * k + 6, 0.2 * k) for k in range(1, 5)]
+    times = np.array([0.0, 13.0, 23.0, 38.0, 43.0])
+    assert synchronise(times, holds, 1.0).hold.tolist() == [-1, 1, 2, -1, 4]
+
+
+def test_values_at_nominal_travels_are_those_of_the_parabola_through_three_holds():
+    travel = INCREMENT * np.arange(1, 6) + 0.03
+    values = np.stack([2 * travel + 3 * travel**2, -(travel**2)], axis=1)
+    nominal = np.array([0.4, 0.6, 1.0])
+    found = at_travel(travel, values, nominal, 0.1)
+    np.testing.assert_allclose(found[:, 0], 2 * nominal + 3 * nominal**2, atol=1e-12)
+    np.testing.assert_allclose(found[:, 1], -(nominal**2), atol=1e-12)
+    assert np.isnan(at_travel(travel, values, np.array([1.3]), 0.1)).all()
+
+
+def test_a_value_that_lacks_at_the_next_hold_is_bridged_by_a_line():
+    travel = np.array([0.2, 0.4, 0.6])
+    values = np.array([[1.0], [2.0], [np.nan]])
+    assert at_travel(travel, values, np.array([0.38]), 0.1)[0, 0] == pytest.approx(1.9)
