@@ -26,6 +26,7 @@ def test_notebooks_are_committed_without_output(path: Path) -> None:
 EXPECTED = {
     "01_thesis_forces": (5, "simulate   up to date"),
     "02_forward_model": (4, "converged: reached every asked travel"),
+    "04_experiment_to_dataset": (4, "rejected without cause: none"),
 }
 """pictures that a notebook shows, and words that it prints"""
 

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from virtual_blocks import analytic_truth, field_of, front, shifted_truth
+from virtual_blocks import TRAVEL, analytic_truth, field_of, front, shifted_truth
 
 from calib.virtual import BlockTruth, solve_truth
 from calib.virtual.front_response import load_front, save_front
-from calib.virtual.truth import pin_at_centre, pin_shifted
+from calib.virtual.truth import continued, pin_at_centre, pin_shifted
 from fe import BlockPin, Contact
 
 COARSE = BlockTruth(
@@ -58,6 +60,18 @@ def test_the_pin_goes_where_it_is_shifted_to_and_the_sides_stay() -> None:
 def test_at_the_solved_shift_the_field_is_that_of_the_shifted_model(shift: float) -> None:
     found = shifted_truth().field_at(POINTS, np.array([1.0]), shift)[0]
     assert found == pytest.approx(field_of(*POINTS.T, 1.0, shift), abs=2e-3)
+
+
+def test_beyond_the_fine_model_the_coarse_one_adds_its_changes() -> None:
+    whole, half = front(), front()
+    cut = replace(
+        half, travel=TRAVEL[:10], force=half.force[:10], displacement=half.displacement[:10]
+    )
+    found = continued(cut, whole)
+    assert found.travel == pytest.approx(TRAVEL)
+    assert found.force == pytest.approx(whole.force)
+    assert found.displacement == pytest.approx(whole.displacement, abs=1e-12)
+    assert continued(whole, cut) is whole
 
 
 def test_a_shifted_block_of_the_fe_model_is_met_where_it_was_solved() -> None:

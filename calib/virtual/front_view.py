@@ -42,8 +42,10 @@ def view(truth: TruthResponse, placement: Placement, travel: Array, cameras: Cam
     specimen = truth.truth.specimen
     n_x, n_y = cameras.grid
     reach = specimen.width / 2.0 + cameras.margin_mm
-    x = np.linspace(-reach, reach, n_x)
-    y = np.linspace(-cameras.margin_mm, specimen.height + cameras.margin_mm, n_y)
+    step = grid_spacing(cameras, specimen.width, specimen.height)
+    right, up = np.array(step) * placement.grid_phase
+    x = right - reach + step[0] * np.arange(n_x)
+    y = up - cameras.margin_mm + step[1] * np.arange(n_y)
     in_image = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2)
     turn = placement.rotation
     # the points are regular in the image: which places of the plane of the face lie behind them

@@ -32,6 +32,8 @@ class Placement:
     """its force over that of the mean sample"""
     beyond: Beyond
     """which limit it was placed beyond"""
+    grid_phase: tuple[float, float] = (0.0, 0.0)
+    """shares of a spacing by which the grid of points lies beside the middle of the image"""
 
     @property
     def rotation(self) -> Array:
@@ -60,6 +62,7 @@ def _place(placing: Placing, beyond: Beyond, rng: np.random.Generator) -> Placem
     roll, tilt = rng.standard_normal(2) * (placing.camera_roll_deg, placing.camera_tilt_deg)
     x, y, z = rng.normal((0.4, -1.1, 2.0), (0.2, 0.1, 0.3))
     stiffness = np.exp(placing.stiffness_sd * rng.standard_normal())
+    right, up = rng.uniform(-0.5, 0.5, 2)
     return Placement(
         float(shift),
         float(angle),
@@ -68,6 +71,7 @@ def _place(placing: Placing, beyond: Beyond, rng: np.random.Generator) -> Placem
         (float(x), float(y), float(z)),
         float(stiffness),
         beyond,
+        (float(right), float(up)),
     )
 
 

@@ -172,6 +172,8 @@ def continued(fine: FrontResponse, coarse: FrontResponse) -> FrontResponse:
     """`fine`, and beyond its last travel what `coarse` adds to its own response there."""
     last = fine.travel[-1:]
     beyond = coarse.travel[coarse.travel > last + SAME]
+    if not beyond.size:
+        return fine
     nodes = np.stack(np.meshgrid(fine.x, fine.y, indexing="ij"), axis=-1).reshape(-1, 2)
     added = coarse.field_at(nodes, beyond) - coarse.field_at(nodes, last)
     shape = (beyond.size, *fine.displacement.shape[1:])
