@@ -197,3 +197,23 @@ def test_bits_do_not_depend_on_process_or_number_of_threads():
         for n in ("1", "2")
     ]
     assert runs[0] == runs[1] != ""
+
+
+def test_points_given_one_by_one_see_what_those_of_a_grid_see() -> None:
+    grid = BlockPinModel(
+        BlockPin(), Contact("slide", "slide"), (3, 2, 1), (0.1,), field_grid=(3, 2)
+    )
+    chosen = [4, 0, 3]
+    places = tuple((float(x), float(y)) for x, y in grid.points()[chosen])
+    given = replace(grid, field_grid=places)
+    np.testing.assert_array_equal(given.points(), grid.points()[chosen])
+    ratios = np.array([0.3, 0.1])
+    seen, whole = given(ratios), grid(ratios)
+    np.testing.assert_allclose(seen.displacement, whole.displacement[:, chosen], atol=1e-12)
+    np.testing.assert_array_equal(seen.force, whole.force)
+
+
+@pytest.mark.parametrize("place", [(-0.1, 1.0), (5.1, 1.0), (1.0, -0.1), (1.0, 2.6), (np.nan, 1.0)])
+def test_points_beside_the_face_are_refused(place: tuple[float, float]) -> None:
+    with pytest.raises(ValueError, match="field_grid: expected points"):
+        BlockPinModel(BlockPin(), Contact("slide", "slide"), (3, 2, 1), (0.1,), field_grid=(place,))

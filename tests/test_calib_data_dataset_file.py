@@ -1,0 +1,153 @@
+"""A data set on disk: the same bits back, and one sentence for anything else."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from calib.data import Dataset, FieldData, read_force_csv
+from calib.data.dataset import SampleData
+from calib.data.dataset_file import load_dataset, save_dataset
+from calib.inference.field_noise import field_covariance
+from calib.inference.noise import NoiseSettings, mean_covariance
+
+RNG = np.random.default_rng(0)
+FIELD = FieldData(
+    RNG.random((6, 2)),
+    RNG.random((3, 6, 3)),
+    np.array([0.01, 0.02, 0.03]),
+    0.4,
+    0.5,
+    0.01 * RNG.standard_normal((2, 3, 6, 3)),
+)
+FORCES = np.random.default_rng(1).normal([1.0, 2.0, 3.0], 0.1, (8, 3))
+COVARIANCE = np.cov(FORCES, rowvar=False)
+DATA = Dataset(
+    "laboratory",
+    True,
+    np.array([0.6, 0.8, 1.0]),
+    FORCES.mean(axis=0),
+    np.sqrt(np.diag(COVARIANCE)),
+    8,
+    FIELD,
+    COVARIANCE,
+    SampleData(tuple("abcdefgh"), FORCES, RNG.random((8, 3, 6, 3))),
+)
+
+
+def assert_same(a: Dataset, b: Dataset) -> None:
+    for name in ("name", "synthetic", "n_samples"):
+        assert getattr(a, name) == getattr(b, name)
+    for name in ("travel", "force_mean", "force_sd", "force_covariance"):
+        np.testing.assert_array_equal(getattr(a, name), getattr(b, name))
+    assert a.field is not None and b.field is not None
+    for name in FieldData.__dataclass_fields__:
+        np.testing.assert_array_equal(getattr(a.field, name), getattr(b.field, name))
+    assert a.samples is not None and b.samples is not None
+    assert a.samples.names == b.samples.names
+    np.testing.assert_array_equal(a.samples.force, b.samples.force)
+    np.testing.assert_array_equal(a.samples.displacement, b.samples.displacement)
+
+
+def test_a_data_set_comes_back_bit_by_bit_with_the_hash_of_its_inputs(tmp_path):
+    save_dataset(tmp_path / "d.npz", DATA, "1234abcd")
+    found, inputs = load_dataset(tmp_path / "d.npz")
+    assert_same(found, DATA)
+    assert inputs == "1234abcd"
+
+
+def test_the_same_data_set_gives_the_same_bytes(tmp_path):
+    for name in "ab":
+        save_dataset(tmp_path / f"{name}.npz", DATA, "x")
+    assert (tmp_path / "a.npz").read_bytes() == (tmp_path / "b.npz").read_bytes()
+
+
+def test_forces_alone_need_neither_field_nor_samples(tmp_path):
+    plain = replace(DATA, field=None, samples=None, force_covariance=None)
+    save_dataset(tmp_path / "d.npz", plain)
+    found, _ = load_dataset(tmp_path / "d.npz")
+    assert found.field is None and found.samples is None and found.force_covariance is None
+
+
+@pytest.mark.parametrize("keep", [0, 10, 400, 2000])
+def test_a_damaged_file_is_refused_in_one_sentence(tmp_path, keep):
+    path = tmp_path / "d.npz"
+    save_dataset(path, DATA)
+    path.write_bytes(path.read_bytes()[:keep])
+    with pytest.raises(ValueError, match=r"d\.npz: found no readable dataset .* expected one") as e:
+        load_dataset(path)
+    assert "\n" not in str(e.value)
+
+
+def test_another_version_and_another_npz_are_refused(tmp_path):
+    path = tmp_path / "d.npz"
+    np.savez(path, version=np.array(99))
+    with pytest.raises(ValueError, match="found version 99, expected 1"):
+        load_dataset(path)
+    np.savez(path, version=np.array(1), inputs=np.array(""))
+    with pytest.raises(ValueError, match="found no complete dataset"):
+        load_dataset(path)
+    np.savez(path, other=np.array(1))
+    with pytest.raises(ValueError, match="found no readable dataset"):
+        load_dataset(path)
+    np.savez(path, version=np.array([{}], dtype=object))
+    with pytest.raises(ValueError, match="found no readable dataset"):
+        load_dataset(path)
+
+
+def test_some_of_the_steps_are_the_same_data():
+    some = DATA.at_steps([0, 2])
+    np.testing.assert_array_equal(some.travel, [0.6, 1.0])
+    np.testing.assert_array_equal(some.force_covariance, COVARIANCE[np.ix_([0, 2], [0, 2])])
+    assert some.field is not None and some.samples is not None
+    np.testing.assert_array_equal(some.field.displacement, FIELD.displacement[[0, 2]])
+    np.testing.assert_array_equal(some.field.patterns, FIELD.patterns[:, [0, 2]])
+    np.testing.assert_array_equal(some.samples.force, FORCES[:, [0, 2]])
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"force_covariance": np.eye(2)}, r"force_covariance: expected \(3, 3\)"),
+        ({"force_covariance": 2 * COVARIANCE}, "squares of force_sd"),
+        (
+            {"force_covariance": np.outer(DATA.force_sd, DATA.force_sd)},
+            "positive definite matrix, which takes more samples",
+        ),
+        ({"samples": SampleData(("a",), FORCES[:1], np.zeros((1, 3, 6, 3)))}, "samples: expected"),
+    ],
+)
+def test_what_contradicts_itself_is_refused(change, message):
+    with pytest.raises(ValueError, match=message):
+        replace(DATA, **change)
+
+
+def test_patterns_of_another_shape_are_refused():
+    with pytest.raises(ValueError, match=r"patterns: expected shape \(q, 3, 6, 3\)"):
+        replace(FIELD, patterns=np.zeros((1, 2, 6, 3)))
+
+
+def test_a_measured_covariance_is_that_of_the_likelihood():
+    settings = NoiseSettings(load_cell_sd=0.01, sample_correlation=0.5)
+    np.testing.assert_allclose(mean_covariance(DATA, settings), COVARIANCE / 8)
+    plain = mean_covariance(replace(DATA, force_covariance=None), settings)
+    assert plain[0, 1] == pytest.approx(
+        0.5 * np.sqrt((DATA.force_sd[0] ** 2 - 1e-4) * (DATA.force_sd[1] ** 2 - 1e-4)) / 8
+    )
+
+
+def test_patterns_of_the_data_are_part_of_the_fields_covariance():
+    residual = RNG.standard_normal((1, 3, 6, 3))
+    found = field_covariance(FIELD).inner(residual, residual)[0, 0]
+    bare = replace(FIELD, patterns=None)
+    by_hand = field_covariance(bare, patterns=FIELD.patterns).inner(residual, residual)[0, 0]
+    assert found == pytest.approx(by_hand, rel=1e-12)
+    assert found < field_covariance(bare).inner(residual, residual)[0, 0]
+
+
+def test_forces_of_a_csv_have_no_covariance(tmp_path):
+    path = tmp_path / "forces.csv"
+    path.write_text("travel_mm,force_mean_N,force_sd_N,n_samples\n0.6,0.9,0.1,23\n")
+    assert read_force_csv(path).force_covariance is None

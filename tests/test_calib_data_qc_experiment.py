@@ -1,0 +1,379 @@
+"""A whole laboratory of closed forms: from its files to a data set, a verdict, and a study."""
+
+from __future__ import annotations
+
+import csv
+import json
+import shutil
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+from analytic_block import AnalyticBlock, analytic_block
+from closed_form_laboratory import EXPERIMENT, Truth, field_at, force_at, write_laboratory
+
+from calib.cli import main
+from calib.data.dataset_file import load_dataset
+from calib.data.qc import analyse, read_experiment
+from calib.data.qc.pipeline import QcResult
+from calib.data.qc.statistics import accuracy_table, force_table, relaxation_table
+from calib.inference.field_noise import field_covariance
+from calib.study.config import StudyError, load_study
+from calib.study.context import block_pin_model
+from calib.study.data_stage import load_data
+from calib.study.sections import Cells, Hypothesis
+from calib.study.stages import run_study
+from fe.executors import serial_map
+from fe.response import Array
+
+STIFFNESS = np.exp(0.08 * np.random.default_rng(9).standard_normal(9))
+GOOD = {
+    f"S{i + 1}": Truth(
+        angle=0.2 * (i % 5 - 2),
+        tilt=0.1 * (i % 3 - 1),
+        roll=0.15 * (i % 4 - 1.5),
+        x_shift=0.04 * (i % 5 - 2),
+        origin=(0.3 + 0.013 * i, -1.1 + 0.011 * i, 2.0),
+        stiffness=float(STIFFNESS[i]),
+        slack=0.5,
+        clock=0.3 * (i - 4),
+        noise=0.005,
+        force_noise=0.03,
+        outliers=3,
+    )
+    for i in range(9)
+}
+BAD = {
+    "S10": Truth(angle=1.3, noise=0.005),
+    "S11": Truth(x_shift=-0.4, noise=0.005),
+    "S12": Truth(angle=-1.5, x_shift=0.5, noise=0.005),
+}
+
+
+@pytest.fixture(scope="module")
+def lab(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_laboratory(tmp_path_factory.mktemp("made") / "lab", {**GOOD, **BAD})
+
+
+@pytest.fixture(scope="module")
+def result(lab: Path) -> QcResult:
+    return analyse(lab)
+
+
+@pytest.fixture
+def some(lab: Path, tmp_path: Path):
+    """Copies some samples of the laboratory into one of their own, with more in its toml."""
+
+    def copied(*names: str, text: str = EXPERIMENT) -> Path:
+        folder = tmp_path / "lab"
+        for name in (*names, "static"):
+            shutil.copytree(lab / name, folder / name)
+        (folder / "experiment.toml").write_text(text)
+        return folder
+
+    return copied
+
+
+def test_exactly_the_misplaced_samples_are_rejected_with_value_and_threshold(result):
+    found = {(r.sample, r.rule): r for r in result.rejections}
+    assert set(found) == {
+        ("S10", "max_angle_deg"),
+        ("S11", "max_x_shift_mm"),
+        ("S12", "max_angle_deg"),
+        ("S12", "max_x_shift_mm"),
+    }
+    assert found["S10", "max_angle_deg"].value == pytest.approx(1.3, abs=0.05)
+    assert found["S10", "max_angle_deg"].threshold == 1.0
+    assert found["S11", "max_x_shift_mm"].value == pytest.approx(0.4, abs=0.08)
+    text = found["S11", "max_x_shift_mm"].text()
+    assert text.startswith("S11: x-shift: found 0.") and text.endswith("expected at most 0.25 mm")
+
+
+def test_mean_field_is_the_truth_within_its_stated_errors(result):
+    field = result.dataset.field
+    truth = np.stack([field_at(field.points, t) for t in result.dataset.travel])
+    off = field.displacement - truth
+    assert np.sqrt(np.mean(off**2, axis=(0, 1))).max() < 0.008
+    # interpolation on a coarse lattice has no place in the noise: smooth shapes are taken off
+    error = np.sqrt((field.patterns**2).sum(axis=0)) if field.patterns is not None else 0.0
+    z = off / np.sqrt(field.noise_std**2 + error**2)
+    assert np.sqrt(np.mean(z**2)) < 3.0
+
+
+def test_mean_force_is_the_truth_within_its_stated_error(result):
+    data = result.dataset
+    truth = force_at(data.travel, float(STIFFNESS.mean()))
+    # the stiffness of these samples is known: what is left is contact, zero and noise
+    np.testing.assert_allclose(data.force_mean, truth, rtol=0.025)
+    spread = np.std(force_at(data.travel[:, None], STIFFNESS), axis=1, ddof=1)
+    np.testing.assert_allclose(data.force_sd, spread, rtol=0.3)
+    correlation = data.force_covariance / np.outer(data.force_sd, data.force_sd)
+    assert correlation.min() > 0.9, "stiff samples are stiff at every increment"
+
+
+def test_single_samples_are_kept_beside_their_mean(result):
+    data = result.dataset
+    assert data.samples.names == tuple(GOOD)
+    np.testing.assert_allclose(data.samples.force.mean(axis=0), data.force_mean)
+    mean = np.nanmean(data.samples.displacement, axis=0)
+    np.testing.assert_allclose(mean, data.field.displacement, atol=2e-3)
+
+
+def test_noise_of_the_data_set_is_what_was_put_in(result):
+    raw = result.noise.at_points
+    np.testing.assert_allclose(raw.std, 0.005, rtol=0.1)
+    # two independent halves are folded
+    np.testing.assert_allclose(result.noise.static.std, 0.005 / np.sqrt(2), rtol=0.15)
+    assert np.all(result.noise.mean_std >= result.noise.static.std / np.sqrt(9.01))
+    assert raw.reference_share < 0.1
+
+
+def test_outliers_were_found(result):
+    found = [int(s.face.cleaned.is_outlier.sum()) for s in result.samples[:9]]
+    # three a frame in three frames of each sample and the one beside
+    assert min(found) >= 8 and max(found) <= 20
+
+
+def test_tables_have_the_numbers_of_the_samples(result):
+    rows = [row for row in force_table(result).rows if row[0] == "kept"]
+    assert [row[1] for row in rows] == [2, 3, 4] and rows[0][3] == 9
+    forces = result.forces()[result.kept]
+    assert rows[1][4] == pytest.approx(forces[:, 1].mean())
+    assert rows[1][5] == pytest.approx(forces[:, 1].std(ddof=1))
+    for row in relaxation_table(result).rows:
+        assert 0 < row[1] < row[2]
+
+
+def test_the_field_can_be_given_to_the_likelihood(result):
+    field = result.dataset.field
+    covariance = field_covariance(field)
+    draw = covariance.sample(np.random.default_rng(0), 1)
+    assert covariance.inner(draw, draw)[0, 0] == pytest.approx(draw.size, rel=0.2)
+
+
+def test_the_verb_writes_data_set_report_tables_and_figures(lab, tmp_path, capsys):
+    assert main(["qc", str(lab), "--out", str(tmp_path)]) == 0
+    said = capsys.readouterr().out
+    assert "S10: angular deviation: found" in said and "Remaining" in said
+    assert "synthetic: the files were made by a model" in said
+    report = json.loads((tmp_path / "qc.json").read_text())
+    assert report["eligible"] == {
+        "Total": 12,
+        "Eliminated": 3,
+        "Fails on angular deviation": 2,
+        "Fails on x-shift": 2,
+        "Remaining": 9,
+    }
+    assert report["thresholds"]["max_angle_deg"] == 1.0
+    [s10] = [s for s in report["samples"] if s["name"] == "S10"]
+    assert not s10["kept"] and s10["rejections"][0]["reason"] == "angular deviation"
+    dataset, inputs = load_dataset(tmp_path / "dataset.npz")
+    assert dataset.synthetic and dataset.n_samples == 9
+    assert report["inputs"] in inputs
+    with (tmp_path / "tables" / "eligible.csv").open() as stream:
+        assert list(csv.reader(stream))[1:3] == [["Total", "12"], ["Eliminated", "3"]]
+    for name in ("placement", "machine", "cycles", "forces", "boxes", "field", "noise"):
+        assert (tmp_path / "figures" / f"{name}.png").stat().st_size > 5000
+    assert "force_deviation" in (tmp_path / "tables" / "requirements.txt").read_text()
+
+
+def test_the_same_files_give_the_same_bytes(some, tmp_path):
+    folder = some("S1", "S2", "S3")
+    for name in ("a", "b"):
+        assert main(["qc", str(folder), "--out", str(tmp_path / name)]) == 0
+    for name in ("dataset.npz", "qc.json"):
+        assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
+
+
+def test_too_few_good_samples_are_a_result_and_no_data_set(some, capsys):
+    folder = some("S1", *BAD)
+    assert main(["qc", str(folder)]) == 1
+    assert "fewer than two samples meet the rules" in capsys.readouterr().err
+    report = json.loads((folder / "qc" / "qc.json").read_text())
+    assert report["eligible"]["Remaining"] == 1 and report["dataset"] is None
+    assert not (folder / "qc" / "dataset.npz").exists()
+
+
+def test_a_sample_whose_test_stopped_early_is_rejected_by_the_protocol(some):
+    folder = some("S1", "S2", "S3")
+    path = folder / "S2" / "machine.csv"
+    lines = path.read_text().splitlines()
+    head = next(i for i, line in enumerate(lines) if line.startswith("time_s"))
+    kept = lines[: head + 1 + 640]  # 32 s: before the third hold
+    kept[2] = "# samples: 640"
+    path.write_text("\n".join(kept) + "\n")
+    found = analyse(folder)
+    [rejection] = found.rejections
+    assert (rejection.sample, rejection.rule, rejection.reason) == ("S2", "protocol", "plateaus")
+    assert rejection.threshold == 4
+    assert found.dataset is not None and found.dataset.n_samples == 2
+    assert found.dataset.force_covariance is None, "of two samples it has no inverse"
+
+
+def test_a_force_far_from_the_others_is_rejected_where_a_rule_says_so(tmp_path):
+    truths = {f"S{i}": GOOD[f"S{i}"] for i in range(1, 7)}
+    truths["S6"] = Truth(stiffness=2.0, noise=0.005)
+    text = EXPERIMENT + "\n[quality]\nmax_force_deviation = 5.0\n"
+    found = analyse(write_laboratory(tmp_path / "lab", truths, text=text))
+    assert [(r.sample, r.rule) for r in found.rejections] == [("S6", "max_force_deviation")]
+
+
+def test_points_of_the_pin_tell_its_travel_to_hold_against_the_machines(tmp_path):
+    # the sample's face, taken for a pin: the mean of u_y over a small rectangle is known
+    box = "\n[mask]\npin_rectangle_mm = [0.2, 0.5, 0.5, 0.8]\n"
+    text = EXPERIMENT + box
+    still = {name: Truth(stiffness=GOOD[name].stiffness) for name in ("S1", "S2")}
+    found = analyse(write_laboratory(tmp_path / "lab", still, text=text))
+    row = accuracy_table(found).rows[0]
+    assert row[1] == pytest.approx(-0.2, abs=0.01)
+    inside = np.array([[x, y] for x in (-0.1, 0.05, 0.15) for y in (1.7, 1.8, 1.9)])
+    travel = found.samples[0].face.travel
+    down = [np.median(field_at(inside, t)[:, 1]) for t in travel]
+    assert row[2] == pytest.approx((down[-1] - down[0]) / (travel.size - 1), rel=0.1)
+    assert row[3] == pytest.approx(100 * abs(row[2] - row[1]) / abs(row[1]))
+
+
+BREAKS = {
+    "key": ("experiment.toml", "hold_s", "holds_s", "protocol.holds_s", "unknown key"),
+    "value": ("experiment.toml", "hold_s = 4.0", "hold_s = -4.0", "protocol.hold_s", "-4.0"),
+    "use": ("experiment.toml", "[2, 3, 4]", "[2, 3, 5]", "protocol.use[2]", "at most"),
+    "order": ("experiment.toml", "[2, 3, 4]", "[2, 4, 3]", "protocol.use[2]", "more than"),
+    "not toml": ("experiment.toml", "[protocol]", "[protocol", "experiment.toml:4", "TOML"),
+    "machine": ("S2/machine.csv", "time_s,", "when,", "machine.csv", "columns"),
+    "frames": ("S2/frames.csv", "frame,time_s", "image,time", "frames.csv:1", "columns frame"),
+    "time": ("S2/frames.csv", "\n2,", "\n2,x", "frames.csv:4", "time in s"),
+    "frame order": ("S2/frames.csv", "\n2,", "\n0,", "frames.csv:4", "count up"),
+    "frame lost": ("S2/frames.csv", "\n4,", "\n#", "frames.csv", "5 lines"),
+    "points": ("S2/dic/B002.csv", "# points:", "# pts:", "B002.csv", "expected"),
+    "static": ("static/B001.csv", "x_mm", "x_in", "B001.csv", "columns"),
+}
+
+
+@pytest.mark.parametrize("case", BREAKS)
+def test_bad_input_is_one_sentence_with_file_place_found_and_expected(some, capsys, case):
+    name, old, new, place, said = BREAKS[case]
+    folder = some("S1", "S2")
+    path = folder / name
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new, 1))
+    assert main(["qc", str(folder)]) == 2
+    error = capsys.readouterr().err.strip().splitlines()[-1]
+    assert error.startswith("calib: ") and place in error and said in error
+    assert "expected" in error and "found" in error
+
+
+def test_missing_files_and_folders_are_named(tmp_path, capsys):
+    assert main(["qc", str(tmp_path / "none")]) == 2
+    assert "none: found no such file, expected a folder" in capsys.readouterr().err
+    assert main(["qc", str(tmp_path)]) == 2
+    assert "experiment.toml: found no such file" in capsys.readouterr().err
+    (tmp_path / "experiment.toml").write_text("")
+    assert main(["qc", str(tmp_path)]) == 2
+    assert "expected folders of samples with machine.csv, found none" in capsys.readouterr().err
+    (tmp_path / "experiment.toml").write_text('samples = ["S1", "../S2"]\n')
+    (tmp_path / "S1" / "dic").mkdir(parents=True)
+    (tmp_path / "S1" / "machine.csv").touch()
+    assert main(["qc", str(tmp_path)]) == 2
+    assert "frames.csv: expected a file of this sample" in capsys.readouterr().err
+
+
+def test_an_empty_experiment_file_has_the_defaults_of_the_protocol(tmp_path):
+    (tmp_path / "experiment.toml").write_text("")
+    found = read_experiment(tmp_path)
+    assert found.protocol.use == (3, 4, 5, 6, 7)
+    np.testing.assert_array_equal(found.protocol.travel, [0.6, 0.8, 1.0, 1.2, 1.4])
+    assert (found.quality.max_angle_deg, found.quality.max_x_shift_mm) == (1.0, 0.25)
+
+
+# --- studies -------------------------------------------------------------------------------
+
+
+def study_file(folder: Path, lab: Path, **changes: str) -> Path:
+    """The embedded study of the thesis, on the laboratory's data."""
+    from importlib import resources
+
+    text = (resources.files("calib.study") / "embedded" / "thesis-forces.toml").read_text()
+    swaps = {
+        'source = "thesis-table-5.1"': f'source = "experiment"\nfolder = "{lab}"',
+        "increments = [0.6, 0.8, 1.0, 1.2, 1.4]": "increments = [0.4, 0.6, 0.8]",
+        "correlation_study = [0.0, 0.5, 0.9, 0.99]": "correlation_study = []",
+        **changes,
+    }
+    for old, new in swaps.items():
+        assert old in text
+        text = text.replace(old, new)
+    path = folder / "study.toml"
+    path.write_text(text)
+    return path
+
+
+def test_a_study_takes_field_and_forces_of_the_files(lab, result, tmp_path):
+    shutil.rmtree(lab / "qc", ignore_errors=True)
+    study = load_study(study_file(tmp_path, lab))
+    assert (lab / "qc" / "dataset.npz").is_file(), "made when the study is read"
+    model = block_pin_model(study, study.hypotheses[0], (2, 2, 1))
+    np.testing.assert_array_equal(model.points(), result.dataset.field.points)
+
+
+def test_a_study_of_an_experiment_runs_to_its_posterior_with_the_field(lab, result, tmp_path):
+    @dataclass(frozen=True)
+    class Block(AnalyticBlock):
+        places: tuple[tuple[float, float], ...] = ()
+
+        def points(self) -> Array:
+            return np.array(self.places)
+
+    def factory(study, hypothesis: Hypothesis, cells: Cells) -> Block:
+        stand_in = analytic_block(study, hypothesis, cells)
+        places = tuple(map(tuple, result.dataset.field.points.tolist()))
+        return Block(**vars(stand_in), places=places)
+
+    text = {
+        "n_runs = 20": "n_runs = 8",
+        "n_held_out = 4": "n_held_out = 2",
+        "n_refine = 6": "n_refine = 4",
+        "n_ensembles = 4": "n_ensembles = 2",
+        "n_walkers = 32": "n_walkers = 16",
+        "max_steps = 20000": "max_steps = 100",
+    }
+    study = load_study(study_file(tmp_path, lab, **text))
+    out = tmp_path / "out"
+    said: list[str] = []
+    run_study(
+        study,
+        out,
+        simulate_factory=factory,
+        map_fn=serial_map,
+        echo=said.append,
+        show_progress=False,
+    )
+    data = load_data(out).dataset
+    assert data.synthetic and data.field is not None
+    np.testing.assert_array_equal(data.field.displacement, result.dataset.field.displacement)
+    np.testing.assert_array_equal(data.force_covariance, result.dataset.force_covariance)
+    assert (out / "report.html").is_file()
+
+
+def test_a_study_that_does_not_fit_the_experiment_is_refused_by_line(lab, tmp_path):
+    cases = {
+        "correlation_study = [0.0, 0.5, 0.9, 0.99]": (
+            "correlation_study = [0.5]",
+            "noise.correlation_study: found [0.5], expected no values",
+        ),
+        "increments = [0.6, 0.8, 1.0, 1.2, 1.4]": (
+            "increments = [0.4, 0.7]",
+            "increments[1]: found 0.7, expected a travel that was measured: 0.4, 0.6, 0.8 mm",
+        ),
+        "height = 2.5": ("height = 1.5", "geometry.height: found 1.5, expected 2."),
+        'source = "thesis-table-5.1"': (
+            'source = "experiment"\nfolder = "nowhere"',
+            'data.folder: found "nowhere", expected a folder in',
+        ),
+    }
+    for old, (new, sentence) in cases.items():
+        with pytest.raises(StudyError) as caught:
+            load_study(study_file(tmp_path, lab, **{old: new}))
+        assert sentence in str(caught.value)
+        assert str(caught.value).startswith(f"{tmp_path / 'study.toml'}:")

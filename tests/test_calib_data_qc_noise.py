@@ -1,0 +1,133 @@
+"""Noise of static frames and the mean over samples, against random fields of known covariance."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial.distance import cdist
+
+from calib.data.qc.averaging import mean_field, mean_force
+from calib.data.qc.noise_floor import correlogram, fit_length, noise_floor
+from calib.data.qc.statistics import box
+
+POINTS = np.array([[x, y] for x in np.arange(0, 5, 0.2) for y in np.arange(0, 2.4, 0.2)])
+STD = np.array([0.004, 0.006, 0.012])
+
+
+def noise(n_frames, length, share, rng):
+    """(n_frames, n, 3) fields: exponential correlation, one reference in all frames."""
+    factor = np.linalg.cholesky(
+        np.exp(-cdist(POINTS, POINTS) / length) + 1e-9 * np.eye(len(POINTS))
+    )
+    reference = factor @ rng.standard_normal((len(POINTS), 3))
+    own = np.stack([factor @ rng.standard_normal((len(POINTS), 3)) for _ in range(n_frames)])
+    return STD * (np.sqrt(share) * reference + np.sqrt(1 - share) * own)
+
+
+@pytest.mark.parametrize(("length", "share"), [(0.3, 0.5), (0.6, 0.2)])
+def test_noise_floor_of_a_known_random_field_is_found(length, share):
+    rng = np.random.default_rng(5)
+    found = [noise_floor(noise(8, length, share, rng), POINTS) for _ in range(12)]
+    np.testing.assert_allclose(np.mean([f.std for f in found], axis=0), STD, rtol=0.06)
+    assert np.mean([f.correlation_length for f in found]) == pytest.approx(length, rel=0.15)
+    assert np.mean([f.reference_share for f in found]) == pytest.approx(share, abs=0.06)
+
+
+def test_a_shift_of_whole_frames_is_no_noise_of_their_points():
+    rng = np.random.default_rng(6)
+    still = noise(6, 0.3, 0.5, rng)
+    moved = still + rng.standard_normal((6, 1, 3))
+    a, b = noise_floor(still, POINTS), noise_floor(moved, POINTS)
+    np.testing.assert_allclose(a.std, b.std, rtol=1e-9)
+
+
+def test_points_that_a_frame_lacks_are_left_out():
+    rng = np.random.default_rng(7)
+    fields = noise(5, 0.3, 0.5, rng)
+    holes = fields.copy()
+    holes[2, ::7] = np.nan
+    assert noise_floor(holes, POINTS).std == pytest.approx(noise_floor(fields, POINTS).std, rel=0.2)
+    with pytest.raises(ValueError, match="expected 10 or more points in all frames, found 3"):
+        noise_floor(np.where(np.arange(len(POINTS))[:, None] < 3, fields, np.nan), POINTS)
+    with pytest.raises(ValueError, match="expected 2 or more frames"):
+        noise_floor(fields[:1], POINTS)
+
+
+def test_correlogram_of_independent_points_is_nothing_and_of_equal_points_one():
+    rng = np.random.default_rng(8)
+    independent = rng.standard_normal((200, len(POINTS), 3))
+    assert np.abs(correlogram(independent, POINTS)[1]).max() < 0.05
+    equal = np.repeat(rng.standard_normal((4000, 1, 1)), len(POINTS), axis=1)
+    assert correlogram(equal, POINTS)[1] == pytest.approx(1.0, abs=0.1)
+
+
+def test_length_and_nugget_come_back_from_their_formula():
+    distance = np.arange(0.1, 2.0, 0.1)
+    length, nugget = fit_length(distance, 0.8 * np.exp(-distance / 0.45))
+    assert (length, nugget) == (pytest.approx(0.45, rel=1e-3), pytest.approx(0.2, abs=1e-3))
+
+
+def samples(n, rng, scatter=0.0):
+    """(n, n_step, n_point, 3) fields of samples that differ along one smooth shape and by noise."""
+    x, y = POINTS.T
+    mean = np.stack([0.1 * x, -0.2 * y, 0.3 * y * x], axis=1) * np.array([0.6, 1.0])[:, None, None]
+    shape = np.stack([np.sin(x), np.cos(x) * y, 0.1 * x * y], axis=1)[None] * np.ones((2, 1, 1))
+    own = scatter * rng.standard_normal((n, 1, 1, 1))
+    return mean, shape, mean + own * shape + STD * rng.standard_normal((n, 2, len(POINTS), 3))
+
+
+def test_samples_that_differ_by_noise_alone_have_no_patterns():
+    mean, _, fields = samples(12, np.random.default_rng(0))
+    found = mean_field(fields, 0.8, STD)
+    assert len(found.patterns) == 0
+    np.testing.assert_allclose(found.residual_std, STD, rtol=0.05)
+    z = (found.displacement - mean) / (STD / np.sqrt(12))
+    assert np.sqrt(np.mean(z**2)) == pytest.approx(1.0, abs=0.06)
+
+
+def test_what_samples_differ_by_becomes_the_error_of_their_mean():
+    rng = np.random.default_rng(1)
+    _, shape, fields = samples(16, rng, scatter=0.05)
+    found = mean_field(fields, 0.8, STD)
+    assert len(found.patterns) == 1
+    # one SD of the mean: 0.05 / sqrt(16) along the shape; an SD of 16 is known to 18 %
+    along = np.sum(found.patterns[0] * shape) / np.sum(shape**2)
+    assert abs(along) == pytest.approx(0.05 / 4, rel=0.4)
+    np.testing.assert_allclose(found.residual_std, STD, rtol=0.06)
+
+
+def test_mean_is_right_within_its_covariance_over_many_draws():
+    z = []
+    for seed in range(60):
+        mean, shape, fields = samples(10, np.random.default_rng(seed), scatter=0.05)
+        found = mean_field(fields, 0.8, STD)
+        along = np.sum(found.patterns[0] * shape) / np.sum(shape**2)
+        z.append(np.sum((found.displacement - mean) * shape) / np.sum(shape**2) / along)
+    # a mean over the SD of 10 draws is Student's t with 9 degrees: SD sqrt(9 / 7)
+    assert np.std(z) == pytest.approx(np.sqrt(9 / 7), rel=0.25)
+
+
+def test_points_that_too_few_samples_have_are_left_out():
+    _, _, fields = samples(10, np.random.default_rng(2))
+    fields[:3, 1, 5] = np.nan
+    fields[:1, 0, 6] = np.nan
+    found = mean_field(fields, 0.8, STD)
+    assert not found.kept[5] and found.kept[6]
+    assert sorted(set(found.n_samples.tolist())) == [9.0, 10.0]
+    np.testing.assert_allclose(found.displacement[0, 5], fields[1:, 0, 6].mean(axis=0))
+    with pytest.raises(ValueError, match="expected points that enough samples have"):
+        mean_field(np.full_like(fields, np.nan), 0.8, STD)
+
+
+def test_covariance_of_forces_is_that_between_samples():
+    truth = [[0.04, 0.05], [0.05, 0.09]]
+    forces = np.random.default_rng(3).multivariate_normal([1, 2], truth, 4000)
+    mean, covariance = mean_force(forces)
+    np.testing.assert_allclose(mean, [1, 2], atol=0.02)
+    np.testing.assert_allclose(covariance, truth, rtol=0.08)
+
+
+def test_box_has_tukeys_whiskers():
+    values = np.array([1.0, 2.0, 3.0, 4.0, 5.0, 20.0, np.nan])
+    found = box(values)
+    assert found == (1.0, 2.25, 3.5, 4.75, 5.0)
