@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import shutil
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -19,11 +19,14 @@ from calib.data.qc import analyse, read_experiment
 from calib.data.qc.pipeline import QcResult
 from calib.data.qc.statistics import accuracy_table, force_table, relaxation_table
 from calib.inference.field_noise import field_covariance
-from calib.study.config import StudyError, load_study
-from calib.study.context import block_pin_model
+from calib.inference.forward import DirectForward
+from calib.inference.likelihood import build_likelihood
+from calib.study.config import Study, StudyError, load_study
+from calib.study.context import Context, block_pin_model
 from calib.study.data_stage import load_data
+from calib.study.posterior_setup import noise_of
 from calib.study.sections import Cells, Hypothesis
-from calib.study.stages import run_study
+from calib.study.stages import run_stages, run_study
 from fe.executors import serial_map
 from fe.response import Array
 
@@ -223,7 +226,7 @@ def test_points_of_the_pin_tell_its_travel_to_hold_against_the_machines(tmp_path
     # the sample's face, taken for a pin: the mean of u_y over a small rectangle is known
     box = "\n[mask]\npin_rectangle_mm = [0.2, 0.5, 0.5, 0.8]\n"
     text = EXPERIMENT + box
-    still = {name: Truth(stiffness=GOOD[name].stiffness) for name in ("S1", "S2")}
+    still = {name: Truth(stiffness=GOOD[name].stiffness, noise=1e-3) for name in ("S1", "S2")}
     found = analyse(write_laboratory(tmp_path / "lab", still, text=text))
     row = accuracy_table(found).rows[0]
     assert row[1] == pytest.approx(-0.2, abs=0.01)
@@ -317,19 +320,44 @@ def test_a_study_takes_field_and_forces_of_the_files(lab, result, tmp_path):
     np.testing.assert_array_equal(model.points(), result.dataset.field.points)
 
 
-def test_a_study_of_an_experiment_runs_to_its_posterior_with_the_field(lab, result, tmp_path):
-    @dataclass(frozen=True)
-    class Block(AnalyticBlock):
-        places: tuple[tuple[float, float], ...] = ()
+@dataclass(frozen=True)
+class Block(AnalyticBlock):
+    """The stand-in for the FE model, seen at the points that were measured."""
 
-        def points(self) -> Array:
-            return np.array(self.places)
+    places: tuple[tuple[float, float], ...] = ()
 
-    def factory(study, hypothesis: Hypothesis, cells: Cells) -> Block:
-        stand_in = analytic_block(study, hypothesis, cells)
-        places = tuple(map(tuple, result.dataset.field.points.tolist()))
-        return Block(**vars(stand_in), places=places)
+    def points(self) -> Array:
+        return np.array(self.places)
 
+
+@dataclass(frozen=True)
+class Blocks:
+    """Makes it for a study."""
+
+    places: tuple[tuple[float, float], ...]
+
+    def __call__(self, study: Study, hypothesis: Hypothesis, cells: Cells) -> Block:
+        return Block(**vars(analytic_block(study, hypothesis, cells)), places=self.places)
+
+
+def test_field_and_forces_of_the_files_are_what_the_likelihood_is_of(lab, result, tmp_path):
+    study = load_study(study_file(tmp_path, lab))
+    blocks = Blocks(tuple(map(tuple, result.dataset.field.points.tolist())))
+    context = Context(study, tmp_path / "out", blocks, serial_map, lambda _: None, False)
+    run_stages(context, "data")
+    data = load_data(tmp_path / "out").dataset
+    np.testing.assert_array_equal(data.field.displacement, result.dataset.field.displacement)
+    np.testing.assert_array_equal(data.force_covariance, result.dataset.force_covariance)
+    assert data.synthetic and run_stages(context, "data") == ()
+    forward = DirectForward(context.sampling_model(study.hypotheses[0]), with_field=True)
+    likelihood = build_likelihood(data, forward, noise_of(study), field_floor=0.1)
+    theta = np.array([[0.01, 0.3, 0.1], [0.02, 0.3, 0.1]])
+    both, forces = likelihood.log_prob(theta), replace(likelihood, field=None).log_prob(theta)
+    assert np.isfinite(both).all() and np.abs(both - forces).min() > 1.0
+
+
+@pytest.mark.slow  # emulators, samples and figures of two hypotheses, half a minute and more
+def test_a_study_of_an_experiment_runs_to_its_report(lab, result, tmp_path):
     text = {
         "n_runs = 20": "n_runs = 8",
         "n_held_out = 4": "n_held_out = 2",
@@ -339,21 +367,14 @@ def test_a_study_of_an_experiment_runs_to_its_posterior_with_the_field(lab, resu
         "max_steps = 20000": "max_steps = 100",
     }
     study = load_study(study_file(tmp_path, lab, **text))
+    blocks = Blocks(tuple(map(tuple, result.dataset.field.points.tolist())))
     out = tmp_path / "out"
-    said: list[str] = []
     run_study(
-        study,
-        out,
-        simulate_factory=factory,
-        map_fn=serial_map,
-        echo=said.append,
-        show_progress=False,
+        study, out, simulate_factory=blocks, map_fn=serial_map, echo=[].append, show_progress=False
     )
-    data = load_data(out).dataset
-    assert data.synthetic and data.field is not None
-    np.testing.assert_array_equal(data.field.displacement, result.dataset.field.displacement)
-    np.testing.assert_array_equal(data.force_covariance, result.dataset.force_covariance)
-    assert (out / "report.html").is_file()
+    report = (out / "report.html").read_text()
+    assert "a model made the instruments" in report
+    assert "measured between the samples" in report
 
 
 def test_a_study_that_does_not_fit_the_experiment_is_refused_by_line(lab, tmp_path):

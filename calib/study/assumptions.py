@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from calib.inference.field_noise import FLOOR_LENGTH, FLOOR_NUGGET
 from calib.study.config import Study
+from calib.study.data_source import measured_dataset
 from calib.study.mesh_error import left_share
 from calib.study.sections import ParameterPrior, Virtual
 from calib.study.tables import Table
@@ -31,12 +32,7 @@ def assumptions_table(study: Study) -> Table:
             )
         )
     rows += [
-        ("load cell, SD of one reading", f"{noise.load_cell_sd:g}", "N"),
-        (
-            "correlation of one sample's deviation between neighbouring increments",
-            f"{noise.sample_correlation:g}",
-            "-",
-        ),
+        *_force_rows(study),
         ("zero of the travel, SD", f"{noise.travel_zero_sd:g}", "mm"),
         ("prior of kappa = C10 + C01", _prior(study.prior.kappa), "MPa"),
         ("prior of r = C01 / kappa", _prior(study.prior.r), "-"),
@@ -66,6 +62,21 @@ def assumptions_table(study: Study) -> Table:
         "Contact: stick, slide (no friction) or a coefficient of Coulomb friction. Other contact, "
         "pins, heights, and laws other than Mooney-Rivlin are not part of this study.",
     )
+
+
+def _force_rows(study: Study) -> list[tuple[str, str, str]]:
+    """What the covariance of the mean force is made of."""
+    noise, data = study.noise, study.data
+    if data.is_experiment and measured_dataset(data).force_covariance is not None:
+        return [("covariance of the mean force", "measured between the samples", "-")]
+    return [
+        ("load cell, SD of one reading", f"{noise.load_cell_sd:g}", "N"),
+        (
+            "correlation of one sample's deviation between neighbouring increments",
+            f"{noise.sample_correlation:g}",
+            "-",
+        ),
+    ]
 
 
 def _field_rows(virtual: Virtual) -> list[tuple[str, str, str]]:

@@ -114,6 +114,8 @@ def synthetic_sentence(data: dict[str, Any]) -> str:
     """How synthetic data were made; empty for measured ones."""
     if not data["synthetic"]:
         return ""
+    if data["truth"] is None:
+        return "No experiment was made: a model made the instruments' files that the data are from."
     truth = ", ".join(f"{name} {data['truth'][name]:.4g} MPa" for name in CONSTANTS)
     return (
         "No experiment was made: forces and front-face field come from the FE model under the "
