@@ -55,7 +55,7 @@ bench-fe: $(INSTALLED)  ## time the FE model beside the thesis, FElupe and Calcu
 verify-fe: $(INSTALLED)  ## measure docs/verification/fe.json (hours; VERIFY_ARGS="--only gci" for a part)
 	$(BIN)/python -m benchmarks.verify_fe $(VERIFY_ARGS)
 
-verify-data: $(INSTALLED)  ## measure docs/verification/data.json (half an hour; SOFTCAL_DATA names the real files)
+verify-data: $(INSTALLED)  ## measure docs/verification/data.json (three quarters of an hour; SOFTCAL_DATA names the real files)
 	$(BIN)/python -m benchmarks.verify_data $(VERIFY_ARGS)
 
 $(LOWEST)/.installed: pyproject.toml $(INSTALLED)

@@ -3,8 +3,10 @@
     python -m benchmarks.verify_data [--only PART ...] [--mutants 10000] [--data DIR] [--out FILE]
 
 Parts: readers (10,000 damaged files a reader, some 20 minutes; and the real files, where
-SOFTCAL_DATA or --data names their folder).  Each part replaces its own figures in FILE and leaves
-the others.
+SOFTCAL_DATA or --data names their folder), qc (50 virtual laboratories, some 8 minutes), pipeline
+(one of full size: agreement with the truth, and time).  The truth of the last two is simulated
+once, in minutes, and kept in runs/laboratory.  Each part replaces its own figures in FILE and
+leaves the others.
 """
 
 from __future__ import annotations
@@ -19,6 +21,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from benchmarks.laboratory_qc import full_size, over_seeds
 from benchmarks.reader_mutants import seeds_of, try_mutants
 from benchmarks.sample_field import MM_PER_PX
 from benchmarks.verify_fe import merge
@@ -30,9 +33,12 @@ from calib.data.readers import (
     read_machine,
 )
 from calib.data.readers.source import Source
+from calib.virtual import BlockTruth, solve_truth
 
 ROOT = Path(__file__).resolve().parents[1]
 OUT = ROOT / "docs" / "verification" / "data.json"
+TRUTH = ROOT / "runs" / "laboratory"
+PIPELINE_SEED = 1000
 FOLDERS = ("dic_exports", "utm_exports", "ecoflex_compression_cylinders", "stereo_static_pair")
 FORMATS = (*DIC_FORMATS, *MACHINE_FORMATS)
 
@@ -49,6 +55,8 @@ class Settings:
     """names of the readers to measure"""
     out: Path
     """file of figures; those of other readers in it are kept"""
+    seeds: int = 50
+    """virtual laboratories"""
 
 
 def data_folder() -> Path:
@@ -110,7 +118,21 @@ def _read_all(name: str, files: list[Path]) -> tuple[int, int]:
     return len(files) - refused, refused
 
 
-PARTS: dict[str, Callable[[Settings], dict[str, Any]]] = {"readers": readers}
+def qc(settings: Settings) -> dict[str, Any]:
+    """Who is rejected of 24 samples in each of the virtual laboratories."""
+    return {"qc": over_seeds(solve_truth(BlockTruth(), TRUTH), range(settings.seeds))}
+
+
+def pipeline(_: Settings) -> dict[str, Any]:
+    """One virtual laboratory of full size."""
+    return {"pipeline": full_size(solve_truth(BlockTruth(), TRUTH), PIPELINE_SEED)}
+
+
+PARTS: dict[str, Callable[[Settings], dict[str, Any]]] = {
+    "readers": readers,
+    "qc": qc,
+    "pipeline": pipeline,
+}
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -121,11 +143,14 @@ def main(arguments: list[str] | None = None) -> None:
     names = [form.name for form in FORMATS]
     parser.add_argument("--only", nargs="+", choices=PARTS, default=list(PARTS), metavar="PART")
     parser.add_argument("--mutants", type=int, default=10_000, help="damaged files a reader")
+    parser.add_argument("--seeds", type=int, default=50, help="virtual laboratories of part qc")
     parser.add_argument("--formats", nargs="+", choices=names, default=names, metavar="NAME")
     parser.add_argument("--data", type=Path, default=data_folder(), help="folder of real files")
     parser.add_argument("--out", type=Path, default=OUT, metavar="FILE")
     options = parser.parse_args(arguments)
-    settings = Settings(options.data, options.mutants, tuple(options.formats), options.out)
+    settings = Settings(
+        options.data, options.mutants, tuple(options.formats), options.out, options.seeds
+    )
     for name in options.only:
         print(f"{name}:", flush=True)
         merge(options.out, PARTS[name](settings))

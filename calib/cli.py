@@ -102,7 +102,41 @@ def _parser() -> argparse.ArgumentParser:
     )
     lens.add_argument("--figure", type=Path, metavar="PNG", help="field and depth over distance")
     lens.set_defaults(verb=_lens)
+    _add_laboratory(verbs)
     return parser
+
+
+def _add_laboratory(verbs: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    text = "make a synthetic experiment: files of test machine and DIC with a known truth"
+    laboratory = verbs.add_parser("laboratory", help=text)
+    laboratory.add_argument("folder", type=Path, metavar="DIR", help="folder to make")
+    laboratory.add_argument(
+        "--seed", type=_count, default=0, metavar="N", help="of all that is drawn (default: 0)"
+    )
+    laboratory.add_argument(
+        "--samples", type=_count, default=24, metavar="N", help="number of samples (default: 24)"
+    )
+    laboratory.add_argument(
+        "--format",
+        default="davis-csv",
+        metavar="NAME",
+        help="of the DIC files: davis-csv (default), davis-tecplot, matchid-2023, matchid-2024, "
+        "vic-3d, dice, softcal",
+    )
+    laboratory.add_argument(
+        "--machine-format",
+        default="bluehill-raw",
+        metavar="NAME",
+        help="of the test machine's files: bluehill-raw (default), bluehill-export, softcal",
+    )
+    laboratory.add_argument(
+        "--runs",
+        type=Path,
+        default=Path("runs") / "laboratory",
+        metavar="DIR",
+        help="where the simulations of the truth are kept (default: runs/laboratory)",
+    )
+    laboratory.set_defaults(verb=_laboratory)
 
 
 def _add_study(verb: argparse.ArgumentParser) -> None:
@@ -256,6 +290,20 @@ def _lens(arguments: argparse.Namespace) -> int:
         save_png(distance_figure(found), figure)
         print(f"wrote {figure}")
     return 0 if found[0].is_feasible else FAILED
+
+
+def _laboratory(arguments: argparse.Namespace) -> int:
+    from calib.virtual.laboratory import check_new, make_laboratory
+    from calib.virtual.laboratory_settings import chosen
+    from calib.virtual.truth import BlockTruth, solve_truth
+
+    settings = chosen(arguments.samples, arguments.format, arguments.machine_format)
+    check_new(arguments.folder)
+    _say("the simulations of the truth take minutes unless they are in " + str(arguments.runs))
+    truth = solve_truth(BlockTruth(), arguments.runs)
+    make_laboratory(arguments.folder, truth, settings, arguments.seed, _say)
+    _say(f"wrote {arguments.folder}, synthetic; what is true of it stands in truth.json")
+    return 0
 
 
 if __name__ == "__main__":

@@ -27,6 +27,7 @@ EXPECTED = {
     "01_thesis_forces": (5, "simulate   up to date"),
     "02_forward_model": (4, "converged: reached every asked travel"),
     "03_emulator": (5, "16 runs of 3 travels, 840 points of the front face"),
+    "04_experiment_to_dataset": (4, "rejected without cause: none"),
 }
 """pictures that a notebook shows, and words that it prints"""
 

@@ -21,7 +21,7 @@ def check_length(name: str, value: float) -> None:
         raise ValueError(f"{name}: expected a length above 0 mm, found {value}")
 
 
-def check_counts(name: str, found: int | tuple[int, ...], least: int | tuple[int, ...]) -> None:
+def check_counts(name: str, found: object, least: int | tuple[int, ...]) -> None:
     """Raise ValueError unless these are as many whole numbers as in `least`, none below it."""
     numbers = np.asarray(found)
     fits = numbers.shape == np.shape(least) and numbers.dtype.kind == "i"

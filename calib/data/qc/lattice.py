@@ -71,11 +71,16 @@ def lattice_of(
     if _same_points(frames):
         seen = np.any([valid[k] for k in later], axis=0)
         cloud = position[0][seen & np.isfinite(position[0]).all(axis=1)]
+        fullest = cloud
     else:
         cloud = np.concatenate([position[k][valid[k]] for k in later])
+        fullest = max((position[k][valid[k]] for k in later), key=len)
     if len(cloud) < 9:
         raise ValueError(f"expected 9 or more points with a displacement, found {len(cloud)}")
-    origin, steps = _fit(cloud[:, :2])
+    if len(fullest) < 9:
+        raise ValueError(f"expected a frame with 9 or more points, found {len(fullest)}")
+    # rounding puts a point of two frames at two places next to each other: spacings are of one
+    origin, steps = _fit(cloud[:, :2], _spacings(fullest[:, :2]))
     return _fill(position, moved, valid, origin, steps)
 
 
@@ -95,10 +100,12 @@ def _same_points(frames: Sequence[PointFrame]) -> bool:
     )
 
 
-def _fit(points: Array) -> tuple[Array, Array]:
-    """Origin and steps of the lattice nearest to points (n, 2), grown from the middle outwards."""
+def _fit(points: Array, spacing: Array) -> tuple[Array, Array]:
+    """Origin and steps of the lattice nearest to points (n, 2), grown from the middle outwards.
+
+    `spacing` (2,) is that of neighbours along x and y, mm, to begin with.
+    """
     points = np.unique(points, axis=0)
-    spacing = _spacings(points)
     centre = points[np.argmin(np.linalg.norm(points - np.median(points, axis=0), axis=1))]
     origin: Array = centre
     steps: Array = np.diag(spacing)

@@ -1,0 +1,118 @@
+"""Virtual laboratories through the pipeline: who is rejected, what is found, how long it takes."""
+
+from __future__ import annotations
+
+import tempfile
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from calib.data.qc import QcResult, analyse
+from calib.virtual import (
+    Cameras,
+    LaboratorySettings,
+    SampleTruth,
+    TruthResponse,
+    make_laboratory,
+)
+from calib.virtual.agreement import field_agreement, force_agreement
+
+QUICK = (100, 26)
+"""points of a frame along width and height where 50 laboratories are analysed"""
+FULL = (200, 50)
+"""the same of the laboratory that is timed: 10,000 points"""
+
+
+@dataclass(frozen=True)
+class Analysed:
+    """One laboratory and what the pipeline made of it."""
+
+    samples: tuple[SampleTruth, ...]
+    result: QcResult
+    wall_s: float
+    processor_s: float
+
+
+def analysed(truth: TruthResponse, seed: int, grid: tuple[int, int]) -> Analysed:
+    """Write the laboratory of a seed, with its third misplaced, and analyse its files."""
+    settings = LaboratorySettings(cameras=Cameras(grid=grid))
+    with tempfile.TemporaryDirectory() as folder:
+        place = Path(folder) / "laboratory"
+        samples = make_laboratory(place, truth, settings, seed)
+        wall, processor = time.perf_counter(), time.process_time()
+        result = analyse(place)
+        wall, processor = time.perf_counter() - wall, time.process_time() - processor
+    return Analysed(samples, result, wall, processor)
+
+
+def confusion(one: Analysed) -> dict[str, int]:
+    """Samples by truth and verdict; positive is a rejection."""
+    rejected = {r.sample for r in one.result.rejections}
+    pairs = [(sample.placement.beyond != "", sample.name in rejected) for sample in one.samples]
+    return {
+        "true_positive": pairs.count((True, True)),
+        "true_negative": pairs.count((False, False)),
+        "false_positive": pairs.count((False, True)),
+        "false_negative": pairs.count((True, False)),
+    }
+
+
+def placing_errors(one: Analysed) -> np.ndarray:
+    """(n, 2) errors of the x-shift, mm, and of the angle, degrees, of the samples analysed."""
+    errors = []
+    for sample, found in zip(one.samples, one.result.samples, strict=True):
+        if found.face is not None:
+            at, true = found.face.placement, sample.placement
+            # turned about the upward axis, the right-hand side goes away from the cameras
+            errors.append((at.x_shift - true.x_shift, at.angle_deg + true.angle))
+    return np.array(errors)
+
+
+def over_seeds(truth: TruthResponse, seeds: Sequence[int]) -> dict[str, Any]:
+    """Confusion table, errors of the placement and agreement with the truth over the seeds."""
+    counts: dict[str, int] = {}
+    errors, field_p, force_p = [], [], []
+    for seed in seeds:
+        one = analysed(truth, seed, QUICK)
+        found = confusion(one)
+        counts = {name: counts.get(name, 0) + number for name, number in found.items()}
+        errors.append(placing_errors(one))
+        p = np.nan
+        if one.result.dataset is not None:
+            p = field_agreement(one.result.dataset, truth).p
+            field_p.append(p)
+            force_p.append(force_agreement(one.result.dataset, truth).p)
+        print(f"seed {seed}: {found}, field p {p:.3f}, {one.processor_s:.1f} s", flush=True)
+    shift, angle = np.concatenate(errors).T
+    return counts | {
+        "seeds": len(seeds),
+        "points": int(np.prod(QUICK)),
+        "x_shift_error_sd_mm": round(float(shift.std()), 5),
+        "x_shift_error_max_mm": round(float(np.abs(shift).max()), 5),
+        "angle_error_sd_deg": round(float(angle.std()), 5),
+        "angle_error_max_deg": round(float(np.abs(angle).max()), 5),
+        "field_p_below_0.05": sum(p < 0.05 for p in field_p),
+        "force_p_below_0.05": sum(p < 0.05 for p in force_p),
+    }
+
+
+def full_size(truth: TruthResponse, seed: int) -> dict[str, Any]:
+    """Agreement and time of 24 samples of 10 frames of 10,000 points."""
+    one = analysed(truth, seed, FULL)
+    dataset = one.result.dataset
+    if dataset is None:
+        raise ValueError(f"seed {seed}: expected a data set, found too few samples left")
+    field, force = field_agreement(dataset, truth), force_agreement(dataset, truth)
+    return {
+        "chi2": round(field.chi2, 1),
+        "chi2_n": field.n,
+        "chi2_p": round(field.p, 6),
+        "force_chi2_p": round(force.p, 6),
+        "pipeline_seconds": round(one.wall_s, 2),
+        "pipeline_processor_seconds": round(one.processor_s, 2),
+        "pipeline_points": int(np.prod(FULL)),
+    }

@@ -1,0 +1,103 @@
+"""One run of the virtual test machine: what it records, and what the pin does meanwhile."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib.virtual.crosshead import Programme, programme
+from calib.virtual.laboratory_settings import LaboratorySettings, Rubber, TestMachine
+from calib.virtual.relaxation import relaxing_force
+from calib.virtual.truth import TruthResponse
+from fe.response import Array
+
+N_CURVE = 2001
+"""places at which crosshead positions are tabulated over the pin's travel"""
+
+
+@dataclass(frozen=True)
+class MachineRun:
+    """What a machine records of one sample, compression positive, and the truth behind it."""
+
+    time: Array
+    """(n,) s"""
+    position: Array
+    """(n,) of the crosshead, 0 where the record begins, with the machine's errors, mm"""
+    force: Array
+    """(n,) N, with the machine's errors"""
+    programme: Programme
+    travel: Array
+    """(increments,) true travel of the pin in each hold, mm"""
+    force_at_rest: Array
+    """(increments,) true force in each hold when all has relaxed, N"""
+    contact: float
+    """mm by which the pin touches before the steps begin; negative: after"""
+
+
+def run_machine(
+    truth: TruthResponse,
+    stiffness: float,
+    settings: LaboratorySettings,
+    rng: np.random.Generator,
+) -> MachineRun:
+    """Test one sample that is `stiffness` times as stiff as the mean one.
+
+    The frame yields by the force at rest; what relaxes moves it by less than its rounding.
+    Raises ValueError when the protocol goes further than the truth was computed.
+    """
+    machine, protocol = settings.machine, settings.protocol
+    path = programme(protocol)
+    step = 1.0 / machine.rate_hz
+    time = np.arange(0.0, path.end + step / 2.0, step)
+    position: Array = np.interp(time, path.time, path.position)
+    contact = float(machine.contact_sd_mm * rng.standard_normal())
+    travel = _travel(truth, stiffness, position + contact, machine.compliance_mm_per_N)
+    softening = _softening(path, time, protocol.preconditioning_cycles, settings.rubber)
+    force = relaxing_force(truth.force_at(travel, stiffness) * softening, step, settings.rubber)
+    steps = np.arange(1, protocol.increments + 1, dtype=np.float64)
+    reached: Array = steps * protocol.increment_mm + contact
+    in_holds = _travel(truth, stiffness, reached, machine.compliance_mm_per_N)
+    return MachineRun(
+        time,
+        _read(position + protocol.slack_mm, machine.travel_noise_mm, machine.travel_step_mm, rng),
+        _read(
+            force + _offset(time, machine, rng), machine.force_noise_N, machine.force_step_N, rng
+        ),
+        path,
+        in_holds,
+        truth.force_at(in_holds, stiffness),
+        contact,
+    )
+
+
+def _travel(truth: TruthResponse, stiffness: float, wanted: Array, compliance: float) -> Array:
+    """Travel of the pin into the sample, mm, where the crosshead would go `wanted` mm into it."""
+    table = np.linspace(0.0, truth.fine.travel[-1], N_CURVE)
+    crosshead = table + compliance * truth.force_at(table, stiffness)
+    if wanted.max() > crosshead[-1]:
+        raise ValueError(
+            f"increments: expected travels up to {crosshead[-1]:.3f} mm, as the truth was "
+            f"computed, found {wanted.max():.3f} mm"
+        )
+    found: Array = np.where(wanted <= 0.0, wanted, np.interp(wanted, crosshead, table))
+    return found
+
+
+def _softening(path: Programme, time: Array, cycles: int, rubber: Rubber) -> Array:
+    """Factor of the force over time: each cycle is softer than the one before, down to 1."""
+    cycle = path.cycle[np.searchsorted(path.time, time, side="left").clip(0, path.time.size - 1)]
+    excess = rubber.first_cycle_excess * np.exp(-cycle / rubber.settling_cycles)
+    return np.where(cycle < cycles, 1.0 + excess, 1.0)
+
+
+def _offset(time: Array, machine: TestMachine, rng: np.random.Generator) -> Array:
+    zero, drift = rng.standard_normal(2) * (machine.force_zero_N, machine.force_drift_N)
+    offset: Array = zero + drift * time / time[-1]
+    return offset
+
+
+def _read(values: Array, noise: float, step: float, rng: np.random.Generator) -> Array:
+    """Values with noise, rounded to whole steps."""
+    read: Array = np.round((values + noise * rng.standard_normal(values.shape)) / step) * step
+    return read
