@@ -12,9 +12,7 @@ from benchmarks.reader_samples import davis_csv, matchid_load
 
 def run(tmp_path, *arguments):
     out = tmp_path / "data.json"
-    verify_data.main(
-        ["--only", "readers", "--data", str(tmp_path), "--out", str(out), *arguments]
-    )
+    verify_data.main(["--only", "readers", "--data", str(tmp_path), "--out", str(out), *arguments])
     return json.loads(out.read_text())["readers"]
 
 
