@@ -8,7 +8,6 @@ were they dealt out in turn, they would follow the other dimensions' binary digi
 from __future__ import annotations
 
 import functools
-import hashlib
 import multiprocessing
 from collections.abc import Sequence
 from pathlib import Path
@@ -19,6 +18,7 @@ import numpy.typing as npt
 from scipy.stats import qmc
 
 from benchmarks.meshes import FITTING_CELLS, SAMPLING_CELLS, Cells, Pin
+from benchmarks.run_key import run_key
 from fe import BlockPin, BlockPinModel, Contact, Response, load_response, save_response
 
 Array = npt.NDArray[np.float64]
@@ -83,13 +83,12 @@ def draws(n: int) -> list[Draw]:
     ]
 
 
-def simulate(draw: Draw, cells: Cells, travel: tuple[float, ...]) -> Response:
-    """One draw."""
+def model_of(draw: Draw, cells: Cells, travel: tuple[float, ...]) -> BlockPinModel:
+    """The model of one draw."""
     specimen = BlockPin(height=draw.height, pin_fillet=draw.fillet, pin=draw.pin)
-    model = BlockPinModel(
+    return BlockPinModel(
         specimen, draw.contact, cells, travel, bulk_ratio=draw.bulk_ratio, field_grid=(7, 5)
     )
-    return model(np.array([draw.r, draw.s]))
 
 
 def figures(
@@ -126,7 +125,7 @@ def run(
     cells: dict[str, Cells],
     travel: tuple[float, ...],
 ) -> list[Response]:
-    """The draws' responses, those from the folder that are there (delete it with a new model)."""
+    """The draws' responses; those of the same model and code are taken from the folder."""
     one = functools.partial(_stored, folder, cells, travel)
     jobs = list(enumerate(drawn))
     if workers > 1:
@@ -169,11 +168,11 @@ def _stored(
     folder: Path, cells: dict[str, Cells], travel: tuple[float, ...], number: int, draw: Draw
 ) -> Response:
     mesh = cells[draw.case]
-    of_what = hashlib.sha256(repr((draw, mesh, travel)).encode()).hexdigest()[:8]
-    path = folder / "x".join(map(str, mesh)) / f"{number:04d}-{of_what}.npz"
+    model = model_of(draw, mesh, travel)
+    path = folder / "x".join(map(str, mesh)) / f"{number:04d}-{run_key(model)}.npz"
     if path.exists():
         return load_response(path)
-    response = simulate(draw, mesh, travel)
+    response = model(np.array([draw.r, draw.s]))
     path.parent.mkdir(parents=True, exist_ok=True)
     save_response(path, response)
     print(

@@ -79,7 +79,7 @@ def test_the_sobol_study_counts_what_was_reached_and_goes_on_where_it_was(tmp_pa
     def not_again(*_):
         raise AssertionError("simulated a draw that is stored")
 
-    monkeypatch.setattr(convergence_study, "simulate", not_again)
+    monkeypatch.setattr(convergence_study.BlockPinModel, "__call__", not_again)
     again = convergence_study.figures(tmp_path, 4, 1, **arguments)
     assert again == found
 
