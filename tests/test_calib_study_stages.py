@@ -294,14 +294,15 @@ def test_a_finer_mesh_that_stops_is_named_since_the_error_is_then_unknown(tmp_pa
 def test_the_mesh_error_is_that_of_the_stand_in(tmp_path: Path) -> None:
     study = small("thesis-forces")
     run_stages(_context(study, tmp_path), until="check")
+    stuck = study.hypotheses[0]
     coarse, fine = (
-        analytic_block(study, study.hypotheses[0], cells).mesh_factor
-        for cells in (study.mesh.sampling, study.check_cells(study.hypotheses[0]))
+        analytic_block(study, stuck, cells).mesh_factor
+        for cells in (study.sampling_cells(stuck), study.check_cells(stuck))
     )
     error = load_mesh_error(tmp_path, study.hypotheses[0])
     assert len(error.ratios) == 2
     # The same at both points: no spread, a share of the difference is left as SD.
-    share = 1.5 / ((16 * 16 * 6 / (12 * 4 * 2)) ** (2 / 3) - 1)
+    share = 1.5 / ((16 * 16 * 6 / (12 * 6 * 2)) ** (2 / 3) - 1)
     np.testing.assert_allclose(error.force, share * (coarse / fine - 1.0), rtol=1e-9)
     np.testing.assert_allclose(error.correction.force, fine / coarse, rtol=1e-9)
 
