@@ -361,7 +361,7 @@ def test_a_study_of_an_experiment_runs_to_its_report(lab, result, tmp_path):
     text = {
         "n_runs = 20": "n_runs = 8",
         "n_held_out = 4": "n_held_out = 2",
-        "n_refine = 6": "n_refine = 4",
+        "n_refine = 8": "n_refine = 4",
         "n_ensembles = 4": "n_ensembles = 2",
         "n_walkers = 32": "n_walkers = 16",
         "max_steps = 20000": "max_steps = 100",
