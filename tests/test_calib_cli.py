@@ -250,9 +250,10 @@ def test_what_init_writes_runs_to_a_report(tmp_path, capsys):
     text = path.read_text()  # as written but for cost: coarse meshes, few runs, short chains
     for old, new in {
         "[12, 4, 2]": "[3, 2, 3]",
+        "[12, 6, 2]": "[3, 2, 3]",
         "[18, 8, 3]": "[5, 3, 4]",
         "[16, 16, 6]": "[5, 3, 4]",
-        "n_runs = 12": "n_runs = 8",
+        "n_runs = 20": "n_runs = 8",
         "n_held_out = 4": "n_held_out = 2",
         "n_refine = 8": "n_refine = 3",
         "max_force_error = 0.02": "max_force_error = 1.0",
