@@ -67,6 +67,9 @@ def test_length_and_nugget_come_back_from_their_formula():
     assert (length, nugget) == (pytest.approx(0.45, rel=1e-3), pytest.approx(0.2, abs=1e-3))
 
 
+TRAVEL = np.array([0.6, 1.0])
+
+
 def samples(n, rng, scatter=0.0):
     """(n, n_step, n_point, 3) fields of samples that differ along one smooth shape and by noise."""
     x, y = POINTS.T
@@ -76,10 +79,18 @@ def samples(n, rng, scatter=0.0):
     return mean, shape, mean + own * shape + STD * rng.standard_normal((n, 2, len(POINTS), 3))
 
 
+def along(patterns, shape):
+    """SD of the errors of known shape along one shape."""
+    sizes = np.sum(patterns * shape, axis=(1, 2, 3)) / np.sum(shape**2)
+    return np.sqrt(np.sum(sizes**2))
+
+
 def test_samples_that_differ_by_noise_alone_have_no_patterns():
     mean, _, fields = samples(12, np.random.default_rng(0))
-    found = mean_field(fields, 0.8, STD)
-    assert len(found.patterns) == 0
+    found = mean_field(fields, POINTS, TRAVEL, 0.8, STD)
+    # but for errors of the place, which are small against the noise
+    assert len(found.patterns) == 2
+    assert np.sqrt(np.mean(found.patterns**2)) < 0.2 * STD.min() / np.sqrt(12)
     np.testing.assert_allclose(found.residual_std, STD, rtol=0.05)
     z = (found.displacement - mean) / (STD / np.sqrt(12))
     assert np.sqrt(np.mean(z**2)) == pytest.approx(1.0, abs=0.06)
@@ -88,11 +99,10 @@ def test_samples_that_differ_by_noise_alone_have_no_patterns():
 def test_what_samples_differ_by_becomes_the_error_of_their_mean():
     rng = np.random.default_rng(1)
     _, shape, fields = samples(16, rng, scatter=0.05)
-    found = mean_field(fields, 0.8, STD)
-    assert len(found.patterns) == 1
+    found = mean_field(fields, POINTS, TRAVEL, 0.8, STD)
+    assert len(found.patterns) == 3  # two of them errors of the place
     # one SD of the mean: 0.05 / sqrt(16) along the shape; an SD of 16 is known to 18 %
-    along = np.sum(found.patterns[0] * shape) / np.sum(shape**2)
-    assert abs(along) == pytest.approx(0.05 / 4, rel=0.4)
+    assert along(found.patterns, shape) == pytest.approx(0.05 / 4, rel=0.4)
     np.testing.assert_allclose(found.residual_std, STD, rtol=0.06)
 
 
@@ -100,9 +110,9 @@ def test_mean_is_right_within_its_covariance_over_many_draws():
     z = []
     for seed in range(60):
         mean, shape, fields = samples(10, np.random.default_rng(seed), scatter=0.05)
-        found = mean_field(fields, 0.8, STD)
-        along = np.sum(found.patterns[0] * shape) / np.sum(shape**2)
-        z.append(np.sum((found.displacement - mean) * shape) / np.sum(shape**2) / along)
+        found = mean_field(fields, POINTS, TRAVEL, 0.8, STD)
+        off = np.sum((found.displacement - mean) * shape) / np.sum(shape**2)
+        z.append(off / along(found.patterns, shape))
     # a mean over the SD of 10 draws is Student's t with 9 degrees: SD sqrt(9 / 7)
     assert np.std(z) == pytest.approx(np.sqrt(9 / 7), rel=0.25)
 
@@ -111,12 +121,14 @@ def test_points_that_too_few_samples_have_are_left_out():
     _, _, fields = samples(10, np.random.default_rng(2))
     fields[:3, 1, 5] = np.nan
     fields[:1, 0, 6] = np.nan
-    found = mean_field(fields, 0.8, STD)
+    found = mean_field(fields, POINTS, TRAVEL, 0.8, STD)
     assert not found.kept[5] and found.kept[6]
     assert sorted(set(found.n_samples.tolist())) == [9.0, 10.0]
-    np.testing.assert_allclose(found.displacement[0, 5], fields[1:, 0, 6].mean(axis=0))
+    # but for where the others stand, which is a matter of noise here
+    expected = fields[1:, 0, 6].mean(axis=0)
+    np.testing.assert_allclose(found.displacement[0, 5], expected, atol=0.1 * STD.min())
     with pytest.raises(ValueError, match="expected points that enough samples have"):
-        mean_field(np.full_like(fields, np.nan), 0.8, STD)
+        mean_field(np.full_like(fields, np.nan), POINTS, TRAVEL, 0.8, STD)
 
 
 def test_covariance_of_forces_is_that_between_samples():

@@ -164,7 +164,7 @@ class FieldOptions:
     edge_mm: NotNegative | None = None
     """distance of the outermost points from the edge of the sample, mm; without it half of what
     the points seen lack of specimen.width_mm, 0.5 at most"""
-    min_share: Share = 0.8
+    min_share: Share = 0.9
     """share of the kept samples that must have a point for it to be in the data set"""
 
 

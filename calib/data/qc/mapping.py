@@ -19,8 +19,8 @@ def map_field(values: Array, at: Array, method: Mapping) -> Array:
     values (n_frame, n_row, n_column, 3) with NaN where nothing was measured. "linear": between
     four neighbours; "cubic": cubic convolution (Keys 1981) over 4 x 4, linear where one of them is
     missing; "shape": the nearest point, carried over the rest of the way (half a spacing at most)
-    by the slope between its neighbours, linear where one of them is missing: an FE field is then
-    evaluated there by its shape functions, and nothing is interpolated.
+    by the parabola through it and its eight neighbours, linear where one of them is missing: an FE
+    field is then evaluated there by its shape functions.
     """
     linear = _linear(values, at)
     if method == "linear":
@@ -86,8 +86,15 @@ def _nearest(values: Array, at: Array) -> Array:
     nearest = np.round(at).astype(np.int64)
     column, row = nearest[:, 0], nearest[:, 1]
     rest = at - nearest
-    across = _gather(values, column + 1, row) - _gather(values, column - 1, row)
-    along = _gather(values, column, row + 1) - _gather(values, column, row - 1)
-    here = _gather(values, column, row)
-    mapped: Array = here + 0.5 * (rest[:, :1] * across + rest[:, 1:] * along)
-    return mapped
+    across, along = _parabola(rest[:, :1]), _parabola(rest[:, 1:])
+    total = np.zeros((len(values), len(at), 3))
+    for j in range(3):
+        for i in range(3):
+            weight = across[i] * along[j]
+            total += weight * _gather(values, column + i - 1, row + j - 1)
+    return total
+
+
+def _parabola(t: Array) -> tuple[Array, Array, Array]:
+    """Weights of three points in a row for a place t in [-1/2, 1/2] from the middle one."""
+    return 0.5 * t * (t - 1), 1 - t**2, 0.5 * t * (t + 1)

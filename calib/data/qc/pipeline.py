@@ -177,7 +177,8 @@ def _with_dataset(
         return replace(result, seconds=time.perf_counter() - started)
     experiment, fields, forces = result.experiment, result.fields[kept], result.forces()[kept]
     limit = None if static is None else static[1].std
-    mean = mean_field(fields, experiment.field.min_share, limit)
+    travel, share = experiment.protocol.travel, experiment.field.min_share
+    mean = mean_field(fields, result.points, travel, share, limit)
     noise = _noise(fields, result.points, mean, static)
     force, covariance = mean_force(forces)
     n, n_step = forces.shape
@@ -195,7 +196,7 @@ def _with_dataset(
     dataset = Dataset(
         name=result.name,
         synthetic=experiment.synthetic,
-        travel=experiment.protocol.travel,
+        travel=travel,
         force_mean=force,
         force_sd=np.sqrt(np.diag(covariance)),
         n_samples=n,
