@@ -28,9 +28,9 @@ from calib.inference import (
     theta_of,
 )
 from calib.inference.forward import FieldBasis, Jacobian, MeshCorrection
-from calib.inference.importance import importance_sample
-from calib.study.posterior_setup import noise_of, prior_of
+from calib.inference.weighted_draws import draw_weighted
 from calib.study.mesh_error import MeshError
+from calib.study.posterior_setup import noise_of, prior_of
 from fe.campaign_result import Campaign
 from fe.response import Array
 from surrogate import ScaledEmulator
@@ -133,11 +133,15 @@ def likelihood_of(
     correction: MeshCorrection | None = None if mesh is None else mesh.correction
     forward: ForwardModel = EmulatorForward(emulator, with_field=True, correction=correction)
     dataset, settings = template(points, independent=independent)
-    errors = {} if mesh is None else {
-        "force_discretisation": mesh.force,
-        "field_floor": mesh.field_floor,
-        "field_patterns": mesh.field_patterns,
-    }
+    errors = (
+        {}
+        if mesh is None
+        else {
+            "force_discretisation": mesh.force,
+            "field_floor": mesh.field_floor,
+            "field_patterns": mesh.field_patterns,
+        }
+    )
     return build_likelihood(dataset, Certain(forward) if certain else forward, settings, **errors)
 
 
@@ -157,9 +161,7 @@ def by_emulator(likelihood: Likelihood, prior: Prior, n: int, seed: int) -> Expe
     )
 
 
-def by_runs(
-    likelihood: Likelihood, prior: Prior, runs: Campaign, n: int, seed: int
-) -> Experiments:
+def by_runs(likelihood: Likelihood, prior: Prior, runs: Campaign, n: int, seed: int) -> Experiments:
     """Experiments whose truth is an FE run, each serving n / len(runs) of them.
 
     kappa and all errors are drawn for each experiment, so that those of one run share its (r, s)
@@ -181,10 +183,10 @@ def by_runs(
     )
     own = replace(field.covariance, patterns=field.covariance.patterns[:0])
     own = replace(own, floor=np.zeros_like(own.floor))
-    noise = replace(field, covariance=own, basis=replace(field.basis, truncation=_none(field.basis)))
-    found = _measured(
-        replace(bare, field=noise), x, Prediction(truth, None), fields, fields, rng
+    noise = replace(
+        field, covariance=own, basis=replace(field.basis, truncation=_none(field.basis))
     )
+    found = _measured(replace(bare, field=noise), x, Prediction(truth, None), fields, fields, rng)
     return replace(found, run=which)
 
 
@@ -193,7 +195,11 @@ def _none(basis: FieldBasis) -> Array:
 
 
 def _measured(
-    likelihood: Likelihood, x: Array, stated: Prediction, fields: Array, moved: Array,
+    likelihood: Likelihood,
+    x: Array,
+    stated: Prediction,
+    fields: Array,
+    moved: Array,
     rng: np.random.Generator,
 ) -> Experiments:
     """Add what the likelihood says of errors to forces and fields."""
@@ -239,9 +245,9 @@ def _place(
     posterior: Posterior, truth: Array, rng: np.random.Generator
 ) -> tuple[Array, Array, Array, float]:
     try:
-        draws = importance_sample(posterior, rng, N_DRAWS)
+        draws = draw_weighted(posterior, rng, N_DRAWS)
         if draws.ess < FEWEST_EFFECTIVE:
-            draws = importance_sample(posterior, rng, 8 * N_DRAWS, n_round=4096)
+            draws = draw_weighted(posterior, rng, 8 * N_DRAWS, n_round=4096)
     except ValueError:
         draws = None
     if draws is None or draws.ess < FEWEST_EFFECTIVE:

@@ -62,6 +62,11 @@ def hypothesis(name: str) -> Hypothesis:
     return next(found for found in study().hypotheses if found.name == name)
 
 
+def sampling_cells() -> Cells:
+    """Of the sliding block's emulator."""
+    return study().sampling_cells(hypothesis("sliding"))
+
+
 def prior() -> Prior:
     """Prior of the study; it spans a factor of 100 in kappa."""
     return prior_of(study())

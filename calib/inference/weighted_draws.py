@@ -111,7 +111,7 @@ class _Proposal:
         return x, self.ratios.log_density(y) - by_y + self.across.log_density(off)
 
 
-def importance_sample(
+def draw_weighted(
     posterior: Posterior, rng: np.random.Generator, n: int = 4096, *, n_round: int = 1024
 ) -> WeightedDraws:
     """`n` weighted draws of the posterior; read `ess` before use.
