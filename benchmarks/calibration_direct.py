@@ -37,9 +37,9 @@ from surrogate import Emulator, ScaledEmulator
 
 TRUTH = np.array([[0.4, 0.25]])
 """(r, s) of the experiment"""
-N_NODES = 10
+N_NODES = 9
 """in r and in s"""
-WIDTH = 4.5
+WIDTH = 4.0
 """posterior SDs covered to each side"""
 N_KAPPA = 61
 

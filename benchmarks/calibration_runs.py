@@ -47,7 +47,7 @@ OTHER_LAW = (
 OTHER_BOUNDS = np.array([[1.5, 4.0], [5.0, 20.0]])
 N_PLACED = 8
 """corners and centres of faces that come first in a design of (r, s)"""
-N_FINER, N_CHECKS, N_OTHER = 16, 5, 15
+N_FINER, N_CHECKS, N_OTHER = 8, 5, 15
 
 Progress = Callable[[int, int], None]
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from scipy.stats import chi2, kstwo
@@ -61,10 +62,16 @@ def uniformity(below: Array, *, n_bin: int = 20, false_alarm: float = 0.01) -> U
         chi_square_p=float(chi2.sf(statistic, n_bin - 1)),
         n_bin=n_bin,
         ecdf_distance=distance,
-        ecdf_band=float(kstwo.isf(false_alarm, n)),
+        ecdf_band=_band(false_alarm, n),
         ecdf_p=float(kstwo.sf(distance, n)),
         false_alarm=false_alarm,
     )
+
+
+@cache
+def _band(false_alarm: float, n: int) -> float:
+    # Kept, since the inverse is searched for.
+    return float(kstwo.isf(false_alarm, n))
 
 
 def coverage(below: Array, levels: Sequence[float] = LEVELS) -> Array:
