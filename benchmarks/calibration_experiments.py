@@ -252,5 +252,5 @@ def _place(
         draws = None
     if draws is None or draws.ess < FEWEST_EFFECTIVE:
         exact = integrate(posterior, 24)
-        return exact.expect(exact.x < truth), exact.mean, exact.sd, np.inf
+        return np.minimum(exact.expect(exact.x < truth), 1.0), exact.mean, exact.sd, np.inf
     return draws.below(truth), draws.mean, draws.sd, draws.ess

@@ -22,7 +22,7 @@ jax.config.update("jax_enable_x64", True)
 
 
 def log_density(posterior: Posterior, emulator: ScaledEmulator) -> Callable[[Any], Any]:
-    """ln posterior of x (3,) up to a constant, where prior bounds are flat and not checked.
+    """Log posterior of x (3,) up to a constant, where prior bounds are flat and not checked.
 
     For an emulator without mesh correction, a log-uniform prior of kappa and uniform ones of r, s.
     """

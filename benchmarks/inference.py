@@ -214,9 +214,7 @@ def study(store: Path) -> dict[str, Any]:
         # The projection is made anew too: it belongs to a new dataset.
         field = posterior.likelihood.field
         assert field is not None
-        fresh = replace(
-            posterior, likelihood=replace(posterior.likelihood, field=replace(field))
-        )
+        fresh = replace(posterior, likelihood=replace(posterior.likelihood, field=replace(field)))
         result = sample_posterior(fresh, SETTINGS, np.random.default_rng(1))
         sd = result.draws.std(axis=0)
         maximum = emulator_map(fresh, sd, np.random.default_rng(2))

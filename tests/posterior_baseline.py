@@ -24,7 +24,14 @@ from analytic_block import analytic_block
 from scipy.special import ndtri
 
 from calib.data import Dataset
-from calib.inference import CONSTANTS, SamplerSettings, constants_of, sample_posterior, theta_of
+from calib.inference import (
+    CONSTANTS,
+    Posterior,
+    SamplerSettings,
+    constants_of,
+    sample_posterior,
+    theta_of,
+)
 from calib.study.config import Study, load_study
 from calib.study.context import stream
 from calib.study.data_stage import measured
@@ -106,7 +113,7 @@ def figures(name: str) -> dict[str, Figure]:
     return found
 
 
-def _posterior(study: Study, hypothesis: Hypothesis):  # noqa: ANN202 - as posterior_of
+def _posterior(study: Study, hypothesis: Hypothesis) -> Posterior:
     ratios = design_ratios(study)[:12]
     training = training_set(
         [_runs(study, hypothesis, study.sampling_cells(hypothesis), ratios)], gradients=True

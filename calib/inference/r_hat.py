@@ -15,7 +15,7 @@ from fe.response import Array
 
 def r_hat(chains: Array) -> float:
     """R-hat of chains (n_chain, n_draw), each split in halves; infinite below 4 draws."""
-    n_chain, n_draw = chains.shape
+    n_draw = chains.shape[1]
     half = n_draw // 2
     if half < 2:
         return float("inf")

@@ -11,17 +11,14 @@ import emcee
 import numpy as np
 from scipy.special import expit, log_expit, logit
 
-from calib.inference.autocorrelation import integrated_time
 from calib.inference.chain_store import Block, ChainStore, block_of, run_key
+from calib.inference.chain_verdict import BURN_SHARE, ChainVerdict, judge
 from calib.inference.posterior import Posterior
-from calib.inference.r_hat import r_hat_of_ensembles
 from fe.response import Array
 
 Progress = Callable[[int, int], None]
 """called with steps done and steps expected in total"""
 
-BURN_SHARE = 4  # the first quarter of the chain is discarded
-BURN_TIMES = 5  # and must be at least this many autocorrelation times
 START_DRAWS = 4096
 STRAY = 20.0
 """log-probability below the best at which a walker counts as lost in a secondary mode: with three
@@ -164,8 +161,7 @@ def sample_posterior(
     else:
         for index, (sampler, child) in enumerate(zip(samplers, children, strict=True)):
             states[index] = _settle(sampler, states[index], settings.check_every, child)
-    while not (blocks and (verdict := _judge(blocks, settings, box)).ended):
-        expected = verdict.expected if blocks else settings.max_steps
+    while not (verdict := _judged(blocks, settings, box)).ended:
         done = sum(block.chains.shape[1] for block in blocks)
         n_steps = min(settings.check_every, settings.max_steps - done)
         for index, sampler in enumerate(samplers):
@@ -174,7 +170,7 @@ def sample_posterior(
             )
             if progress is not None:
                 share = n_steps * (index + 1) // settings.n_ensembles
-                progress(done + share, max(expected, done + n_steps))
+                progress(done + share, max(verdict.expected, done + n_steps))
         blocks.append(block_of(samplers, states))
         if kept is not None:
             kept.keep(len(blocks) - 1, blocks[-1])
@@ -183,36 +179,13 @@ def sample_posterior(
     return _result(blocks, verdict, settings, box)
 
 
-@dataclass(frozen=True)
-class _Verdict:
-    """What is known of the chains so far."""
-
-    times: Array
-    """(n_ensemble, n) autocorrelation times, steps; infinite while too short to tell"""
-    r_hat: float
-    """largest over the coordinates; infinite where the chains are too short for their memory"""
-    status: SamplingStatus
-    ended: bool
-    expected: int
-    """steps that the run will probably take"""
-
-
-def _judge(blocks: list[Block], settings: SamplerSettings, box: Box) -> _Verdict:
-    done = sum(block.chains.shape[1] for block in blocks)
-    x = box.x_of(_joined(blocks, "chains")[:, done // BURN_SHARE :])
-    times = np.array([[integrated_time(c[:, :, i]) for i in range(c.shape[2])] for c in x])
-    needed, worst = _steps_needed(times, settings.n_autocorrelation), float("inf")
-    if done >= needed:
-        worst = float(r_hat_of_ensembles(x).max())
-    good = worst <= settings.max_r_hat
-    return _Verdict(
-        times=times,
-        r_hat=worst,
-        status=SamplingStatus.CONVERGED if good else SamplingStatus.MAX_STEPS,
-        ended=good or done >= settings.max_steps,
-        expected=min(
-            max(_next_check(needed, settings.check_every), done), settings.max_steps
-        ),
+def _judged(blocks: list[Block], settings: SamplerSettings, box: Box) -> ChainVerdict:
+    return judge(
+        box.x_of(_joined(blocks, "chains")) if blocks else None,
+        n_autocorrelation=settings.n_autocorrelation,
+        max_r_hat=settings.max_r_hat,
+        max_steps=settings.max_steps,
+        check_every=settings.check_every,
     )
 
 
@@ -290,20 +263,8 @@ def _effective_number(weights: Array) -> float:
     return float(1.0 / np.sum(weights**2))
 
 
-def _steps_needed(times: Array, n_autocorrelation: float) -> float:
-    """Steps, burn-in included, at which the slowest coordinate of all ensembles is served."""
-    kept = n_autocorrelation * BURN_SHARE / (BURN_SHARE - 1)
-    return float(times.max() * max(kept, BURN_TIMES * BURN_SHARE))
-
-
-def _next_check(needed: float, check_every: int) -> int:
-    if not np.isfinite(needed):
-        return np.iinfo(np.int64).max
-    return int(np.ceil(needed / check_every)) * check_every
-
-
 def _result(
-    blocks: list[Block], verdict: _Verdict, settings: SamplerSettings, box: Box
+    blocks: list[Block], verdict: ChainVerdict, settings: SamplerSettings, box: Box
 ) -> SamplingResult:
     chains, log_prob = _joined(blocks, "chains"), _joined(blocks, "log_prob")
     n_ensemble, done = chains.shape[:2]
@@ -311,7 +272,7 @@ def _result(
     message = f"{done} steps of {settings.n_walkers} walkers in {n_ensemble} ensembles, " + (
         f"kept {(done - burn) / slowest:.0f} autocorrelation times of {slowest:.1f} steps"
     )
-    if verdict.status is SamplingStatus.MAX_STEPS:
+    if not verdict.converged:
         message += (
             f"; stopped at max_steps before {settings.n_autocorrelation:g} times and an R-hat of "
             f"{settings.max_r_hat:g} were reached"
@@ -323,6 +284,6 @@ def _result(
         autocorrelation_time=verdict.times,
         acceptance=np.mean(accepted / done, axis=1),
         n_burn=burn,
-        status=verdict.status,
+        status=SamplingStatus.CONVERGED if verdict.converged else SamplingStatus.MAX_STEPS,
         message=message,
     )

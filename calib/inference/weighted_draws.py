@@ -60,7 +60,8 @@ class WeightedDraws:
 
     def below(self, value: Array) -> Array:
         """(3,) posterior probability that each coordinate is below that of `value` (3,)."""
-        below: Array = self.weights @ (self.x < value)
+        # Rounding may take a sum of weights above one.
+        below: Array = np.minimum(self.weights @ (self.x < value), 1.0)
         return below
 
 
