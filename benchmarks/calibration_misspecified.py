@@ -18,8 +18,10 @@ from calib.inference.rank_uniformity import clustered_error
 from calib.inference.weighted_draws import WeightedDraws, draw_weighted
 from fe.response import Array
 
-SHARES = (0.01, 0.03, 0.06, 0.12, 0.25, 0.5)
+SHARES = (0.02, 0.05, 0.1, 0.2, 0.4)
 """relative SDs of the model's error, equally likely before the data"""
+N_DRAWS = 2048
+"""for each share"""
 LEVEL = 0.95
 """of the central interval of mu"""
 
@@ -81,7 +83,7 @@ def _of(
 ) -> tuple[float, float, float, float, float]:
     """Average over the shares by their evidence: what their posterior probability is."""
     found: list[WeightedDraws] = [
-        draw_weighted(posterior, np.random.default_rng([7, index, k]))
+        draw_weighted(posterior, np.random.default_rng([7, index, k]), N_DRAWS)
         for k, posterior in enumerate(posteriors)
     ]
     evidence = np.array([draws.log_evidence for draws in found])

@@ -112,12 +112,24 @@ def truths(store: Path, progress: Progress | None = None) -> Campaign:
 
     Two Sobol sequences that fill the box of the prior evenly; no emulator of the study saw them.
     """
-    chosen = DESIGNS[0]
-    spread = chosen.training()[N_PLACED:]
-    points = np.vstack([spread, chosen.held_out(32)])
-    return simulate(
-        points, family(chosen.names, "slide", CELLS["slide"]), store / "slide", progress or _quiet
+    return _benchmark_runs(
+        store, np.vstack([DESIGNS[0].training()[N_PLACED:], held_out()]), progress
     )
+
+
+def held_out() -> Array:
+    """(32, 2) the second of these sequences."""
+    return DESIGNS[0].held_out(32)
+
+
+def further_training(store: Path, progress: Progress | None = None) -> Campaign:
+    """The training runs of benchmarks/emulator.py, corners and faces among them."""
+    return _benchmark_runs(store, DESIGNS[0].training(), progress)
+
+
+def _benchmark_runs(store: Path, points: Array, progress: Progress | None) -> Campaign:
+    model = family(DESIGNS[0].names, "slide", CELLS["slide"])
+    return simulate(points, model, store / "slide", progress or _quiet)
 
 
 def finer_truths(store: Path, progress: Progress | None = None) -> Campaign:

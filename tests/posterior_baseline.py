@@ -56,7 +56,7 @@ STUDIES = {
 """study and hypothesis by the name in the file"""
 FALSE_ALARM = 1e-3
 """probability that any figure of all studies is flagged though no posterior has changed"""
-SETTINGS = SamplerSettings(n_ensembles=4, n_walkers=24, n_autocorrelation=60, max_steps=6000)
+SETTINGS = SamplerSettings(n_ensembles=2, n_walkers=200, n_autocorrelation=20, max_steps=3000)
 
 
 @dataclass(frozen=True)

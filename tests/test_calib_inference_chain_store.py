@@ -14,7 +14,7 @@ from test_calib_inference_sampling import POSTERIOR
 from calib.inference import SamplerSettings, SamplingResult, sample_posterior
 
 SETTINGS = SamplerSettings(
-    n_ensembles=3, n_walkers=12, n_autocorrelation=1e6, max_steps=240, check_every=20
+    n_ensembles=3, n_walkers=12, n_autocorrelation=1e6, max_steps=160, check_every=20
 )
 PATIENCE = 120.0
 """seconds for what takes much less"""
