@@ -16,7 +16,7 @@ from scipy.special import logsumexp
 
 from benchmarks import calibration_runs as runs
 from benchmarks.calibration_experiments import by_runs, likelihood_of, sbc_prior
-from benchmarks.calibration_figures import points
+from benchmarks.calibration_figures import points, trained
 from calib.inference import (
     PARAMETERS,
     DirectForward,
@@ -33,7 +33,6 @@ from calib.study.simulations import StoredSimulate
 from calib.study.training_runs import training_set
 from fe.campaign_result import Campaign
 from fe.response import Array
-from surrogate import Emulator, ScaledEmulator
 
 TRUTH = np.array([[0.4, 0.25]])
 """(r, s) of the experiment"""
@@ -47,7 +46,7 @@ N_KAPPA = 61
 def figures(store: Path) -> dict[str, Any]:
     """Means and SDs of both posteriors on the same nodes, and the distance of the two maxima."""
     training = training_set([runs.coarse_design(store)], gradients=True)
-    emulator = ScaledEmulator(Emulator.fit(training, 1))
+    emulator = trained(store, training)
     prior = sbc_prior()
     likelihood = likelihood_of(emulator, points())
     truth = runs.sliding(store, "coarse-truth", TRUTH, runs.COARSE_CELLS)

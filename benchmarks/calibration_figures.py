@@ -26,7 +26,7 @@ from calib.study.context import block_pin_model
 from calib.study.mesh_error import MeshError, mesh_error
 from calib.study.training_runs import rows, training_set
 from fe.response import Array
-from surrogate import Emulator, ScaledEmulator
+from surrogate import Emulator, ScaledEmulator, TrainingSet
 
 CHUNK = 50
 """experiments between two files of an arm: what an interruption loses"""
@@ -50,7 +50,7 @@ class Arm:
 def emulator(store: Path, hypothesis: str, n_runs: int, gradients: bool) -> ScaledEmulator:
     """The study's emulator from the first runs of its design."""
     campaign = rows(runs.design(store, hypothesis), slice(n_runs))
-    return ScaledEmulator(Emulator.fit(training_set([campaign], gradients=gradients), 1))
+    return trained(store, training_set([campaign], gradients=gradients))
 
 
 @cache
@@ -58,7 +58,16 @@ def dense_emulator(store: Path) -> ScaledEmulator:
     """Of the 52 runs of both designs over the whole box: as good everywhere as a study's is
     where its posterior is, to which refinement adds runs."""
     campaigns = [runs.design(store, "sliding"), runs.further_training(store)]
-    return ScaledEmulator(Emulator.fit(training_set(campaigns, gradients=True), 1))
+    return trained(store, training_set(campaigns, gradients=True))
+
+
+def trained(store: Path, training: TrainingSet) -> ScaledEmulator:
+    """The emulator of a training set; kept in the store, under the set's fingerprint."""
+    path = store / "emulators" / f"{training.fingerprint[:16]}.npz"
+    if not path.exists():
+        path.parent.mkdir(parents=True, exist_ok=True)
+        Emulator.fit(training, 1).save(path)
+    return ScaledEmulator(Emulator.load(path, training.fingerprint))
 
 
 @cache

@@ -40,8 +40,8 @@ def likelihood() -> Likelihood:
 
 def noisy(*, independent: bool) -> Likelihood:
     """Whose emulator does not err: noise alone, correlated over most of the points."""
-    assumed = (1e-3, 0.0, 0.0) if independent else (3.0, 0.8, 0.9)
-    return _likelihood(AnalyticForward(BLOCK, field=True), 0.03, *assumed)
+    assumed = (1e-3, 0.0, 0.0) if independent else (3.0, 0.9, 0.9)
+    return _likelihood(AnalyticForward(BLOCK, field=True), 0.01, *assumed)
 
 
 def _likelihood(

@@ -9,7 +9,7 @@ import numpy as np
 
 from calib.inference.field_noise import FieldCovariance
 from calib.inference.forward import FieldBasis, Prediction
-from calib.inference.gaussian import LOG_2PI, gram_and_logdet
+from calib.inference.gaussian import LOG_2PI, scaled_gram_and_logdet
 from calib.inference.shared_error import AlongError
 from fe.response import Array
 
@@ -50,13 +50,13 @@ class ProjectedField:
         moved = np.column_stack([np.ones(len(weights)), weights])
         by_mode = moved @ self.shared_modes
         slope = moved @ self.shared_pull - np.einsum("mk,mk->m", weights, by_mode)
-        curvature = np.einsum("mi,ij,mj->m", moved, self.shared_precision, moved, optimize=True)
+        curvature = np.einsum("mi,mi->m", moved @ self.shared_precision, moved)
         if variance is not None:
-            root = np.sqrt(variance).T
-            matrix = root[:, None] * self.precision[:, :, None] * root[None, :]
-            diagonal = np.arange(self.best.size)
-            matrix[diagonal, diagonal] += 1.0
-            gained, logdet = gram_and_logdet(matrix, np.stack([root * pulled.T, root * by_mode.T]))
+            root = np.sqrt(variance.T, order="C")
+            vectors = np.empty((2, *root.shape))
+            np.multiply(root, pulled.T, out=vectors[0])
+            np.multiply(root, by_mode.T, out=vectors[1])
+            gained, logdet = scaled_gram_and_logdet(self.precision, root, vectors)
             misfit = misfit - gained[0, 0] + logdet
             slope = slope - gained[0, 1]
             curvature = curvature - gained[1, 1]
