@@ -148,11 +148,12 @@ def _named(values: Any) -> dict[str, Any]:
     return dict(zip(PARAMETERS, np.asarray(values).tolist(), strict=True))
 
 
-def emulator_arm(store: Path, n: int) -> Arm:
+def emulator_arm(store: Path, n: int, seed: int = 0) -> Arm:
     """Truths from the predictive distribution of the study's emulator."""
     likelihood = likelihood_of(emulator(store, "sliding", 20, True), points())
-    drawn = by_emulator(likelihood, sbc_prior(), n, runs.SEED)
-    return Arm("emulator", drawn, lambda _: likelihood, 1)
+    drawn = by_emulator(likelihood, sbc_prior(), n, runs.SEED + seed)
+    name = f"emulator-{seed}" if seed else "emulator"
+    return Arm(name, drawn, lambda _: likelihood, 1 + seed)
 
 
 def fe_arm(store: Path, n: int) -> Arm:
@@ -202,6 +203,7 @@ def sbc(store: Path, n: int) -> dict[str, Any]:
     found: dict[str, Any] = {}
     for name, arm in (
         ("emulator", lambda: emulator_arm(store, n)),
+        ("emulator_again", lambda: emulator_arm(store, n, 100)),
         ("fe", lambda: fe_arm(store, n)),
         ("fe_first_look", lambda: first_look_arm(store, n)),
         ("finer", lambda: finer_arms(store, n // 2)[0]),

@@ -12,7 +12,7 @@ from benchmarks import calibration_runs as runs
 from benchmarks.calibration_experiments import by_runs, likelihood_of, sbc_prior
 from benchmarks.calibration_figures import emulator, points
 from calib.data import thesis_forces
-from calib.inference import Likelihood, Posterior, Prior
+from calib.inference import Likelihood, Posterior, Prior, integrate
 from calib.inference.discrepancy import with_discrepancy
 from calib.inference.rank_uniformity import clustered_error
 from calib.inference.weighted_draws import WeightedDraws, draw_weighted
@@ -82,8 +82,8 @@ def _of(
     posteriors: list[Posterior], truth: float, index: int
 ) -> tuple[float, float, float, float, float]:
     """Average over the shares by their evidence: what their posterior probability is."""
-    found: list[WeightedDraws] = [
-        draw_weighted(posterior, np.random.default_rng([7, index, k]), N_DRAWS)
+    found = [
+        _sampled(posterior, np.random.default_rng([7, index, k]))
         for k, posterior in enumerate(posteriors)
     ]
     evidence = np.array([draws.log_evidence for draws in found])
@@ -98,3 +98,12 @@ def _of(
         float(each @ np.array(SHARES[: len(each)])),
         float(1.0 / np.sum(weights**2)),
     )
+
+
+def _sampled(posterior: Posterior, rng: np.random.Generator) -> WeightedDraws:
+    """Weighted draws, or the nodes of a quadrature where a posterior is squeezed into a corner."""
+    try:
+        return draw_weighted(posterior, rng, N_DRAWS)
+    except ValueError:
+        exact = integrate(posterior, 18)
+        return WeightedDraws(exact.x, exact.weights, exact.log_evidence, 0)
