@@ -18,7 +18,7 @@ from calib.inference.rank_uniformity import clustered_error
 from calib.inference.weighted_draws import WeightedDraws, draw_weighted
 from fe.response import Array
 
-SHARES = (0.02, 0.05, 0.1, 0.2, 0.4)
+SHARES = (0.02, 0.05, 0.1, 0.2, 0.4, 0.8)
 """relative SDs of the model's error, equally likely before the data"""
 N_DRAWS = 2048
 """for each share"""

@@ -93,7 +93,7 @@ class _Proposal:
     """Of (r, s), then of ln kappa given these."""
 
     bounds: Array
-    """(2, 2) box of r and s"""
+    """(3, 2) the prior's box"""
     ratios: _Student
     """of the logit of (r, s)"""
     ridge: Array
@@ -103,11 +103,14 @@ class _Proposal:
 
     def sample(self, rng: np.random.Generator, n: int) -> tuple[Array, Array]:
         """Draws of x (n, 3) and their log density."""
-        low, high = self.bounds.T
+        low, high = self.bounds[1:].T
         y = self.ratios.sample(rng, n)
         ratios = low + (high - low) * expit(y)
         off = self.across.sample(rng, n)
-        x = np.column_stack([_features(ratios) @ self.ridge + off[:, 0], ratios])
+        ln_kappa = _features(ratios) @ self.ridge + off[:, 0]
+        # Where a draw is out of the box it weighs nothing; far out, exp(ln kappa) would overflow.
+        ln_kappa = np.clip(ln_kappa, self.bounds[0, 0] - 1.0, self.bounds[0, 1] + 1.0)
+        x = np.column_stack([ln_kappa, ratios])
         by_y = np.sum(np.log(high - low) + log_expit(y) + log_expit(-y), axis=1)
         return x, self.ratios.log_density(y) - by_y + self.across.log_density(off)
 
@@ -132,7 +135,7 @@ def draw_weighted(
         log_weight = log_prior - log_density
         power = _power(log_weight, log_likelihood, FEWEST * n_round, power)
         weights = _normalised(log_weight + power * log_likelihood)[0]
-        proposal = _fit(posterior.prior.bounds[1:], x, weights)
+        proposal = _fit(posterior.prior.bounds, x, weights)
         if power == 1.0:
             break
         x, log_density = proposal.sample(rng, n_round)
@@ -184,7 +187,7 @@ def _features(ratios: Array) -> Array:
 
 
 def _fit(bounds: Array, x: Array, weights: Array) -> _Proposal:
-    low, high = bounds.T
+    low, high = bounds[1:].T
     # A draw on a bound, as of a prior with an atom there in floating point, has no logit.
     y = logit(np.clip((x[:, 1:] - low) / (high - low), 1e-9, 1.0 - 1e-9))
     features, root = _features(x[:, 1:]), np.sqrt(weights)
