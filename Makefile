@@ -11,7 +11,7 @@ PYTEST_ARGS ?=
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help study test test-all test-lowest lint types bench bench-fe verify-fe verify-data clean
+.PHONY: help study test test-all test-lowest lint types bench bench-fe bench-inference verify-fe verify-data verify-inference baseline clean
 VERIFY_ARGS ?=
 
 # One thread a process: the runs are spread over processes, and sums come in one order.
@@ -57,6 +57,15 @@ verify-fe: $(INSTALLED)  ## measure docs/verification/fe.json (hours; VERIFY_ARG
 
 verify-data: $(INSTALLED)  ## measure docs/verification/data.json (three quarters of an hour; SOFTCAL_DATA names the real files)
 	$(BIN)/python -m benchmarks.verify_data $(VERIFY_ARGS)
+
+verify-inference: $(INSTALLED)  ## measure docs/verification/inference.json (hours; VERIFY_ARGS="--only sbc" for a part)
+	$(BIN)/python -m benchmarks.verify_inference $(VERIFY_ARGS)
+
+bench-inference: $(INSTALLED)  ## time log-probabilities, samplers and a study (dynesty, numpyro: extra benchmark)
+	$(BIN)/python benchmarks/inference.py $(if $(JSON),--json $(JSON))
+
+baseline: $(INSTALLED)  ## renew the stored posteriors that a test compares with, and say what moved
+	$(BIN)/python tests/posterior_baseline.py
 
 $(LOWEST)/.installed: pyproject.toml $(INSTALLED)
 	$(BIN)/uv venv --quiet --clear --python 3.11 $(LOWEST)

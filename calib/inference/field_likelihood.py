@@ -9,7 +9,7 @@ import numpy as np
 
 from calib.inference.field_noise import FieldCovariance
 from calib.inference.forward import FieldBasis, Prediction
-from calib.inference.gaussian import LOG_2PI, gram_and_logdet
+from calib.inference.gaussian import LOG_2PI, scaled_gram_and_logdet
 from calib.inference.shared_error import AlongError
 from fe.response import Array
 
@@ -50,13 +50,13 @@ class ProjectedField:
         moved = np.column_stack([np.ones(len(weights)), weights])
         by_mode = moved @ self.shared_modes
         slope = moved @ self.shared_pull - np.einsum("mk,mk->m", weights, by_mode)
-        curvature = np.einsum("mi,ij,mj->m", moved, self.shared_precision, moved, optimize=True)
+        curvature = np.einsum("mi,mi->m", moved @ self.shared_precision, moved)
         if variance is not None:
-            root = np.sqrt(variance).T
-            matrix = root[:, None] * self.precision[:, :, None] * root[None, :]
-            diagonal = np.arange(self.best.size)
-            matrix[diagonal, diagonal] += 1.0
-            gained, logdet = gram_and_logdet(matrix, np.stack([root * pulled.T, root * by_mode.T]))
+            root = np.sqrt(variance.T, order="C")
+            vectors = np.empty((2, *root.shape))
+            np.multiply(root, pulled.T, out=vectors[0])
+            np.multiply(root, by_mode.T, out=vectors[1])
+            gained, logdet = scaled_gram_and_logdet(self.precision, root, vectors)
             misfit = misfit - gained[0, 0] + logdet
             slope = slope - gained[0, 1]
             curvature = curvature - gained[1, 1]
@@ -64,26 +64,32 @@ class ProjectedField:
 
 
 def project(
-    difference: Array, covariance: FieldCovariance, modes: Array, shared: Array
-) -> ProjectedField:
-    """Reduce the measured field minus the offset (n_step, n_point, 3) to modes (k, ...).
+    differences: Array, covariance: FieldCovariance, modes: Array, shared: Array
+) -> list[ProjectedField]:
+    """Reduce measured fields minus the offset (n, n_step, n_point, 3) to modes (k, ...).
 
     `shared` (k + 1, ...) is how one SD of the shared error moves the offset and each mode, mm.
     """
-    k = len(modes)
-    stacked = np.concatenate([modes, shared, difference[None]])
+    k, size = len(modes), int(np.prod(differences.shape[1:]))
+    stacked = np.concatenate([modes, shared, differences])
     products = covariance.inner(stacked, stacked)
-    precision, pull = products[:k, :k], products[:k, -1]
-    best = np.asarray(np.linalg.lstsq(precision, pull, rcond=None)[0], dtype=np.float64)
-    misfit = products[-1, -1] - best @ precision @ best
-    return ProjectedField(
-        precision=0.5 * (precision + precision.T),
-        best=best,
-        constant=float(-0.5 * (misfit + covariance.logdet + difference.size * LOG_2PI)),
-        shared_modes=products[k:-1, :k],
-        shared_pull=products[k:-1, -1],
-        shared_precision=products[k:-1, k:-1],
-    )
+    precision, own = products[:k, :k], slice(k, 2 * k + 1)
+    found = []
+    for row in range(2 * k + 1, len(stacked)):
+        pull = products[:k, row]
+        best = np.asarray(np.linalg.lstsq(precision, pull, rcond=None)[0], dtype=np.float64)
+        misfit = products[row, row] - best @ precision @ best
+        found.append(
+            ProjectedField(
+                precision=0.5 * (precision + precision.T),
+                best=best,
+                constant=float(-0.5 * (misfit + covariance.logdet + size * LOG_2PI)),
+                shared_modes=products[own, :k],
+                shared_pull=products[own, row],
+                shared_precision=products[own, own],
+            )
+        )
+    return found
 
 
 @dataclass(frozen=True)
@@ -109,21 +115,36 @@ class FieldLikelihood:
     @cached_property
     def projected(self) -> ProjectedField:
         """The projected problem (for a basis with modes)."""
-        return self._project(None)
+        return self._project(self.observed[None], None)[0]
+
+    def of_fields(self, observed: Array) -> list[FieldLikelihood]:
+        """The same for other measured fields (n, n_step, n_point, 3), projected all at once."""
+        found = []
+        for field, projected in zip(observed, self._project(observed, None), strict=True):
+            likelihood = replace(self, observed=field)
+            likelihood.__dict__["projected"] = projected  # where cached_property keeps it
+            found.append(likelihood)
+        return found
+
+    @property
+    def total(self) -> FieldCovariance:
+        """Errors of measurement and mesh and what the modes leave out."""
+        return self._covariance(None)
 
     @cached_property
     def _left_out(self) -> tuple[ProjectedField, ...]:
         """The projected problem without each increment in turn."""
-        return tuple(self._project(i) for i in range(self.observed.shape[0]))
+        steps = range(self.observed.shape[0])
+        return tuple(self._project(self.observed[None], step)[0] for step in steps)
 
-    def _project(self, left_out: int | None) -> ProjectedField:
-        """The projected problem, without one increment if asked."""
+    def _project(self, observed: Array, left_out: int | None) -> list[ProjectedField]:
+        """The projected problem of each measured field, without one increment if asked."""
         if self.basis.modes is None:
             raise ValueError("basis: an identity basis has no modes to project on")
         modes = self.basis.modes
         shared = self._shared(np.concatenate([self.basis.offset[None], modes]))
         return project(
-            _without(self.observed - self.basis.offset, left_out, axis=0),
+            _without(observed - self.basis.offset, left_out, axis=1),
             self._covariance(left_out),
             _without(modes, left_out, axis=1),
             _without(shared, left_out, axis=1),

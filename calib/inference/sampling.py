@@ -5,20 +5,20 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
+from pathlib import Path
 
 import emcee
 import numpy as np
 from scipy.special import expit, log_expit, logit
 
-from calib.inference.autocorrelation import integrated_time
+from calib.inference.chain_store import Block, ChainStore, block_of, run_key
+from calib.inference.chain_verdict import BURN_SHARE, ChainVerdict, judge
 from calib.inference.posterior import Posterior
 from fe.response import Array
 
 Progress = Callable[[int, int], None]
 """called with steps done and steps expected in total"""
 
-BURN_SHARE = 4  # the first quarter of the chain is discarded
-BURN_TIMES = 5  # and must be at least this many autocorrelation times
 START_DRAWS = 4096
 STRAY = 20.0
 """log-probability below the best at which a walker counts as lost in a secondary mode: with three
@@ -42,6 +42,8 @@ class SamplerSettings:
     """walkers of an ensemble, an even number of at least 8"""
     n_autocorrelation: float = 50.0
     """kept steps must be at least this many integrated autocorrelation times"""
+    max_r_hat: float = 1.01
+    """R-hat over the ensembles may be this at most"""
     max_steps: int = 20_000
     check_every: int = 250
     """steps between two looks at the autocorrelation time"""
@@ -58,6 +60,8 @@ class SamplerSettings:
             )
         if not self.n_autocorrelation >= 1:
             raise ValueError(f"n_autocorrelation: expected >= 1, got {self.n_autocorrelation}")
+        if not self.max_r_hat > 1:
+            raise ValueError(f"max_r_hat: expected above 1, got {self.max_r_hat}")
         for name in ("max_steps", "check_every"):
             if getattr(self, name) < 1:
                 raise ValueError(f"{name}: expected at least 1, got {getattr(self, name)}")
@@ -127,29 +131,38 @@ def sample_posterior(
     settings: SamplerSettings,
     rng: np.random.Generator,
     progress: Progress | None = None,
+    store: Path | None = None,
 ) -> SamplingResult:
-    """Run the ensembles until every one has `n_autocorrelation` times its own memory.
+    """Run the ensembles until each has `n_autocorrelation` times its own memory and they agree.
 
     A first round of `check_every` steps only settles the walkers and is thrown away: a walker
     that ended it in a mode without weight is moved among the others, for it would take the whole
     run to leave. Ensembles have their own random streams, spawned from `rng`, and start apart
     from each other (see `dispersed_starts`). All advance together and are judged together, so
-    that the kept chains have the same length. The result depends on `rng`'s seed and on nothing
-    else.
+    that the kept chains have the same length: by autocorrelation time, and by R-hat over the
+    ensembles. The result depends on `rng`'s seed and on nothing else. With a folder `store` every
+    block of `check_every` steps is kept there: a run that was killed goes on where it was and ends
+    with the same bits; blocks of another run are thrown away.
     Reaching `max_steps` is a status, not an error. Raises ValueError when no prior draw has a
     finite posterior.
     """
     children = rng.spawn(settings.n_ensembles)
     box = Box(posterior)
     samplers = [_sampler(box, settings.n_walkers) for _ in children]
-    states = [
-        _start(box, settings.n_walkers, child) for child in children
-    ]  # position and random state of each ensemble
-    for index, (sampler, child) in enumerate(zip(samplers, children, strict=True)):
-        states[index] = _settle(sampler, states[index], settings.check_every, child)
-    done, expected = 0, settings.max_steps
-    status = SamplingStatus.MAX_STEPS
-    while done < settings.max_steps:
+    # position and random state of each ensemble
+    states = [_start(box, settings.n_walkers, child) for child in children]
+    kept, blocks = None, list[Block]()
+    if store is not None:
+        at_starts = np.array([box.log_prob(state.coords) for state in states])
+        kept = ChainStore(store, run_key(settings, states, at_starts))
+        blocks = kept.load()
+    if blocks:
+        states = blocks[-1].states
+    else:
+        for index, (sampler, child) in enumerate(zip(samplers, children, strict=True)):
+            states[index] = _settle(sampler, states[index], settings.check_every, child)
+    while not (verdict := _judged(blocks, settings, box)).ended:
+        done = sum(block.chains.shape[1] for block in blocks)
         n_steps = min(settings.check_every, settings.max_steps - done)
         for index, sampler in enumerate(samplers):
             states[index] = sampler.run_mcmc(
@@ -157,15 +170,28 @@ def sample_posterior(
             )
             if progress is not None:
                 share = n_steps * (index + 1) // settings.n_ensembles
-                progress(done + share, max(expected, done + n_steps))
-        done += n_steps
-        times = _autocorrelation_times(samplers, done // BURN_SHARE, box)
-        needed = _steps_needed(times, settings.n_autocorrelation)
-        if done >= needed:
-            status = SamplingStatus.CONVERGED
-            break
-        expected = min(_next_check(needed, settings.check_every), settings.max_steps)
-    return _result(samplers, times, status, settings, box)
+                progress(done + share, max(verdict.expected, done + n_steps))
+        blocks.append(block_of(samplers, states))
+        if kept is not None:
+            kept.keep(len(blocks) - 1, blocks[-1])
+        for sampler in samplers:
+            sampler.reset()
+    return _result(blocks, verdict, settings, box)
+
+
+def _judged(blocks: list[Block], settings: SamplerSettings, box: Box) -> ChainVerdict:
+    return judge(
+        box.x_of(_joined(blocks, "chains")) if blocks else None,
+        n_autocorrelation=settings.n_autocorrelation,
+        max_r_hat=settings.max_r_hat,
+        max_steps=settings.max_steps,
+        check_every=settings.check_every,
+    )
+
+
+def _joined(blocks: list[Block], name: str) -> Array:
+    """(n_ensemble, n_step, ...) of all blocks."""
+    return np.concatenate([getattr(block, name) for block in blocks], axis=1)
 
 
 def _sampler(box: Box, n_walkers: int) -> emcee.EnsembleSampler:
@@ -237,52 +263,27 @@ def _effective_number(weights: Array) -> float:
     return float(1.0 / np.sum(weights**2))
 
 
-def _autocorrelation_times(samplers: list[emcee.EnsembleSampler], burn: int, box: Box) -> Array:
-    """(n_ensemble, 3) steps; infinite while a chain is too short to tell."""
-    times = []
-    for sampler in samplers:
-        chain = box.x_of(sampler.get_chain(discard=burn))
-        times.append([integrated_time(chain[:, :, i]) for i in range(chain.shape[2])])
-    return np.array(times)
-
-
-def _steps_needed(times: Array, n_autocorrelation: float) -> float:
-    """Steps, burn-in included, at which the slowest coordinate of all ensembles is served."""
-    kept = n_autocorrelation * BURN_SHARE / (BURN_SHARE - 1)
-    return float(times.max() * max(kept, BURN_TIMES * BURN_SHARE))
-
-
-def _next_check(needed: float, check_every: int) -> int:
-    if not np.isfinite(needed):
-        return np.iinfo(np.int64).max
-    return int(np.ceil(needed / check_every)) * check_every
-
-
 def _result(
-    samplers: list[emcee.EnsembleSampler],
-    times: Array,
-    status: SamplingStatus,
-    settings: SamplerSettings,
-    box: Box,
+    blocks: list[Block], verdict: ChainVerdict, settings: SamplerSettings, box: Box
 ) -> SamplingResult:
-    done = samplers[0].iteration
-    burn = done // BURN_SHARE
-    slowest = times.max()
-    message = f"{done} steps of {settings.n_walkers} walkers in {len(samplers)} ensembles, " + (
+    chains, log_prob = _joined(blocks, "chains"), _joined(blocks, "log_prob")
+    n_ensemble, done = chains.shape[:2]
+    burn, slowest = done // BURN_SHARE, verdict.times.max()
+    message = f"{done} steps of {settings.n_walkers} walkers in {n_ensemble} ensembles, " + (
         f"kept {(done - burn) / slowest:.0f} autocorrelation times of {slowest:.1f} steps"
     )
-    if status is SamplingStatus.MAX_STEPS:
+    if not verdict.converged:
         message += (
-            f"; stopped at max_steps before {settings.n_autocorrelation:g} times were reached"
+            f"; stopped at max_steps before {settings.n_autocorrelation:g} times and an R-hat of "
+            f"{settings.max_r_hat:g} were reached"
         )
-    chains = np.array([sampler.get_chain(discard=burn) for sampler in samplers])
-    log_prob = np.array([sampler.get_log_prob(discard=burn) for sampler in samplers])
+    accepted = np.sum([block.accepted for block in blocks], axis=0)
     return SamplingResult(
-        chains=box.x_of(chains),
-        log_prob=log_prob - box.log_jacobian(chains),
-        autocorrelation_time=times,
-        acceptance=np.array([np.mean(sampler.acceptance_fraction) for sampler in samplers]),
+        chains=box.x_of(chains[:, burn:]),
+        log_prob=log_prob[:, burn:] - box.log_jacobian(chains[:, burn:]),
+        autocorrelation_time=verdict.times,
+        acceptance=np.mean(accepted / done, axis=1),
         n_burn=burn,
-        status=status,
+        status=SamplingStatus.CONVERGED if verdict.converged else SamplingStatus.MAX_STEPS,
         message=message,
     )

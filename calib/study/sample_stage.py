@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -68,6 +69,8 @@ def run(context: Context) -> list[Path]:
         stored = _sample(context, hypothesis)
         context.echo(f"  {hypothesis.name}: {stored.result.message}")
         paths += save_samples(context.out, hypothesis, stored)
+        # All that they hold is in the samples now.
+        shutil.rmtree(chains_folder(context.out, hypothesis), ignore_errors=True)
     return paths
 
 
@@ -78,6 +81,7 @@ def settings_of(study: Study) -> SamplerSettings:
         n_ensembles=sampler.n_ensembles,
         n_walkers=sampler.n_walkers,
         n_autocorrelation=sampler.n_autocorrelation,
+        max_r_hat=sampler.max_r_hat,
         max_steps=sampler.max_steps,
     )
 
@@ -125,13 +129,19 @@ def samples_path(out: Path, hypothesis: Hypothesis) -> Path:
     return out / f"samples_{hypothesis.name}.npz"
 
 
+def chains_folder(out: Path, hypothesis: Hypothesis) -> Path:
+    """Where the chains of a hypothesis are kept while they grow."""
+    return out / "chains" / hypothesis.name
+
+
 def _sample(context: Context, hypothesis: Hypothesis) -> StoredSamples:
     study = context.study
     posterior = emulator_posterior(context, hypothesis)
     rng = stream(study, f"sample {hypothesis.name}")
     label = f"sample {hypothesis.name}"
     with progress_bar(label, "step", shown=context.show_progress) as progress:
-        result = sample_posterior(posterior, settings_of(study), rng, progress)
+        store = chains_folder(context.out, hypothesis)
+        result = sample_posterior(posterior, settings_of(study), rng, progress, store)
     draws = result.draws
     chosen = rng.choice(len(draws), min(N_PREDICTIVE, len(draws)), replace=False)
     return StoredSamples(result, predictive_forces(posterior.likelihood, draws[chosen], rng))

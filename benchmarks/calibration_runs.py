@@ -1,0 +1,218 @@
+"""FE runs behind the figures of calibration: drawn from the prior, stored one by one, resumed.
+
+    python -m benchmarks.calibration_runs [--store DIR] [--only PART ...]
+
+The study is `thesis-forces`. One run at ratios (r, s) serves every kappa: the force is kappa times
+that at kappa = 1 MPa and the field is the same.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.emulator_runs import CELLS, DESIGNS, family, simulate
+from calib.inference import Prior
+from calib.study.config import Study, load_study
+from calib.study.context import block_pin_model
+from calib.study.posterior_setup import prior_of
+from calib.study.sections import Cells, Hypothesis
+from calib.study.simulate_stage import design_ratios
+from fe import BlockPin, BlockPinModel, Contact, run_campaign
+from fe.campaign_parameters import Parameter
+from fe.campaign_result import Campaign
+from fe.materials import material
+from fe.response import Array, Response
+from surrogate.design import sobol_design
+
+ROOT = Path(__file__).resolve().parents[1]
+STORE = ROOT / "runs" / "verify-inference"
+SEED = 20261122
+CHECK_CELLS: Cells = (14, 6, 3)
+"""of the runs that measure the error of the sampling mesh"""
+FINER_CELLS: Cells = (16, 6, 3)
+"""of truths on a finer mesh, finer than the checks too"""
+COARSE_CELLS: Cells = (8, 3, 2)
+"""of the direct posterior, which takes a run at every node of a quadrature"""
+FRICTION = 0.3
+OTHER_LAW = (
+    Parameter("alpha", "1", "material"),
+    Parameter("bulk", "1", "material"),
+)
+"""Ogden's exponent, and the bulk modulus over the shear modulus mu"""
+OTHER_BOUNDS = np.array([[1.5, 4.0], [5.0, 20.0]])
+N_PLACED = 8
+"""corners and centres of faces that come first in a design of (r, s)"""
+N_FINER, N_CHECKS, N_OTHER = 8, 5, 15
+
+Progress = Callable[[int, int], None]
+
+
+def study() -> Study:
+    """The study whose emulators, meshes and prior are used."""
+    return load_study("thesis-forces")
+
+
+def hypothesis(name: str) -> Hypothesis:
+    """A hypothesis of the study by its name."""
+    return next(found for found in study().hypotheses if found.name == name)
+
+
+def sampling_cells() -> Cells:
+    """Of the sliding block's emulator."""
+    return study().sampling_cells(hypothesis("sliding"))
+
+
+def prior() -> Prior:
+    """Prior of the study; it spans a factor of 100 in kappa."""
+    return prior_of(study())
+
+
+@dataclass(frozen=True)
+class OgdenBlock:
+    """A compressible block of one Ogden term that slides with friction; mu = 2 MPa."""
+
+    template: BlockPinModel
+
+    def __call__(self, theta: Array) -> Response:
+        """Response at theta = (alpha, bulk modulus over mu); a solver failure is a status."""
+        alpha, bulk = (float(value) for value in theta)
+        # 2 mu = mu_1 alpha_1
+        return self.template.respond(material("ogden-1", (4.0 / alpha, alpha), 2.0 * bulk))
+
+
+def ratios_drawn(n: int, purpose: int) -> Array:
+    """(n, 2) ratios (r, s) drawn from the prior."""
+    rng = np.random.default_rng([SEED, purpose])
+    return prior().sample(rng, n)[:, 1:]
+
+
+def design(store: Path, name: str, progress: Progress | None = None) -> Campaign:
+    """The study's own design for one hypothesis: training runs, then those held out."""
+    used, found = study(), hypothesis(name)
+    model = block_pin_model(used, found, used.sampling_cells(found))
+    return run_campaign(model, design_ratios(used), store / "campaign" / name, progress=progress)
+
+
+def sliding(
+    store: Path, folder: str, ratios: Array, cells: Cells | None, progress: Progress | None = None
+) -> Campaign:
+    """Runs of the sliding block; `cells` None is the sampling mesh."""
+    used, found = study(), hypothesis("sliding")
+    model = block_pin_model(used, found, cells or used.sampling_cells(found))
+    return run_campaign(model, ratios, store / folder, progress=progress, max_failure_rate=1.0)
+
+
+def truths(store: Path, progress: Progress | None = None) -> Campaign:
+    """Truths on the sampling mesh: the runs of benchmarks/emulator.py, but its corners and faces.
+
+    Two Sobol sequences that fill the box of the prior evenly; no emulator of the study saw them.
+    """
+    return _benchmark_runs(
+        store, np.vstack([DESIGNS[0].training()[N_PLACED:], held_out()]), progress
+    )
+
+
+def held_out() -> Array:
+    """(32, 2) the second of these sequences."""
+    return DESIGNS[0].held_out(32)
+
+
+def further_training(store: Path, progress: Progress | None = None) -> Campaign:
+    """The training runs of benchmarks/emulator.py, corners and faces among them."""
+    return _benchmark_runs(store, DESIGNS[0].training(), progress)
+
+
+def _benchmark_runs(store: Path, points: Array, progress: Progress | None) -> Campaign:
+    model = family(DESIGNS[0].names, "slide", CELLS["slide"])
+    return simulate(points, model, store / "slide", progress or _quiet)
+
+
+def finer_truths(store: Path, progress: Progress | None = None) -> Campaign:
+    """Truths drawn from the prior, on the finer mesh."""
+    ratios = ratios_drawn(N_FINER, 0)
+    return sliding(store, "finer", ratios, FINER_CELLS, progress)
+
+
+def check_ratios() -> Array:
+    """(N_CHECKS, 2) ratios at which the mesh's error is measured, spread over the box."""
+    return sobol_design(N_CHECKS, prior().bounds[1:], SEED, n_corners=0)
+
+
+def coarse_design(store: Path, progress: Progress | None = None) -> Campaign:
+    """The study's design of training runs, with derivatives, on the coarse mesh."""
+    used = study()
+    return sliding(
+        store, "coarse", design_ratios(used)[: used.design.n_runs], COARSE_CELLS, progress
+    )
+
+
+def checks(store: Path, progress: Progress | None = None) -> tuple[Campaign, Campaign]:
+    """Runs on the check mesh and on the sampling mesh at the same ratios."""
+    ratios = check_ratios()
+    fine = sliding(store, "check", ratios, CHECK_CELLS, progress)
+    return fine, sliding(store, "check-coarse", ratios, None, progress)
+
+
+def other_truths(store: Path, progress: Progress | None = None) -> Campaign:
+    """Ogden blocks, compressible, friction 0.3 on pin and base."""
+    points = sobol_design(N_OTHER, OTHER_BOUNDS, SEED, n_corners=0)
+    template = BlockPinModel(
+        BlockPin(),
+        Contact(FRICTION, FRICTION),
+        (12, 4, 2),
+        study().increments,
+        sensitivities=(),
+    )
+    return run_campaign(
+        OgdenBlock(template),
+        points,
+        store / "ogden",
+        parameters=OTHER_LAW,
+        progress=progress,
+        max_failure_rate=1.0,
+    )
+
+
+PARTS: dict[str, Callable[[Path, Progress], object]] = {
+    "sliding": lambda store, progress: design(store, "sliding", progress),
+    "stuck": lambda store, progress: design(store, "stuck", progress),
+    "ogden": other_truths,
+    "truths": truths,
+    "coarse": coarse_design,
+    "checks": checks,
+    "finer": finer_truths,
+}
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Run what is missing."""
+    parser = argparse.ArgumentParser(
+        prog="benchmarks.calibration_runs", description=(__doc__ or "").splitlines()[0]
+    )
+    parser.add_argument("--only", nargs="+", choices=PARTS, default=list(PARTS), metavar="PART")
+    parser.add_argument("--store", type=Path, default=STORE, metavar="DIR")
+    options = parser.parse_args(arguments)
+    for name in options.only:
+        PARTS[name](options.store, told(name))
+
+
+def told(name: str) -> Progress:
+    """Prints how far a part is."""
+
+    def progress(done: int, total: int) -> None:
+        print(f"{name}: {done}/{total}", flush=True)
+
+    return progress
+
+
+def _quiet(done: int, total: int) -> None:
+    """Tells nothing."""
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,54 @@
+"""Measure what docs/verification/inference.json states about the inference, part by part.
+
+    python -m benchmarks.verify_inference [--only PART ...] [--n 300] [--store DIR] [--out FILE]
+
+Parts: sbc and power (virtual experiments drawn from the prior), misspecified (truths of another law
+and contact), direct (posterior by FE at every node of a quadrature, and the two maxima).  FE runs
+and posteriors are kept in --store, so that an interrupted part goes on where it was; all of them
+take two hours of one quiet core.  Each part replaces its own figures in FILE and leaves the others.
+"""
+
+from __future__ import annotations
+
+import os
+
+for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ.setdefault(_name, "1")  # read when numpy and MKL are loaded
+
+import argparse
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from benchmarks import calibration_direct, calibration_figures, calibration_misspecified
+from benchmarks.calibration_runs import ROOT, STORE
+from benchmarks.verify_fe import merge
+
+OUT = ROOT / "docs" / "verification" / "inference.json"
+
+PARTS: dict[str, Callable[[Path, int], dict[str, Any]]] = {
+    "sbc": calibration_figures.sbc,
+    "power": calibration_figures.power,
+    "misspecified": lambda store, n: calibration_misspecified.figures(store, max(n // 3, 1)),
+    "direct": lambda store, n: calibration_direct.figures(store),
+}
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Measure the parts asked for and merge their figures into the file."""
+    parser = argparse.ArgumentParser(
+        prog="benchmarks.verify_inference", description=(__doc__ or "").splitlines()[0]
+    )
+    parser.add_argument("--only", nargs="+", choices=PARTS, default=list(PARTS), metavar="PART")
+    parser.add_argument("--n", type=int, default=300, help="virtual experiments of an arm")
+    parser.add_argument("--store", type=Path, default=STORE, metavar="DIR")
+    parser.add_argument("--out", type=Path, default=OUT, metavar="FILE")
+    options = parser.parse_args(arguments)
+    for name in options.only:
+        print(f"{name}:", flush=True)
+        merge(options.out, PARTS[name](options.store, options.n))
+    print(f"written to {options.out}")
+
+
+if __name__ == "__main__":
+    main()
