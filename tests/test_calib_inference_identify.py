@@ -16,7 +16,6 @@ from calib.inference import (
     Prior,
     build_likelihood,
     integrate,
-    theta_of,
     x_of,
 )
 from calib.inference.data_parts import given, log_likelihood, parts_of
@@ -135,7 +134,7 @@ def test_parts_of_data() -> None:
     assert parts_of(FORCE) == ("force",) and parts_of(BOTH) == ("force", "field", "both")
     x = x_of(THETA)
     assert given(BOTH, "force").log_prob(x) != BOTH.log_prob(x)
-    moved = x + [1.0, 0, 0]
+    moved = x + np.array([1.0, 0, 0])
     field = given(BOTH, "field")
     assert log_likelihood(field, moved) == pytest.approx(log_likelihood(field, x), rel=1e-12)
     with pytest.raises(ValueError, match="no field"):
@@ -181,5 +180,3 @@ def test_nested_sampling_agrees_with_quadrature() -> None:
     assert np.isfinite(log_likelihood(FORCE, found.draws(np.random.default_rng(1), 50))).all()
     with pytest.raises(ValueError, match="n_live"):
         nested(FORCE, np.random.default_rng(0), n_live=3)
-
-

@@ -62,14 +62,17 @@ class FieldError:
         assert slope is not None  # a model with a field has weights
         fields = self._shapes(slope[0])
         by_x = np.array([np.nanmean(np.sum(unit * field, axis=-1)) for field in fields])
-        return by_x @ _x_by_constants(theta) * SCALE
+        by_scaled: Array = by_x @ _x_by_constants(theta) * SCALE
+        return by_scaled
 
     def _theta(self, scaled: Array) -> Array | None:
         constants = scaled * SCALE
         if not constants[0] + constants[1] > 0:
             return None
         theta = theta_of_constants(*constants)
-        inside = [low <= t <= high for t, (low, high) in zip(theta[1:], self.ratio_box, strict=True)]
+        inside = [
+            low <= t <= high for t, (low, high) in zip(theta[1:], self.ratio_box, strict=True)
+        ]
         return theta if all(inside) else None
 
     def _error(self, theta: Array) -> Array:
@@ -77,7 +80,8 @@ class FieldError:
         basis = self.forward.field_basis
         if weights is None or basis is None:
             raise ValueError("forward: expected a model with a field, found one of forces only")
-        return basis.fields(weights)[0] - self.observed
+        error: Array = basis.fields(weights)[0] - self.observed
+        return error
 
     def _shapes(self, slope: Array) -> Array:
         """(3, n_step, n_point, 3) change of the field by x from that (k, 3) of its weights."""
@@ -90,7 +94,9 @@ class FieldError:
 def _x_by_constants(theta: Array) -> Array:
     """(3, 3) derivatives of x = (ln kappa, r, s) by (C10, C01, C11), 1/MPa."""
     kappa, r, s = theta
-    return np.array([[1.0, 1.0, 0.0], [-r, 1.0 - r, 0.0], [-s, -s, 1.0]]) / kappa
+    rows = np.array([[1.0, 1.0, 0.0], [-r, 1.0 - r, 0.0], [-s, -s, 1.0]])
+    by_constants: Array = rows / kappa
+    return by_constants
 
 
 @dataclass(frozen=True)

@@ -16,6 +16,7 @@ from fe.response import Array
 
 FLOOR = -1e100
 """what dynesty is told of a likelihood of zero: it takes no infinities"""
+FEW = 4
 
 
 @dataclass(frozen=True)
@@ -77,7 +78,10 @@ def nested(
     def transform(unit: Array) -> Array:
         return np.asarray(posterior.prior.quantile(np.asarray(unit)[None])[0])
 
-    sampler = NestedSampler(value, transform, d, nlive=n_live, rstate=rng)
+    # Bounds by ellipsoids with a wide margin in few dimensions, where posteriors that lean on a
+    # bound of the prior have corners; random walks in more.
+    how = {"sample": "unif", "bootstrap": 0, "enlarge": 2.0} if d <= FEW else {"sample": "rwalk"}
+    sampler = NestedSampler(value, transform, d, nlive=n_live, rstate=rng, **how)
     sampler.run_nested(dlogz=dlogz, print_progress=False)
     found = sampler.results
     log_weights = np.asarray(found["logwt"]) - float(found["logz"][-1])

@@ -1,4 +1,4 @@
-"""Profile likelihoods: the best fit for every value of one coordinate, without any prior density."""
+"""Profile likelihoods: the best fit for every value of one coordinate, whatever the prior."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def profile_likelihood(
     walked outwards from it in both directions, each value starting from its neighbour's end.
     """
     bounds = posterior.prior.bounds
-    values = np.linspace(*bounds[index], n)
+    values = np.linspace(bounds[index, 0], bounds[index, 1], n)
     # Finer where the posterior is, which may be narrow in its box.
     near = best[index] + sd[index] * np.linspace(-4.0, 4.0, 17)
     inside = (near > bounds[index, 0]) & (near < bounds[index, 1])

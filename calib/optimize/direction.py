@@ -49,6 +49,6 @@ def find_direction(rows: Array, push: Array, metric: Array) -> Direction:
     total = float(push @ found)
     if total <= 0.0:  # in rounding only: the target always pulls a row with push-off in
         return Direction(np.zeros(rows.shape[1]), np.zeros(len(rows)), 0.0)
-    multipliers = found / total
-    d = -np.linalg.solve(metric, rows.T @ multipliers)
+    multipliers: Array = np.asarray(found / total, dtype=np.float64)
+    d: Array = -np.linalg.solve(metric, rows.T @ multipliers).astype(np.float64)
     return Direction(d, multipliers, float(d @ metric @ d))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from typing import Any, Literal
 
 import numpy as np
 from scipy.optimize import Bounds, NonlinearConstraint, minimize
@@ -25,7 +26,9 @@ def trust_constr(problem: Problem, start: Array, settings: Settings | None = Non
     return _run("trust-constr", problem, start, settings or Settings())
 
 
-def _run(method: str, problem: Problem, start: Array, settings: Settings) -> Minimum:
+def _run(
+    method: Literal["SLSQP", "trust-constr"], problem: Problem, start: Array, settings: Settings
+) -> Minimum:
     if start.shape != problem.lower.shape:
         raise ValueError(f"start: expected shape {problem.lower.shape}, got {start.shape}")
     ask = Evaluations(problem)
@@ -34,7 +37,7 @@ def _run(method: str, problem: Problem, start: Array, settings: Settings) -> Min
     first = ask.value(x)
     if not np.isfinite(first):
         return minimum_of(ask, path, Status.FAILED_START, 0)
-    options: dict[str, float | int] = {"maxiter": settings.max_iterations}
+    options: Any = {"maxiter": settings.max_iterations}
     options |= {"ftol": _change(settings, first)} if method == "SLSQP" else _radii(settings)
 
     best = first if _met(ask, x, settings) else np.inf
@@ -87,7 +90,7 @@ def _radii(settings: Settings) -> dict[str, float | int]:
     return {"gtol": 1e-2 * settings.kkt_tolerance, "xtol": 1e-12, "barrier_tol": 1e-10}
 
 
-def _constraints(ask: Evaluations, method: str) -> object:
+def _constraints(ask: Evaluations, method: str) -> Any:
     if ask.problem.constraints is None:
         return ()
     if method == "SLSQP":
