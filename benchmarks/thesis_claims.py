@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.special import logsumexp
-from scipy.stats import chi2, linregress, norm
+from scipy.stats import chi2, f, linregress
 
 from benchmarks.thesis_hypotheses import TRAVEL, TrainedReading
 from calib.data import PUBLISHED_CONSTANTS
@@ -134,8 +134,6 @@ def scatter_p_value(printed: Array, simulated: Array) -> float:
 
     Of the ratio of two variances of ln kappa; normal, so the F distribution.
     """
-    from scipy.stats import f
-
     a, b = np.log(printed), np.log(simulated)
     return float(f.cdf(a.var(ddof=1) / b.var(ddof=1), a.size - 1, b.size - 1))
 
@@ -193,7 +191,7 @@ def extremes(
 
 
 def field_claims(trained: TrainedReading, quadrature: Quadrature) -> dict[str, Any]:
-    """The implied maxima against a reading: at 1.4 mm, and the travel at which it has them.
+    """The implied maxima against a reading at every increment, and the travel at which it has them.
 
     Where the points seen are all or the rows of Appendix D, counted from either end.
     """
@@ -208,22 +206,26 @@ def field_claims(trained: TrainedReading, quadrature: Quadrature) -> dict[str, A
     found = {}
     for name, rows in seen.items():
         found_extremes = extremes(trained, quadrature, rows)
-        last = {
-            "x": found_extremes.sideways[:, -1],
-            "z": found_extremes.outwards[:, -1],
-            "up": found_extremes.upwards[:, -1],
-            "vertical": found_extremes.vertical[:, -1],
+        by_step = {
+            "x": found_extremes.sideways,
+            "z": found_extremes.outwards,
+            "up": found_extremes.upwards,
+            "vertical": found_extremes.vertical,
         }
-        score = sum(
-            norm.logpdf(np.log(target[axis]), np.log(last[axis].mean()), MAXIMUM_SD)
+        # Of each increment: which one the maxima are of is not said.
+        misfit = sum(
+            ((np.log(target[axis]) - np.log(by_step[axis].mean(axis=0))) / MAXIMUM_SD) ** 2
             for axis in target
         )
+        score = -0.5 * misfit - 2.0 * np.log(MAXIMUM_SD * np.sqrt(2.0 * np.pi))
         found[name] = {
-            "at_1.4_mm": {key: [float(v.mean()), float(v.std())] for key, v in last.items()},
+            "mean_mm": {key: values.mean(axis=0) for key, values in by_step.items()},
+            "sd_mm": {key: values.std(axis=0) for key, values in by_step.items()},
             "travel_with_x_mm": _travel_with(found_extremes.sideways, target["x"]),
             "travel_with_z_mm": _travel_with(found_extremes.outwards, target["z"]),
-            "x_over_z_at_1.4_mm": float((last["x"] / last["z"]).mean()),
-            "log_density_of_maxima": float(score),
+            "chi2_of_maxima": misfit,
+            "p_of_maxima": chi2.sf(misfit, len(target)),
+            "log_density_of_maxima": score,
         }
     return {"seen": found, "relative_sd_of_a_maximum": MAXIMUM_SD}
 

@@ -143,22 +143,27 @@ def rank(readings: dict[str, Any], scores: tuple[Scores, ...], rng: np.random.Ge
     weights = stacking(scores, rng)
     off = differences(scores)
     evidence = np.array([found["log_evidence"][0] for found in readings.values()])
-    maxima = np.array(
+    by_force = _share(evidence)
+    # Of the last increment, and of one of the five, unknown which; points seen likewise.
+    density = np.array(
         [
-            logsumexp([seen["log_density_of_maxima"] for seen in found["field"]["seen"].values()])
-            - np.log(len(found["field"]["seen"]))
+            [seen["log_density_of_maxima"] for seen in found["field"]["seen"].values()]
             for found in readings.values()
         ]
     )
-    by_force = np.exp(evidence - logsumexp(evidence))
-    both = evidence + maxima
-    by_both = np.exp(both - logsumexp(both))
+    last = logsumexp(density[:, :, -1], axis=1) - np.log(density.shape[1])
+    any_step = logsumexp(density, axis=(1, 2)) - np.log(density[0].size)
     for i, found in enumerate(readings.values()):
         found["probability_by_forces"] = by_force[i]
-        found["log_density_of_maxima"] = maxima[i]
-        found["probability_with_maxima"] = by_both[i]
+        found["probability_with_maxima_at_1.4_mm"] = _share(evidence + last)[i]
+        found["probability_with_maxima_at_some_increment"] = _share(evidence + any_step)[i]
         found["elpd_difference"] = [off[i].mean, off[i].error]
         found["stacking_weight"] = [weights.weights[i], weights.low[i], weights.high[i]]
+
+
+def _share(log_weight: np.ndarray) -> np.ndarray:
+    """Weights of the same proportions that sum to 1."""
+    return np.exp(log_weight - logsumexp(log_weight))
 
 
 def controls(stuck: TrainedReading) -> dict[str, Any]:

@@ -244,7 +244,14 @@ def baseline_figure(found: BaselineStudy, draws: Array | None) -> Figure:
             axis.plot(few[:, 0], few[:, 1], ".", ms=1.5, color=COLOURS[0], alpha=0.3)
             axis.plot([], [], ".", color=COLOURS[0], label="posterior of the study (force in it)")
         printed = optimization_runs().result
-        axis.plot(printed[:, 0], printed[:, 1], "x", color=MUTED, label="thesis Table 5.3 (real)")
+        axis.plot(
+            printed[:, 0],
+            printed[:, 1],
+            "x",
+            color=MUTED,
+            zorder=4,
+            label="thesis Table 5.3 (real)",
+        )
         for start, end in zip(run.start, run.result, strict=True):
             axis.plot([start[0], end[0]], [start[1], end[1]], "-", lw=0.6, color=COLOURS[1])
         axis.plot(run.start[:, 0], run.start[:, 1], "o", mfc="w", color=COLOURS[1], label="start")
