@@ -19,7 +19,7 @@ from calib.inference import (
     x_of,
 )
 from calib.inference.data_parts import given, log_likelihood, parts_of
-from calib.inference.fisher import fisher_information, spectrum
+from calib.inference.fisher import fisher_information, observed_information, spectrum
 from calib.inference.nested import nested
 from calib.inference.profile import Profile, profile_likelihood
 
@@ -74,10 +74,15 @@ def test_fisher_information_is_the_curvature_of_the_likelihood_of_clean_data(par
     data = replace(thesis_forces(), force_mean=forward.predict(THETA).force[0], field=field)
     like = build_likelihood(data, forward, noise)
     x = x_of(THETA)[0]
-    curvature = second_differences(given(Posterior(PRIOR, like), part), x)
+    post = given(Posterior(PRIOR, like), part)
+    curvature = second_differences(post, x)
     expected = fisher_information(like, x, part)
     scale = np.abs(expected).max()
     assert curvature == pytest.approx(expected, abs=2e-3 * scale)
+    sd = 1.0 / np.sqrt(np.maximum(np.diag(expected), 1.0))
+    observed = observed_information(post, x, sd)
+    assert observed == pytest.approx(expected, abs=2e-2 * scale)
+    assert np.linalg.eigvalsh(observed).min() > -1e-9 * scale
 
 
 def test_shared_zero_takes_information_away_exactly_as_by_the_dense_covariance() -> None:
@@ -170,13 +175,15 @@ def test_interval_of_a_parabola_is_that_of_the_normal() -> None:
 
 
 def test_nested_sampling_agrees_with_quadrature() -> None:
-    """Within 4 of its SDs, false alarm 6e-5 (fixed seed), and its moments within 15 %."""
+    """Within 4 of its SDs, false alarm 6e-5 (fixed seed), and its SDs within 25 % (80 live points)."""
     quadrature = integrate(FORCE, 24)
-    found = nested(FORCE, np.random.default_rng(0), n_live=150, dlogz=0.05)
+    found = nested(FORCE, np.random.default_rng(0), n_live=80, dlogz=0.1)
     assert abs(found.log_evidence - quadrature.log_evidence) < 4 * found.log_evidence_error
-    assert found.log_evidence_error < 0.5
-    assert np.abs(found.mean - quadrature.mean).max() < 0.3 * quadrature.sd.max()
-    assert found.sd == pytest.approx(quadrature.sd, rel=0.2)
-    assert np.isfinite(log_likelihood(FORCE, found.draws(np.random.default_rng(1), 50))).all()
+    assert found.log_evidence_error < 0.6
+    moments = found.moments
+    assert np.all(np.abs(moments.mean - quadrature.mean) < 0.3 * quadrature.sd)
+    assert moments.sd == pytest.approx(quadrature.sd, rel=0.25)
+    draws = moments.draws(np.random.default_rng(1), 50)
+    assert np.isfinite(log_likelihood(FORCE, draws)).all()
     with pytest.raises(ValueError, match="n_live"):
         nested(FORCE, np.random.default_rng(0), n_live=3)

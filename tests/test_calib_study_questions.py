@@ -13,8 +13,9 @@ from analytic_block import analytic_block
 from calib.cli import main
 from calib.inference.data_parts import Part
 from calib.inference.fisher import spectrum
-from calib.inference.knowledge import Knowledge, Moments, PartKnowledge, warnings_of
+from calib.inference.knowledge import Knowledge, PartKnowledge, warnings_of
 from calib.inference.leave_out import Scores
+from calib.inference.moments import Moments
 from calib.inference.profile import Profile
 from calib.study.config import load_study
 from calib.study.evidence import (

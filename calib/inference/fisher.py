@@ -12,11 +12,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.inference.coordinates import theta_of
-from calib.inference.data_parts import Part
+from calib.inference.data_parts import Part, log_likelihood
 from calib.inference.field_likelihood import FieldLikelihood
 from calib.inference.forward import Jacobian, Prediction
 from calib.inference.likelihood import Likelihood
+from calib.inference.posterior import Posterior
 from fe.response import Array
+
+CURVATURE_STEP = 0.2
+"""posterior SDs between the points of second differences: emulator means carry rounding"""
 
 
 @dataclass(frozen=True)
@@ -72,6 +76,31 @@ def fisher_information(likelihood: Likelihood, x: Array, part: Part = "both") ->
     shared = 1.0 + sum(entry.shared for entry in found)
     information: Array = own - np.outer(pull, pull) / shared
     return 0.5 * (information + information.T)
+
+
+def observed_information(posterior: Posterior, x: Array, sd: Array) -> Array:
+    """(d, d) curvature of minus the ln likelihood at x (d,), by second differences over `sd` (d,).
+
+    For any coordinates and any likelihood; negative eigenvalues, which a point off the maximum may
+    have, are set to zero. Next to a bound of the prior the differences are taken inside of it.
+    """
+    low, high = posterior.prior.bounds.T
+    step = np.minimum(CURVATURE_STEP * sd, 0.2 * (high - low))
+    centre = np.clip(x, low + 1.01 * step, high - 1.01 * step)
+    d = x.size
+    signs = np.array([(1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0)])
+    hessian = np.empty((d, d))
+    for i in range(d):
+        for j in range(i + 1):
+            points = np.tile(centre, (4, 1))
+            points[:, i] += 0.5 * signs[:, 0] * step[i]
+            points[:, j] += 0.5 * signs[:, 1] * step[j]
+            value = log_likelihood(posterior, points)
+            mixed = float(value @ np.array([1.0, -1.0, -1.0, 1.0]))
+            hessian[i, j] = hessian[j, i] = -mixed / (step[i] * step[j])
+    values, vectors = np.linalg.eigh(hessian)
+    information: Array = (vectors * np.maximum(values, 0.0)) @ vectors.T
+    return information
 
 
 def spectrum(information: Array, prior_sd: Array) -> Spectrum:

@@ -8,7 +8,8 @@ import numpy as np
 
 from calib.inference.coordinates import PARAMETERS, constants_of, theta_of
 from calib.inference.data_parts import Part, given, parts_of
-from calib.inference.fisher import Spectrum, fisher_information, spectrum
+from calib.inference.fisher import Spectrum, fisher_information, observed_information, spectrum
+from calib.inference.moments import Moments
 from calib.inference.nested import nested
 from calib.inference.posterior import Posterior
 from calib.inference.profile import Profile, profile_likelihood
@@ -29,40 +30,6 @@ MEANING = {
     "s": "s = C11 / (C10 + C01)",
 }
 """what the coordinates are called in words"""
-
-
-@dataclass(frozen=True)
-class Moments:
-    """Weighted points of a posterior."""
-
-    x: Array
-    """(n, d)"""
-    weights: Array
-    """(n,) summing to 1"""
-
-    @property
-    def mean(self) -> Array:
-        """(d,)"""
-        mean: Array = self.weights @ self.x
-        return mean
-
-    @property
-    def covariance(self) -> Array:
-        """(d, d)"""
-        off = self.x - self.mean
-        covariance: Array = np.einsum("n,ni,nj->ij", self.weights, off, off)
-        return covariance
-
-    @property
-    def sd(self) -> Array:
-        """(d,)"""
-        return np.sqrt(np.diag(self.covariance))
-
-    def relative_sd(self, values: Array) -> Array:
-        """(k,) SD over mean of values (n, k) given at the points."""
-        mean = self.weights @ values
-        ratio: Array = np.sqrt(self.weights @ (values - mean) ** 2) / np.abs(mean)
-        return ratio
 
 
 @dataclass(frozen=True)
@@ -102,8 +69,19 @@ def moments_of(posterior: Posterior, rng: np.random.Generator) -> Moments:
     if posterior.prior.bounds.shape[0] == 3:
         quadrature = integrate(posterior, N_NODES)
         return Moments(quadrature.x, quadrature.weights)
-    found = nested(posterior, rng)
-    return Moments(found.x, found.weights)
+    return nested(posterior, rng).moments
+
+
+def information_of(posterior: Posterior, part: Part, x: Array, sd: Array) -> Array:
+    """(d, d) information of a part of the data at x (d,).
+
+    Fisher's where all coordinates are the forward model's; where sizes of errors are among them,
+    the curvature of the likelihood over the posterior's SDs (d,).
+    """
+    jacobian = posterior.likelihood.forward.jacobian
+    if x.size == 3 and jacobian(theta_of(x[None])).force.shape[-1] == x.size:
+        return fisher_information(posterior.likelihood, x, part)
+    return observed_information(given(posterior, part), x, sd)
 
 
 def knowledge(
@@ -126,7 +104,7 @@ def knowledge(
     for part in parts_of(posterior):
         last = part == parts_of(posterior)[-1]
         moments = whole if last else moments_of(given(posterior, part), rng)
-        information = fisher_information(posterior.likelihood, centre, part)
+        information = information_of(posterior, part, centre, whole.sd)
         parts.append(
             PartKnowledge(part, moments, moments.sd / prior_sd, spectrum(information, prior_sd))
         )

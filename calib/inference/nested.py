@@ -11,6 +11,7 @@ import numpy as np
 from dynesty import NestedSampler
 
 from calib.inference.data_parts import log_likelihood
+from calib.inference.moments import Moments
 from calib.inference.posterior import Posterior
 from fe.response import Array
 
@@ -23,41 +24,11 @@ FEW = 4
 class Nested:
     """Weighted draws of the posterior and its evidence."""
 
-    x: Array
-    """(n, d) points"""
-    weights: Array
-    """(n,) posterior probability, summing to 1"""
+    moments: Moments
     log_evidence: float
     log_evidence_error: float
     """SD by dynesty's estimate from the information and the number of live points"""
     n_calls: int
-
-    @property
-    def mean(self) -> Array:
-        """(d,) posterior mean of x"""
-        mean: Array = self.weights @ self.x
-        return mean
-
-    @property
-    def covariance(self) -> Array:
-        """(d, d) posterior covariance of x"""
-        off = self.x - self.mean
-        covariance: Array = np.einsum("n,ni,nj->ij", self.weights, off, off)
-        return covariance
-
-    @property
-    def sd(self) -> Array:
-        """(d,) posterior SD of x"""
-        return np.sqrt(np.diag(self.covariance))
-
-    @property
-    def effective_size(self) -> float:
-        """Number of independent draws that the weights amount to (Kish)."""
-        return float(1.0 / np.sum(self.weights**2))
-
-    def draws(self, rng: np.random.Generator, n: int) -> Array:
-        """(n, d) equally probable draws, with repetition."""
-        return self.x[rng.choice(len(self.x), n, p=self.weights)]
 
 
 def nested(
@@ -87,8 +58,7 @@ def nested(
     log_weights = np.asarray(found["logwt"]) - float(found["logz"][-1])
     weights = np.exp(log_weights)
     return Nested(
-        x=np.asarray(found["samples"], dtype=np.float64),
-        weights=weights / weights.sum(),
+        moments=Moments(np.asarray(found["samples"], dtype=np.float64), weights / weights.sum()),
         log_evidence=float(found["logz"][-1]),
         log_evidence_error=float(found["logzerr"][-1]),
         n_calls=int(np.sum(found["ncall"])),
