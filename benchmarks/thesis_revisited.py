@@ -104,6 +104,10 @@ def answer(trained: list[TrainedReading], tell: Any) -> dict[str, Any]:
         "elsewhere": elsewhere(),
         "table_5_3": printed_scatter(),
         "controls": controls(trained[0]),
+        "scatter_by_reading": {
+            entry.reading.name: scatter(controls(entry, seed))
+            for seed, entry in enumerate(trained, start=2)
+        },
     }
 
 
@@ -166,12 +170,20 @@ def _share(log_weight: np.ndarray) -> np.ndarray:
     return np.exp(log_weight - logsumexp(log_weight))
 
 
-def controls(stuck: TrainedReading) -> dict[str, Any]:
+def scatter(found: dict[str, Any]) -> dict[str, Any]:
+    """SD of ln (C10 + C01) at the end, and the probability of that printed, by control."""
+    return {
+        name: [found[name]["sd_ln_kappa"], found[name]["p_of_printed_scatter"]]
+        for name in ("travel_control", "force_control")
+    }
+
+
+def controls(stuck: TrainedReading, seed: int = 1) -> dict[str, Any]:
     """The thesis' method at travels and at four times the forces of a quarter of its constants."""
     truth = np.array([PUBLISHED_CONSTANTS[name] for name in ("C10", "C01", "C11")]) / 4.0
     theta = theta_of_constants(*truth)
     force = theta[0] * stuck.emulator.unit_force(theta[None, 1:])[0][0]
-    found = both_controls(stuck, truth, 4.0 * force)
+    found = both_controls(stuck, truth, 4.0 * force, seed)
     printed = np.array(printed_scatter()["kappa_end_MPa"])
     rows = list(INDEPENDENT)
     for name in ("travel_control", "force_control", "force_control_60_iterations"):

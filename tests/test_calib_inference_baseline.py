@@ -8,6 +8,7 @@ from analytic_models import AnalyticBlock, AnalyticForward
 
 from calib.inference.baseline import FieldError, thesis_baseline, thesis_starts
 from calib.inference.coordinates import theta_of_constants
+from calib.inference.forward import DirectForward
 from calib.optimize import METHODS, Settings
 
 POINTS = np.random.default_rng(2).random((40, 2)) * [5.0, 2.5]
@@ -56,6 +57,20 @@ def test_what_the_model_does_not_know_is_a_failure_of_the_solver() -> None:
     assert np.isnan(error(np.array([1.0, 0.1, 100.0])))
     with pytest.raises(ValueError, match="forces only"):
         FieldError(AnalyticForward(BLOCK), NOISY)(np.ones(3))
+
+
+def test_a_direct_model_gives_the_same_objective_and_its_failed_runs_are_failures() -> None:
+    """A run that stopped early has displacements up to there: they are no field."""
+    emulated = FieldError(FORWARD, NOISY)
+    direct = FieldError(DirectForward(BLOCK, with_field=True), NOISY)
+    scaled = np.array([10.0, 2.0, 8.0])
+    assert direct(scaled) == pytest.approx(emulated(scaled), rel=1e-12)
+    assert direct.gradient(scaled) == pytest.approx(emulated.gradient(scaled), rel=1e-9)
+    fails = FieldError(
+        DirectForward(AnalyticBlock(r_fails=0.3, points=POINTS), with_field=True), NOISY
+    )
+    assert np.isnan(fails(scaled)) and np.isnan(fails.gradient(scaled)).all()
+    assert np.isfinite(fails(np.array([30.0, 0.5, 8.0])))
 
 
 @pytest.mark.parametrize("method", METHODS)

@@ -48,6 +48,8 @@ class FieldError:
         if theta is None:
             return float("nan")
         error = self._error(theta)
+        if error is None:
+            return float("nan")
         return float(np.nanmean(np.linalg.norm(error, axis=-1)))
 
     def gradient(self, scaled: Array) -> Array:
@@ -56,6 +58,8 @@ class FieldError:
         if theta is None:
             return np.full(3, np.nan)
         error = self._error(theta)
+        if error is None:
+            return np.full(3, np.nan)
         length = np.linalg.norm(error, axis=-1, keepdims=True)
         unit = error / np.maximum(length, 1e-300)
         slope = self.forward.jacobian(theta[None]).weights
@@ -75,13 +79,14 @@ class FieldError:
         ]
         return theta if all(inside) else None
 
-    def _error(self, theta: Array) -> Array:
+    def _error(self, theta: Array) -> Array | None:
+        """(n_step, n_point, 3) field minus observed, mm; None where the model failed."""
         weights = self.forward.predict(theta[None]).weights
         basis = self.forward.field_basis
         if weights is None or basis is None:
             raise ValueError("forward: expected a model with a field, found one of forces only")
-        error: Array = basis.fields(weights)[0] - self.observed
-        return error
+        field = basis.fields(weights)[0]
+        return field - self.observed if np.isfinite(field).all() else None
 
     def _shapes(self, slope: Array) -> Array:
         """(3, n_step, n_point, 3) change of the field by x from that (k, 3) of its weights."""
