@@ -103,7 +103,28 @@ def _parser() -> argparse.ArgumentParser:
     lens.add_argument("--figure", type=Path, metavar="PNG", help="field and depth over distance")
     lens.set_defaults(verb=_lens)
     _add_laboratory(verbs)
+    _add_questions(verbs)
     return parser
+
+
+def _add_questions(verbs: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Verbs that ask a finished study."""
+    for name, text in (
+        ("identify", "say what the data of a finished study know of each constant"),
+        ("evidence", "rank the hypotheses of a finished study, every number with its error"),
+        ("baseline", "the thesis' own method, nine starts, on the field of a finished study"),
+    ):
+        verb = verbs.add_parser(name, help=text)
+        verb.add_argument("folder", type=Path, metavar="RUN", help="folder of a finished study")
+        verb.set_defaults(verb=_ask, question=name)
+    verb.add_argument("--hypothesis", metavar="NAME", help="contact (default: the first)")
+    verb.add_argument(
+        "--truth",
+        type=float,
+        nargs=3,
+        metavar=("C10", "C01", "C11"),
+        help="constants (MPa) of a synthetic field where the study has none (default: published)",
+    )
 
 
 def _add_laboratory(verbs: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -209,6 +230,25 @@ def _qc(arguments: argparse.Namespace) -> int:
         _say(line)
     if result.dataset is None:
         return _failed(["fewer than two samples meet the rules: there is no data set"])
+    return 0
+
+
+def _ask(arguments: argparse.Namespace) -> int:
+    if arguments.question == "baseline":
+        from calib.study.baseline import baseline
+
+        truth = None if arguments.truth is None else tuple(arguments.truth)
+        lines, paths = baseline(arguments.folder, arguments.hypothesis, truth)
+    elif arguments.question == "identify":
+        from calib.study.identify import identify
+
+        lines, paths = identify(arguments.folder)
+    else:
+        from calib.study.evidence import evidence
+
+        lines, paths = evidence(arguments.folder)
+    for line in [*lines, *(f"wrote {path}" for path in paths)]:
+        _say(line)
     return 0
 
 

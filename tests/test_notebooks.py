@@ -28,6 +28,7 @@ EXPECTED = {
     "02_forward_model": (4, "converged: reached every asked travel"),
     "03_emulator": (5, "16 runs of 3 travels, 840 points of the front face"),
     "04_experiment_to_dataset": (4, "rejected without cause: none"),
+    "05_thesis_revisited": (4, "python -m benchmarks.thesis_revisited | made"),
 }
 """pictures that a notebook shows, and words that it prints"""
 

@@ -92,6 +92,17 @@ def build_inference_data(
     )
 
 
+def smoothed_weights(log_ratios: Array) -> tuple[Array, Array]:
+    """Pareto-smoothed log weights (m, k), each column summing to 1, and Pareto shapes (k,).
+
+    `log_ratios` (m, k) are ln of the importance ratios of m draws to k targets, up to constants.
+    """
+    stacked = xr.DataArray(log_ratios.T, dims=("target", "__sample__"))
+    weights, shape = az.psislw(stacked)  # type: ignore[no-untyped-call]
+    values: Array = np.asarray(weights.values, dtype=np.float64).T
+    return values, np.asarray(shape.values, dtype=np.float64)
+
+
 def provenance_of(data: az.InferenceData) -> dict[str, object]:
     """The provenance that was stored with the samples; raises ValueError when it is damaged."""
     try:

@@ -60,6 +60,10 @@ class Likelihood:
             columns.append(total - marginal([force, field.along(prediction, index)]))
         return np.column_stack(columns)
 
+    def force_log_prob(self, theta: Array, steps: npt.NDArray[np.intp]) -> Array:
+        """(m,) ln density of the forces at some of the steps, at theta (m, 3)."""
+        return marginal([self._force_along(self.forward.predict(theta), steps)])
+
     def force_covariance(self, prediction: Prediction) -> Array:
         """(m, n_step, n_step) covariance of the force residual, the travel's zero included, N^2."""
         force = np.ascontiguousarray(prediction.force.T)

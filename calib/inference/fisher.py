@@ -1,0 +1,148 @@
+"""Fisher information of forces and field about x, and the combinations of x that they determine.
+
+For normal errors of known covariance the information is J^T Sigma^-1 J (the part through the
+covariance's own dependence on x is left out: it is small wherever data say anything). The zero of
+the travel, which force and field share, is integrated out of both together.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib.inference.coordinates import theta_of
+from calib.inference.data_parts import Part, log_likelihood
+from calib.inference.field_likelihood import FieldLikelihood
+from calib.inference.forward import Jacobian, Prediction
+from calib.inference.likelihood import Likelihood
+from calib.inference.posterior import Posterior
+from fe.response import Array
+
+CURVATURE_STEP = 0.2
+"""posterior SDs between the points of second differences: emulator means carry rounding"""
+
+
+@dataclass(frozen=True)
+class Information:
+    """What one part of the data adds about x, and how the shared error takes some of it away."""
+
+    own: Array
+    """(d, d) information were the shared error known"""
+    pull: Array
+    """(d,) information that x and the shared error have in common"""
+    shared: float
+    """information about the shared error, in units of its SD"""
+
+
+@dataclass(frozen=True)
+class Spectrum:
+    """Combinations of x from best to least known, in units of the prior's SDs."""
+
+    information: Array
+    """(d,) eigenvalues: above 1 the data say more than the prior"""
+    directions: Array
+    """(d, d) rows are unit vectors in x / prior SD"""
+
+    @property
+    def sd_ratio(self) -> Array:
+        """(d,) SD along each combination over the prior's, by the information alone."""
+        ratio: Array = 1.0 / np.sqrt(1.0 + np.maximum(self.information, 0.0))
+        return ratio
+
+
+def fisher_information(likelihood: Likelihood, x: Array, part: Part = "both") -> Array:
+    """(d, d) information about x = (ln kappa, ...) at the point x (d,).
+
+    Raises ValueError for a part that the data do not have, and for a field under a forward model
+    without modes (the direct model's).
+    """
+    theta = theta_of(x[None])
+    prediction = likelihood.forward.predict(theta)
+    slope = likelihood.forward.jacobian(theta)
+    found = []
+    if part in ("force", "both"):
+        found.append(_of_force(likelihood, prediction, slope))
+    if part == "field" or (part == "both" and likelihood.field is not None):
+        if likelihood.field is None:
+            raise ValueError("part: found 'field', expected 'force': the data hold no field")
+        field = likelihood.field
+        basis = likelihood.forward.field_basis
+        if basis is not None and basis is not field.basis:
+            field = field.with_basis(basis)
+        found.append(_of_field(field, prediction, slope))
+    own = np.sum([entry.own for entry in found], axis=0)
+    pull = np.sum([entry.pull for entry in found], axis=0)
+    shared = 1.0 + sum(entry.shared for entry in found)
+    information: Array = own - np.outer(pull, pull) / shared
+    return 0.5 * (information + information.T)
+
+
+def observed_information(posterior: Posterior, x: Array, sd: Array) -> Array:
+    """(d, d) curvature of minus the ln likelihood at x (d,), by second differences over `sd` (d,).
+
+    For any coordinates and any likelihood; negative eigenvalues, which a point off the maximum may
+    have, are set to zero. Next to a bound of the prior the differences are taken inside of it.
+    """
+    low, high = posterior.prior.bounds.T
+    step = np.minimum(CURVATURE_STEP * sd, 0.2 * (high - low))
+    centre = np.clip(x, low + 1.01 * step, high - 1.01 * step)
+    d = x.size
+    signs = np.array([(1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0)])
+    hessian = np.empty((d, d))
+    for i in range(d):
+        for j in range(i + 1):
+            points = np.tile(centre, (4, 1))
+            points[:, i] += 0.5 * signs[:, 0] * step[i]
+            points[:, j] += 0.5 * signs[:, 1] * step[j]
+            value = log_likelihood(posterior, points)
+            mixed = float(value @ np.array([1.0, -1.0, -1.0, 1.0]))
+            hessian[i, j] = hessian[j, i] = -mixed / (step[i] * step[j])
+    values, vectors = np.linalg.eigh(hessian)
+    information: Array = (vectors * np.maximum(values, 0.0)) @ vectors.T
+    return information
+
+
+def spectrum(information: Array, prior_sd: Array) -> Spectrum:
+    """Eigenvalues and combinations of an information (d, d) in units of the prior's SDs (d,)."""
+    scaled = information * prior_sd[:, None] * prior_sd[None, :]
+    values, vectors = np.linalg.eigh(scaled)
+    order = np.argsort(-values)
+    directions = vectors[:, order].T
+    # The largest part of each combination counts as positive.
+    largest = np.take_along_axis(directions, np.abs(directions).argmax(axis=1)[:, None], axis=1)
+    return Spectrum(values[order], directions * np.sign(largest))
+
+
+def _of_force(likelihood: Likelihood, prediction: Prediction, slope: Jacobian) -> Information:
+    force = np.ascontiguousarray(prediction.force.T)
+    covariance = likelihood.errors.covariance(force, prediction.force_covariance)[:, :, 0]
+    shift = likelihood.errors.zero_shift(force)[:, 0]
+    jacobian = slope.force[0]
+    solved = np.linalg.solve(covariance, np.column_stack([jacobian, shift]))
+    return Information(
+        own=jacobian.T @ solved[:, :-1],
+        pull=jacobian.T @ solved[:, -1],
+        shared=float(shift @ solved[:, -1]),
+    )
+
+
+def _of_field(field: FieldLikelihood, prediction: Prediction, slope: Jacobian) -> Information:
+    weights, jacobian = prediction.weights, slope.weights
+    assert weights is not None and jacobian is not None  # a model with a field has both
+    projected = field.projected
+    by_mode = np.concatenate([[1.0], weights[0]])
+    moved = by_mode @ projected.shared_modes
+    shared = float(by_mode @ projected.shared_precision @ by_mode)
+    precision = projected.precision
+    if prediction.weight_variance is not None:
+        root = np.sqrt(prediction.weight_variance[0])
+        inner = np.eye(root.size) + root[:, None] * precision * root
+        lost = np.linalg.solve(inner, root[:, None] * np.column_stack([precision, moved]))
+        gain = root[:, None] * np.column_stack([precision, moved])
+        taken = gain.T @ lost
+        precision = precision - taken[:-1, :-1]
+        shared -= float(taken[-1, -1])
+        moved = moved - taken[:-1, -1]
+    by_x = jacobian[0]
+    return Information(own=by_x.T @ precision @ by_x, pull=by_x.T @ moved, shared=shared)

@@ -1,0 +1,275 @@
+"""`calib baseline`: the thesis' own calibration on a field of a study, beside its posterior."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from calib.data import PUBLISHED_CONSTANTS, FieldData
+from calib.data.thesis import optimization_runs
+from calib.inference.baseline import Baseline, thesis_baseline
+from calib.inference.coordinates import CONSTANTS, constants_of, theta_of, theta_of_constants
+from calib.inference.field_noise import field_covariance
+from calib.inference.forward import EmulatorForward
+from calib.study.artifacts import write_json
+from calib.study.context import Context, stream
+from calib.study.data_stage import load_data
+from calib.study.figure_style import COLOURS, INK, MUTED, save_png, tidy
+from calib.study.finished import chosen, finished
+from calib.study.mesh_error import load_mesh_error
+from calib.study.sample_stage import load_samples, samples_path
+from calib.study.sections import Hypothesis
+from calib.study.tables import Table, number
+from calib.study.train_stage import load_emulator
+from fe.response import Array
+from surrogate import ScaledEmulator
+
+FILE = "baseline.json"
+FIGURE = "baseline.png"
+NOISE = (0.01, 0.01, 0.02)
+"""SD of x, y, z of a synthetic field made here, mm; as of the embedded study `virtual`"""
+LENGTH = 0.5
+"""mm, of its correlation"""
+REFERENCE_SHARE = 0.5
+VARIANTS = (
+    ("feasible-directions", False),
+    ("feasible-directions", True),
+    ("slsqp", True),
+    ("trust-constr", True),
+)
+"""method and whether gradients are exact; the first is the thesis'"""
+
+
+@dataclass(frozen=True)
+class BaselineStudy:
+    """The thesis' method on one field."""
+
+    hypothesis: str
+    synthetic: bool
+    truth: Array | None
+    """(3,) C10, C01, C11 behind a synthetic field, MPa; None where they are not known"""
+    travel: Array
+    """(n_step,) mm"""
+    runs: tuple[Baseline, ...]
+    error_at_truth: float | None
+    """mean field error at the truth, mm: what the noise alone gives"""
+
+
+def baseline(
+    out: Path, hypothesis: str | None = None, truth: tuple[float, float, float] | None = None
+) -> tuple[list[str], list[Path]]:
+    """Run it on a finished study; returns the lines to print and the files.
+
+    On the study's own field where it has one, else on a synthetic one: the emulator's field at
+    `truth` (C10, C01, C11 in MPa; default those of thesis Table 5.4) with noise.
+    Raises ValueError where the folder holds no finished study and for a truth beside a field.
+    """
+    context = finished(out)
+    under = chosen(context.study, hypothesis)
+    found = _run(context, under, truth)
+    write_json(out / FILE, facts(found))
+    draws = _draws(context, under)
+    save_png(baseline_figure(found, draws), out / "figures" / FIGURE)
+    lines = []
+    for table in (starts_table(found), methods_table(found)):
+        lines += [table.text(), ""]
+    return lines, [out / FILE, out / "figures" / FIGURE]
+
+
+def _run(
+    context: Context, hypothesis: Hypothesis, truth: tuple[float, float, float] | None
+) -> BaselineStudy:
+    data = load_data(context.out)
+    forward = EmulatorForward(
+        ScaledEmulator(load_emulator(context.out, hypothesis)),
+        with_field=True,
+        correction=load_mesh_error(context.out, hypothesis).correction,
+    )
+    field = data.dataset.field
+    constants: Array | None = None
+    if field is not None:
+        if truth is not None:
+            raise ValueError("--truth: found constants, expected none: the study has a field")
+        observed = field.displacement
+        if data.truth is not None:
+            constants = np.array([data.truth[name] for name in CONSTANTS[:3]])
+    else:
+        chosen_truth = truth or tuple(PUBLISHED_CONSTANTS[name] for name in CONSTANTS[:3])
+        constants = np.array(chosen_truth)
+        observed = synthetic_field(context, hypothesis, forward, constants)
+    runs = tuple(
+        thesis_baseline(forward, observed, exact=exact, method=method) for method, exact in VARIANTS
+    )
+    at_truth = None
+    if constants is not None:
+        theta = theta_of_constants(*constants)
+        weights, basis = forward.predict(theta[None]).weights, forward.field_basis
+        assert weights is not None and basis is not None
+        off = basis.fields(weights)[0] - observed
+        at_truth = float(np.linalg.norm(off, axis=-1).mean())
+    synthetic = data.dataset.synthetic or field is None
+    travel = data.dataset.travel
+    return BaselineStudy(hypothesis.name, synthetic, constants, travel, runs, at_truth)
+
+
+def synthetic_field(
+    context: Context, hypothesis: Hypothesis, forward: EmulatorForward, constants: Array
+) -> Array:
+    """(n_step, n_point, 3) field of the emulator at constants (3,) MPa, with correlated noise."""
+    weights = forward.predict(theta_of_constants(*constants)[None]).weights
+    basis = forward.field_basis
+    assert weights is not None and basis is not None
+    clean: Array = basis.fields(weights)[0]
+    points = context.sampling_model(hypothesis).points()
+    data = FieldData(points, clean, np.array(NOISE), LENGTH, REFERENCE_SHARE)
+    noise: Array = field_covariance(data).sample(stream(context.study, "baseline field"), 1)[0]
+    noisy: Array = clean + noise
+    return noisy
+
+
+def _draws(context: Context, hypothesis: Hypothesis) -> Array | None:
+    """(n, 4) constants of the study's posterior, MPa; None where it was not sampled."""
+    if not samples_path(context.out, hypothesis).is_file():
+        return None
+    draws: Array = constants_of(theta_of(load_samples(context.out, hypothesis).result.draws))
+    return draws
+
+
+def facts(found: BaselineStudy) -> dict[str, Any]:
+    """The results as JSON data."""
+    return {
+        "hypothesis": found.hypothesis,
+        "synthetic": found.synthetic,
+        "truth": found.truth,
+        "error_at_truth_mm": found.error_at_truth,
+        "units": {"constants": "MPa", "error": "mm", "force": "N"},
+        "runs": [
+            {
+                "method": run.method,
+                "exact_gradients": run.exact,
+                "start": run.start,
+                "result": run.result,
+                "error": run.error,
+                "force": run.force,
+                "status": [minimum.message for minimum in run.minima],
+                "n_objective": [minimum.n_objective for minimum in run.minima],
+            }
+            for run in found.runs
+        ],
+    }
+
+
+def starts_table(found: BaselineStudy) -> Table:
+    """Table 5.3 again: nine starts, where they end, beside what the thesis printed."""
+    run, printed = found.runs[0], optimization_runs()
+    rows = []
+    for i, minimum in enumerate(run.minima):
+        rows.append(
+            (
+                str(i + 1),
+                *(number(value, 3) for value in run.result[i]),
+                f"{run.error[i]:.4f}",
+                number(run.force[i, -1], 3),
+                minimum.status.name.lower(),
+                *(number(value, 3) for value in printed.result[i]),
+                f"{printed.rmse[i]:.4f}",
+            )
+        )
+    kind = "SYNTHETIC field" if found.synthetic else "measured field"
+    note = "Left of the bar: this program. Right: thesis Table 5.3, real data, as printed."
+    if found.truth is not None:
+        at = "" if found.error_at_truth is None else f"; error there {found.error_at_truth:.4f} mm"
+        note += " Truth: " + ", ".join(number(v, 3) for v in found.truth) + f" MPa{at}."
+    return Table(
+        f"Nine starts of the thesis' method on a {kind} ({found.hypothesis}), central differences",
+        (
+            "start",
+            "C10 [MPa]",
+            "C01",
+            "C11",
+            "error [mm]",
+            f"force at {found.travel[-1]:g} mm [N]",
+            "end",
+            "| thesis C10",
+            "C01",
+            "C11",
+            "RMSE [mm]",
+        ),
+        tuple(rows),
+        note,
+    )
+
+
+def methods_table(found: BaselineStudy) -> Table:
+    """The spread of the nine answers by method."""
+    rows = []
+    for run in found.runs:
+        rows.append(
+            (
+                run.method,
+                "exact" if run.exact else "differences 0.1",
+                f"{run.error.min():.4f} to {run.error.max():.4f}",
+                f"{number(run.kappa.min(), 3)} to {number(run.kappa.max(), 3)}",
+                f"{number(run.force[:, -1].min(), 3)} to {number(run.force[:, -1].max(), 3)}",
+                f"{np.mean([m.n_objective for m in run.minima]):.0f}",
+            )
+        )
+    return Table(
+        "Spread of the nine answers",
+        (
+            "method",
+            "gradients",
+            "error [mm]",
+            "C10 + C01 [MPa]",
+            f"force at {found.travel[-1]:g} mm [N]",
+            "evaluations a start",
+        ),
+        tuple(rows),
+        "The error of the field is the same along every ray through the origin: it cannot see "
+        "C10 + C01, and each answer keeps the stiffness that its start and steps gave it. A force "
+        "would decide; none is in the thesis' objective.",
+    )
+
+
+def baseline_figure(found: BaselineStudy, draws: Array | None) -> Figure:
+    """Answers in (C10, C01), from start to end, with the posterior and the thesis' own answers."""
+    figure = Figure(figsize=(10.5, 4.4), layout="constrained")
+    for axis, run in zip(figure.subplots(1, 2), found.runs[:2], strict=True):
+        if draws is not None:
+            few = draws[:: max(1, len(draws) // 1500)]
+            axis.plot(few[:, 0], few[:, 1], ".", ms=1.5, color=COLOURS[0], alpha=0.3)
+            axis.plot([], [], ".", color=COLOURS[0], label="posterior of the study (force in it)")
+        printed = optimization_runs().result
+        axis.plot(
+            printed[:, 0],
+            printed[:, 1],
+            "x",
+            color=MUTED,
+            zorder=4,
+            label="thesis Table 5.3 (real)",
+        )
+        for start, end in zip(run.start, run.result, strict=True):
+            axis.plot([start[0], end[0]], [start[1], end[1]], "-", lw=0.6, color=COLOURS[1])
+        axis.plot(run.start[:, 0], run.start[:, 1], "o", mfc="w", color=COLOURS[1], label="start")
+        kind = "synthetic field" if found.synthetic else "measured field"
+        label = f"end, {kind}"
+        axis.plot(run.result[:, 0], run.result[:, 1], "o", color=COLOURS[1], label=label)
+        if found.truth is not None:
+            ray = np.geomspace(0.02, 50.0, 50)[:, None] * found.truth
+            axis.plot(ray[:, 0], ray[:, 1], ":", color=INK, label="ray of the truth: one error")
+            axis.plot(*found.truth[:2], "*", ms=13, color=INK, label="synthetic truth")
+        axis.set_xscale("log")
+        axis.set_yscale("log")
+        axis.set_xlim(2e-4, 0.2)
+        axis.set_ylim(2e-5, 0.5)
+        axis.set_xlabel("$C_{10}$ [MPa]")
+        axis.set_ylabel("$C_{01}$ [MPa]")
+        gradients = "exact gradients" if run.exact else "central differences of 0.1"
+        axis.set_title(f"{run.method}, {gradients}", fontsize=9)
+        tidy(axis)
+    figure.axes[0].legend(fontsize=7, loc="lower right")
+    return figure

@@ -1,0 +1,180 @@
+"""`calib identify`: what a study's data say of which parameter, as tables, JSON and a figure."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+from scipy.stats import chi2
+
+from calib.inference.knowledge import Knowledge, knowledge
+from calib.inference.profile import LEVEL
+from calib.study.artifacts import write_json
+from calib.study.context import stream
+from calib.study.figure_style import COLOURS, INK, LINES, MARKERS, save_png, tidy
+from calib.study.finished import finished, posteriors
+from calib.study.tables import Table, number
+
+FILE = "identify.json"
+FIGURE = "identify.png"
+
+
+def identify(out: Path) -> tuple[list[str], list[Path]]:
+    """Answer for every hypothesis of a finished study; returns the lines to print and the files.
+
+    Raises ValueError where the folder holds no finished study.
+    """
+    context = finished(out)
+    found = {
+        name: knowledge(posterior, stream(context.study, f"identify {name}"))
+        for name, posterior in posteriors(context).items()
+    }
+    write_json(out / FILE, {name: facts(known) for name, known in found.items()})
+    save_png(identify_figure(found), out / "figures" / FIGURE)
+    lines = []
+    for name, known in found.items():
+        for table in tables(name, known):
+            lines += [table.text(), ""]
+        lines += [f"{name}: {sentence}" for sentence in known.warnings]
+        lines.append("")
+    return lines, [out / FILE, out / "figures" / FIGURE]
+
+
+def labels(known: Knowledge) -> tuple[str, ...]:
+    """The coordinates as they are called: the first is a logarithm."""
+    first = f"ln {known.names[0]}" if known.names[0] == "kappa" else known.names[0]
+    return (first, *known.names[1:])
+
+
+def facts(known: Knowledge) -> dict[str, Any]:
+    """The answer as JSON data."""
+    return {
+        "coordinates": labels(known),
+        "prior_sd": known.prior_sd,
+        "parts": {
+            entry.part: {
+                "mean": entry.moments.mean,
+                "sd": entry.moments.sd,
+                "sd_over_prior": entry.contraction,
+                "fisher_eigenvalues_in_prior_units": entry.spectrum.information,
+                "fisher_directions_in_prior_units": entry.spectrum.directions,
+            }
+            for entry in known.parts
+        },
+        "profiles": {
+            name: {
+                "value": profile.values,
+                "log_likelihood": profile.log_likelihood,
+                "interval": profile.interval,
+                "open_ends": profile.open_ends,
+            }
+            for name, profile in zip(labels(known), known.profiles, strict=True)
+        },
+        "warnings": known.warnings,
+    }
+
+
+def tables(name: str, known: Knowledge) -> tuple[Table, Table]:
+    """Contraction and profile of each parameter; combinations by Fisher information."""
+    names = labels(known)
+    rows = []
+    for index, label in enumerate(names):
+        low, high = known.profiles[index].interval
+        ends = known.profiles[index].open_ends
+        rows.append(
+            (
+                label,
+                number(known.prior_sd[index], 3),
+                *(f"{100 * entry.contraction[index]:.0f}" for entry in known.parts),
+                f"{number(low, 3)}{' (bound)' if ends[0] else ''}",
+                f"{number(high, 3)}{' (bound)' if ends[1] else ''}",
+            )
+        )
+    contraction = Table(
+        f"What the data leave of the prior, under {name}",
+        (
+            "coordinate",
+            "prior SD",
+            *(f"{entry.part}: SD left [%]" for entry in known.parts),
+            f"{LEVEL:.0%} profile low",
+            "high",
+        ),
+        tuple(rows),
+        "SD left: posterior SD over prior SD, 100 is the prior. Profile: values that a "
+        "likelihood-ratio test does not refuse, whatever the prior's density; (bound) where that "
+        "goes on to the prior's bound.",
+    )
+    combined = []
+    for entry in known.parts:
+        for value, ratio, direction in zip(
+            entry.spectrum.information,
+            entry.spectrum.sd_ratio,
+            entry.spectrum.directions,
+            strict=True,
+        ):
+            combined.append(
+                (
+                    entry.part,
+                    number(float(value), 3),
+                    f"{100 * ratio:.1f}",
+                    _words(names, direction),
+                )
+            )
+    spectrum = Table(
+        f"Combinations by Fisher information, under {name}",
+        ("data", "eigenvalue [-]", "SD left [%]", "combination of coordinates / prior SD"),
+        tuple(combined),
+        "At the posterior's mean, in units of the prior's SDs: above 1 the data say more than the "
+        "prior. SD left counts the prior as normal.",
+    )
+    return contraction, spectrum
+
+
+def _words(names: tuple[str, ...], direction: np.ndarray[Any, Any]) -> str:
+    """A combination, parts below 0.1 left out."""
+    parts = [
+        f"{value:+.2f} {name}"
+        for name, value in zip(names, direction, strict=True)
+        if abs(value) >= 0.1
+    ]
+    return " ".join(parts)
+
+
+def identify_figure(found: dict[str, Knowledge]) -> Figure:
+    """Profiles of every coordinate, and SD left by part of the data; hypotheses by colour."""
+    names = labels(next(iter(found.values())))
+    figure = Figure(figsize=(3.2 * (len(names) + 1), 3.3), layout="constrained")
+    axes = figure.subplots(1, len(names) + 1)
+    limit = 0.5 * chi2.ppf(LEVEL, 1)
+    for column, label in enumerate(names):
+        axis = axes[column]
+        for order, (name, known) in enumerate(found.items()):
+            profile = known.profiles[column]
+            style = {"color": COLOURS[order % len(COLOURS)], "ls": LINES[order % len(LINES)]}
+            axis.plot(profile.values, profile.drop, label=name, **style)
+        axis.axhline(limit, color=INK, lw=0.8, ls=":")
+        axis.set_ylim(8.0, -0.2)
+        axis.set_xlabel(label + (" [MPa]" if label == "ln kappa" else ""))
+        tidy(axis)
+    axes[0].set_ylabel("ln likelihood below its maximum")
+    last = axes[-1]
+    for order, (name, known) in enumerate(found.items()):
+        for offset, entry in enumerate(known.parts):
+            place = np.arange(len(names)) + 0.12 * (offset + len(known.parts) * order)
+            last.plot(
+                place,
+                100 * entry.contraction,
+                MARKERS[offset],
+                color=COLOURS[order % len(COLOURS)],
+                label=f"{name}, {entry.part}",
+            )
+    last.axhline(100, color=INK, lw=0.8, ls=":")
+    last.set_xticks(range(len(names)), names)
+    last.set_ylabel("posterior SD / prior SD [%]")
+    last.set_ylim(bottom=0)
+    last.legend(fontsize=7)
+    tidy(last)
+    figure.suptitle(f"Profile likelihoods (dotted: {LEVEL:.0%}) and what is left of the prior")
+    return figure

@@ -1,0 +1,211 @@
+"""The questions put to a finished study: verbs, tables, files; on a block in closed form."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from analytic_block import analytic_block
+
+from calib.cli import main
+from calib.inference.data_parts import Part
+from calib.inference.fisher import spectrum
+from calib.inference.knowledge import Knowledge, PartKnowledge, warnings_of
+from calib.inference.leave_out import Scores
+from calib.inference.moments import Moments
+from calib.inference.profile import Profile
+from calib.study.config import load_study
+from calib.study.evidence import (
+    Standing,
+    evidence_figure,
+    rank,
+    ranking_table,
+    remarks,
+    scores_table,
+)
+from calib.study.figure_style import png_bytes
+from calib.study.finished import chosen
+from calib.study.identify import facts, identify_figure, tables
+from calib.study.stages import run_study
+from fe.executors import serial_map
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A finished study with a field, both hypotheses."""
+    study = load_study("virtual")
+    study = replace(
+        study,
+        design=replace(study.design, n_runs=12, n_held_out=4, n_refine=3),
+        sampler=replace(study.sampler, n_ensembles=2, n_autocorrelation=10.0, max_steps=600),
+    )
+    out = tmp_path_factory.mktemp("questions") / "virtual"
+    run_study(
+        study,
+        out,
+        simulate_factory=analytic_block,
+        map_fn=serial_map,
+        echo=lambda _: None,
+        show_progress=False,
+    )
+    return out
+
+
+@pytest.mark.slow
+def test_identify_says_what_each_part_of_the_data_knows(
+    run: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["identify", str(run)]) == 0
+    text = capsys.readouterr().out
+    assert "force: SD left [%]" in text and "field: SD left [%]" in text
+    assert "The field alone says nothing of C10 + C01" in text
+    found = json.loads((run / "identify.json").read_text())
+    for parts in (known["parts"] for known in found.values()):
+        by_part = {name: part["sd_over_prior"] for name, part in parts.items()}
+        assert by_part["field"][0] == pytest.approx(1.0, abs=0.05)
+        assert by_part["force"][0] < 0.3
+        both = np.array(by_part["both"])
+        assert np.all(both < 1.05 * np.minimum(by_part["force"], by_part["field"]))
+    assert (run / "figures" / "identify.png").stat().st_size > 10_000
+
+
+@pytest.mark.slow
+def test_evidence_gives_no_number_without_its_error(
+    run: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["evidence", str(run)]) == 0
+    text = capsys.readouterr().out
+    rows = [line for line in text.splitlines() if line.startswith(("stuck ", "sliding "))]
+    assert len(rows) == 4
+    assert all(row.count("±") >= 5 for row in rows)
+    found = json.loads((run / "evidence.json").read_text())
+    for standing in found.values():
+        (by_grid, error), (by_nested, sd) = (
+            standing["log_evidence_quadrature"],
+            standing["log_evidence_nested"],
+        )
+        assert abs(by_grid - by_nested) < 5 * np.hypot(error, sd)
+        assert standing["blocks"]["names"] == ["all forces", "whole field"]
+    assert sum(s["stacking_weight"][0] for s in found.values()) == pytest.approx(1.0)
+
+
+@pytest.mark.slow
+def test_baseline_ends_at_one_error_and_many_stiffnesses(
+    run: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["baseline", str(run), "--hypothesis", "sliding"]) == 0
+    text = capsys.readouterr().out
+    assert "SYNTHETIC field" in text and "thesis Table 5.3, real data, as printed" in text
+    found = json.loads((run / "baseline.json").read_text())
+    exact = found["runs"][1]
+    force = np.array(exact["force"])[:, -1]
+    assert exact["exact_gradients"] and len(exact["error"]) == 9
+    assert np.ptp(exact["error"]) < 0.05 * min(exact["error"])
+    assert force.max() > 2.0 * force.min()
+
+
+@pytest.mark.slow
+def test_wrong_questions_are_refused_in_one_sentence(
+    run: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["baseline", str(run), "--truth", "0.01", "0.01", "0.001"]) == 2
+    assert "the study has a field" in capsys.readouterr().err
+
+
+def test_a_folder_without_a_study_and_an_unknown_hypothesis_are_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for verb in ("identify", "evidence", "baseline"):
+        assert main([verb, str(tmp_path)]) == 2
+        assert "found no study with data" in capsys.readouterr().err
+    with pytest.raises(ValueError, match="expected one of stuck, sliding"):
+        chosen(load_study("virtual"), "glued")
+
+
+NAMES = ("kappa", "r", "s")
+PRIOR_SD = np.array([1.3, 0.29, 0.14])
+
+
+def part(name: Part, sd: list[float], correlation: float = 0.0) -> PartKnowledge:
+    """A normal posterior of given SDs, r and s correlated."""
+    matrix = np.eye(3)
+    matrix[1, 2] = matrix[2, 1] = correlation
+    covariance = np.outer(sd, sd) * matrix
+    draws = np.random.default_rng(3).multivariate_normal([-4.0, 0.5, 0.1], covariance, 4000)
+    moments = Moments(draws, np.full(4000, 1 / 4000))
+    return PartKnowledge(
+        name, moments, np.array(sd) / PRIOR_SD, spectrum(np.linalg.inv(covariance), PRIOR_SD)
+    )
+
+
+def known(
+    *parts: PartKnowledge, curved: tuple[float, float, float] = (50.0, 50.0, 50.0)
+) -> Knowledge:
+    """With parabolic profiles of given curvatures over the unit interval."""
+    values = np.linspace(0.0, 1.0, 41)
+    profiles = tuple(Profile(values, -0.5 * c * (values - 0.5) ** 2) for c in curved)
+    return Knowledge(
+        NAMES, PRIOR_SD, parts, profiles, warnings_of(NAMES, PRIOR_SD, parts, profiles)
+    )
+
+
+def test_words_say_what_is_the_prior_and_what_is_known_as_a_sum() -> None:
+    found = known(part("force", [0.02, 0.28, 0.01]), curved=(50.0, 0.01, 50.0))
+    text = " ".join(found.warnings)
+    assert "C10 and C01 are known only as their sum, to 2 %" in text
+    assert "r = C01 / (C10 + C01) is the prior: the data leave 97 % of its SD." in text
+    assert "No value of r within the prior's bounds is refused" in text
+    assert "No value of s" not in text
+
+
+def test_words_say_which_pair_is_known_only_together_and_what_a_part_is_blind_to() -> None:
+    field, both = part("field", [1.3, 0.1, 0.05]), part("both", [0.05, 0.1, 0.05], 0.98)
+    text = " ".join(known(field, both).warnings)
+    assert "r and s are known only together, as r - 2 s (correlation +0.98)" in text
+    assert "The field alone says nothing of C10 + C01." in text
+    assert "is the prior" not in text
+
+
+def test_tables_and_figure_of_what_is_known() -> None:
+    found = known(part("force", [0.02, 0.1, 0.01]), curved=(50.0, 1.0, 50.0))
+    contraction, combined = tables("stuck", found)
+    assert [row[0] for row in contraction.rows] == ["ln kappa", "r", "s"]
+    assert contraction.rows[0][2] == "2"
+    assert contraction.rows[1][-1].endswith("(bound)")
+    assert len(combined.rows) == 3
+    assert facts(found)["parts"]["force"]["sd_over_prior"][0] == pytest.approx(0.02 / 1.3)
+    assert len(png_bytes(identify_figure({"stuck": found}))) > 10_000
+
+
+def standing(name: str, evidence: float, density: list[float], by_nested: float = 0.0) -> Standing:
+    n = len(density)
+    scores = Scores(
+        tuple(f"{i}" for i in range(n)), np.array(density), np.full(n, 0.02), np.full(n, 0.3)
+    )
+    return Standing(name, (evidence, 0.01), (evidence + by_nested, 0.1), scores, None)
+
+
+def test_ranking_orders_by_evidence_and_every_number_has_its_error() -> None:
+    rng = np.random.default_rng(0)
+    first = standing("a", 1.0, [0.0, 0.1, -0.2, 0.3])
+    second = standing("b", 3.0, [-1.0, 0.0, -0.5, -0.4])
+    ranking = rank([first, second], rng)
+    assert [found.name for found in ranking.standings] == ["b", "a"]
+    for row in ranking_table(ranking).rows:
+        assert sum("±" in cell for cell in row) == 5 and "[" in row[-1]
+    assert all("±" in cell for row in scores_table(ranking).rows for cell in row[1:])
+    text = " ".join(remarks(ranking))
+    assert "Evidence prefers b, prediction a" in text
+    assert len(png_bytes(evidence_figure(ranking))) > 10_000
+
+
+def test_evidences_that_disagree_are_told_and_scores_that_do_not_separate_too() -> None:
+    rng = np.random.default_rng(0)
+    first = standing("a", 1.0, [0.0, 0.1, -0.2, 0.3], by_nested=2.0)
+    second = standing("b", 0.0, [0.1, -0.1, 0.1, 0.1])
+    text = " ".join(remarks(rank([first, second], rng)))
+    assert "a: quadrature and nested sampling differ by 2.00" in text
+    assert "do not separate a, b" in text
