@@ -101,6 +101,7 @@ def test_a_finished_study_leaves_all_its_artifacts(thesis: Run) -> None:
         "posterior.nc",
         "map.json",
         "comparison.json",
+        "predictive.json",
         "report.html",
         "figures",
     ]:
@@ -371,3 +372,16 @@ def test_mean_and_sd_of_a_prior_are_those_of_the_parameter(
 
 def _refuse(f: Callable[[Any], Any], items: Sequence[Any], /) -> Iterator[tuple[int, Any]]:
     raise AssertionError(f"nothing was to be simulated, found {len(items)} items")
+
+
+def test_the_field_is_held_against_its_predictions_by_increment_and_region(virtual: Run) -> None:
+    found = json.loads((virtual.out / "predictive.json").read_text())
+    right = found["hypotheses"]["sliding"]
+    assert list(right["field"]) == ["near pin", "middle", "edge"]
+    steps = right["field"]["middle"]
+    assert len(steps) == len(found["travel"]) and len(steps[0]) == 3
+    inside = [c["coverage"]["0.94"] for part in right["field"].values() for s in part for c in s]
+    assert np.mean(inside) > 0.85
+    with np.load(virtual.out / "predictive_sliding.npz") as maps:
+        assert maps["correlation"].shape == maps["rmse"].shape == (len(maps["points"]), 3)
+    assert (virtual.out / "figures" / "predictive_face_sliding.png").is_file()
