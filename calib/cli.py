@@ -103,7 +103,16 @@ def _parser() -> argparse.ArgumentParser:
     lens.add_argument("--figure", type=Path, metavar="PNG", help="field and depth over distance")
     lens.set_defaults(verb=_lens)
     _add_laboratory(verbs)
+    _add_predictions(verbs)
     return parser
+
+
+def _add_predictions(verbs: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    text = "hold a finished study against a second test: other geometry, other loading"
+    validate = verbs.add_parser("validate", help=text)
+    validate.add_argument("folder", type=Path, metavar="RUNDIR", help="folder of a finished study")
+    validate.add_argument("second", metavar="SECOND", help="file of the test, or notched-plate")
+    validate.set_defaults(verb=_validate)
 
 
 def _add_laboratory(verbs: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -304,6 +313,21 @@ def _laboratory(arguments: argparse.Namespace) -> int:
     make_laboratory(arguments.folder, truth, settings, arguments.seed, _say)
     _say(f"wrote {arguments.folder}, synthetic; what is true of it stands in truth.json")
     return 0
+
+
+def _validate(arguments: argparse.Namespace) -> int:
+    from calib.study.second_test import load_second_test
+    from calib.study.validate import validate
+    from calib.study.validation_tables import validation_tables, verdicts
+
+    test, data_folder = load_second_test(arguments.second)
+    found, paths = validate(arguments.folder, test, data_folder, _say)
+    for table in validation_tables(found):
+        _say(f"\n{table.text()}")
+    for line in ("", *verdicts(found), *(f"wrote {path}" for path in paths)):
+        _say(line)
+    posteriors = [one for one in found["predictions"].values() if one["n_draws"] > 1]
+    return 0 if all(one["passed"] for one in posteriors) else FAILED
 
 
 if __name__ == "__main__":
