@@ -18,8 +18,9 @@ from surrogate import Emulator
 Ends = Literal["slide", "friction", "bonded"]
 
 LN_KAPPA = tuple(np.log([0.002, 0.05]))  # MPa
-SCALES = np.log([[0.001, 0.1], [0.005, 0.3], [0.001, 0.2]])
-"""bounds of ln: SD of stiffness, of the zero (mm), of the discrepancy"""
+SCALES = np.log([[0.001, 0.1], [0.005, 0.3], [0.0005, 0.05], [0.001, 0.2]])
+"""bounds of ln: SD of stiffness, of the zero (mm), of what else is a repeat's own, of the model's
+discrepancy"""
 N_PREDICTIVE = 400
 
 
@@ -100,7 +101,7 @@ class Model:
 
 def scatter_of(x: Array) -> Scatter:
     """The scales, which come last."""
-    return Scatter(*np.exp(x[:, -3:]).T)
+    return Scatter(*np.exp(x[:, -len(SCALES) :]).T)
 
 
 def fit(

@@ -28,7 +28,7 @@ def _posteriors(models: list[dict[str, Any]]) -> None:
     print(
         "\n| law | plates | kappa kPa | constants kPa | friction | P(C01 < 0) | misfit % |", end=""
     )
-    print(" discrepancy % | zero mm | stiffness % | ln evidence |\n|" + "---|" * 11)
+    print(" discrepancy % | zero mm | stiffness % | own % | ln evidence |\n|" + "---|" * 12)
     for one in models:
         constants = ", ".join(f"{m:.2f} +- {s:.2f}" for m, s in one["constants_kPa"])
         friction = one.get("friction_median_94")
@@ -39,8 +39,8 @@ def _posteriors(models: list[dict[str, Any]]) -> None:
             f"{one['kappa_kPa'][1]:.2f} | {constants} | {rubbed} | "
             f"{'-' if negative is None else f'{negative:.2f}'} | {100 * one['rms_misfit']:.1f} | "
             f"{100 * one['discrepancy_sd']:.1f} | {one['zero_sd_mm']:.3f} | "
-            f"{100 * one['stiffness_sd']:.2f} | {one['log_evidence']:.2f} +- "
-            f"{one['log_evidence_sd']:.2f} |"
+            f"{100 * one['stiffness_sd']:.2f} | {100 * one['own_sd']:.2f} | "
+            f"{one['log_evidence']:.2f} +- {one['log_evidence_sd']:.2f} |"
         )
 
 

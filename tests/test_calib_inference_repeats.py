@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
@@ -15,18 +17,18 @@ CURVE = 7.0 * TRAVEL * np.exp(0.04 * TRAVEL)
 
 def _drawn(seed: int, n: int = 4, discrepancy: float = 0.02) -> Repeats:
     rng = np.random.default_rng(seed)
-    empty = Repeats(TRAVEL, np.stack([CURVE, CURVE]), 0.02, 6.0)
-    scale = Scatter(np.array([0.01]), np.array([0.03]), np.array([discrepancy]))
+    empty = Repeats(TRAVEL, np.stack([CURVE, CURVE]), 0.02, 6.0, 0.02)
+    scale = Scatter(*np.array([[0.01], [0.03], [0.004], [discrepancy]]))
     delta = rng.multivariate_normal(np.zeros(5), empty.discrepancy(scale)[0])
     own = rng.multivariate_normal(np.zeros(5), empty.between(scale)[0], n)
-    return Repeats(TRAVEL, CURVE * np.exp(delta + own), 0.02, 6.0)
+    return replace(empty, force=CURVE * np.exp(delta + own))
 
 
 def test_the_likelihood_is_that_of_the_dense_normal_of_all_curves() -> None:
     data = _drawn(1)
     rng = np.random.default_rng(2)
     log_force = np.log(CURVE) + 0.01 * rng.standard_normal((3, 5))
-    scatter = Scatter(*(0.01 + 0.02 * rng.random((3, 3))))
+    scatter = Scatter(*(0.01 + 0.02 * rng.random((4, 3))))
     found = data.log_likelihood(log_force, scatter)
     between, common = data.between(scatter), data.discrepancy(scatter)
     for i in range(3):
@@ -39,11 +41,11 @@ def test_the_likelihood_is_that_of_the_dense_normal_of_all_curves() -> None:
 
 def test_a_further_repeat_is_predicted_as_the_dense_normal_conditions() -> None:
     data = _drawn(3)
-    scatter = Scatter(np.array([0.012]), np.array([0.02]), np.array([0.03]))
+    scatter = Scatter(*np.array([[0.012], [0.02], [0.005], [0.03]]))
     log_force = np.log(CURVE)[None] + 0.02
     new = np.log(CURVE) + 0.013
     found = log_density(data.predictive(log_force, scatter), new)[0]
-    five = Repeats(TRAVEL, np.vstack([data.force, np.exp(new)]), 0.02, 6.0)
+    five = replace(data, force=np.vstack([data.force, np.exp(new)]))
     common = data.discrepancy(scatter)[0]
     # The noise of a force of given SD is relative to the mean curve; keep that of the four.
     between = data.between(scatter)[0]
@@ -54,7 +56,7 @@ def test_a_further_repeat_is_predicted_as_the_dense_normal_conditions() -> None:
 
 
 def test_a_stiffness_is_recovered_within_its_stated_error() -> None:
-    bounds = np.log([[0.5, 2.0], [0.002, 0.1], [0.005, 0.3], [0.002, 0.1]])
+    bounds = np.log([[0.5, 2.0], [0.002, 0.1], [0.005, 0.3], [0.001, 0.05], [0.002, 0.1]])
     z = []
     for seed in range(6):
         data = _drawn(10 + seed)

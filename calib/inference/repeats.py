@@ -2,17 +2,17 @@
 
 In logarithms, so that stiffness is additive: the curve of repeat k is
 
-    ln F_k = ln f(theta) + delta + t_k 1 + z_k g + e_k
+    ln F_k = ln f(theta) + delta + t_k 1 + z_k g + w_k + e_k
 
 with f the model, delta its discrepancy (one for all repeats, smooth over the levels), t_k the
-repeat's stiffness, z_k the zero of its travel with g = d ln F / d travel, and e_k independent
-noise. All are normal. Then the mean of the curves and their scatter about it are independent, and
-only the mean knows of theta and delta.
+repeat's stiffness, z_k the zero of its travel with g = d ln F / d travel, w_k what else is its own
+(rough, correlated over the levels) and e_k independent noise. All are normal. Then the mean of the
+curves and their scatter about it are independent, and only the mean knows of theta and delta.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -29,6 +29,8 @@ class Scatter(NamedTuple):
     """relative SD of the repeats' stiffness"""
     zero_sd: Array
     """SD of the repeats' zero of the travel, mm"""
+    own_sd: Array
+    """relative SD of what else is a repeat's own"""
     discrepancy_sd: Array
     """relative SD of the model's discrepancy"""
 
@@ -56,7 +58,9 @@ class Repeats:
     noise_sd: float
     """SD of independent noise of one force, N"""
     length: float
-    """length over which the discrepancy is correlated, mm of travel"""
+    """length over which the discrepancy and what is a repeat's own are correlated, mm of travel"""
+    common_zero_sd: float = 0.0
+    """SD of an error in the zero of the travel that all repeats share, mm"""
 
     def __post_init__(self) -> None:
         if self.force.ndim != 2 or self.force.shape[1] != self.travel.size:
@@ -89,21 +93,28 @@ class Repeats:
         return product
 
     def between(self, scatter: Scatter) -> Array:
-        """(m, n_step, n_step) covariance of one repeat about the common curve."""
+        """(m, n_step, n_step) covariance of one repeat about the common curve.
+
+        What is a repeat's own has the correlation exp(-distance / length).
+        """
         one = np.ones((self.travel.size, self.travel.size))
         noise = np.diag((self.noise_sd / np.exp(self.mean)) ** 2)
         stiffness = np.square(scatter.stiffness_sd)[:, None, None] * one
         zero = np.square(scatter.zero_sd)[:, None, None] * np.outer(self.slope, self.slope)
-        return stiffness + zero + noise
+        away = np.abs(self.travel[:, None] - self.travel[None, :]) / self.length
+        own = np.square(scatter.own_sd)[:, None, None] * np.exp(-away)
+        return stiffness + zero + own + noise
 
     def discrepancy(self, scatter: Scatter, extra: Array | None = None) -> Array:
         """(m, n_step, n_step) covariance of the model's error; `extra` is the emulator's, in ln F.
 
-        Half of it is common to all levels, half falls off over `length` (squared exponential).
+        Half of it is common to all levels, half falls off over `length` (squared exponential). The
+        zero that all repeats share is with it: neither is seen in the scatter of the repeats.
         """
         away = (self.travel[:, None] - self.travel[None, :]) / self.length
         shape = 0.5 + 0.5 * np.exp(-0.5 * away**2)
         total: Array = np.square(scatter.discrepancy_sd)[:, None, None] * shape
+        total = total + self.common_zero_sd**2 * np.outer(self.slope, self.slope)
         return total if extra is None else total + extra
 
     def log_likelihood(
@@ -134,7 +145,7 @@ class Repeats:
     def without(self, index: int) -> Repeats:
         """All repeats but one."""
         kept = np.delete(self.force, index, axis=0)
-        return Repeats(self.travel, kept, self.noise_sd, self.length)
+        return replace(self, force=kept)
 
 
 def log_density(predictive: Predictive, log_force: Array) -> Array:
