@@ -114,6 +114,17 @@ def _add_predictions(verbs: argparse._SubParsersAction[argparse.ArgumentParser])
     validate.add_argument("second", metavar="SECOND", help="file of the test, or notched-plate")
     validate.set_defaults(verb=_validate)
 
+    text = "rank what to measure next by the information it is expected to give"
+    following = verbs.add_parser("design-next", help=text)
+    following.add_argument("folder", type=Path, metavar="RUNDIR", help="folder of a finished study")
+    following.add_argument(
+        "--hypothesis", metavar="NAME", help="whose posterior it starts from (needed if several)"
+    )
+    following.add_argument(
+        "--no-runs", action="store_true", help="increments and instruments only, without FE runs"
+    )
+    following.set_defaults(verb=_design_next)
+
 
 def _add_laboratory(verbs: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     text = "make a synthetic experiment: files of test machine and DIC with a known truth"
@@ -328,6 +339,17 @@ def _validate(arguments: argparse.Namespace) -> int:
         _say(line)
     posteriors = [one for one in found["predictions"].values() if one["n_draws"] > 1]
     return 0 if all(one["passed"] for one in posteriors) else FAILED
+
+
+def _design_next(arguments: argparse.Namespace) -> int:
+    from calib.study.design_next import design_next, gains_table
+
+    found, paths = design_next(
+        arguments.folder, arguments.hypothesis, _say, with_runs=not arguments.no_runs
+    )
+    for line in (gains_table(found).text(), *(f"wrote {path}" for path in paths)):
+        _say(line)
+    return 0
 
 
 if __name__ == "__main__":
