@@ -41,13 +41,6 @@ class Family:
             return np.stack([np.ones_like(first), first, second], axis=-1)
         return np.stack([1.0 - first, first, second], axis=-1)
 
-    @property
-    def by_ratios(self) -> Array:
-        """(3, 2) derivative of the constants over kappa by the ratios."""
-        origin = self.constants(np.zeros(2))
-        columns = [self.constants(unit) - origin for unit in np.eye(2)]
-        return np.stack(columns, axis=1)
-
 
 FAMILIES = {
     "mooney": Family("mooney-rivlin-3", ("C01/kappa", "C11/kappa"), ((-0.6, 1.0), (-0.05, 0.5))),

@@ -27,7 +27,7 @@ from calib.study.tables import Table, number
 from fe.executors import serial_map
 from fe.response import Array
 
-N_LAPLACE, N_OUTER, N_INNER = 200, 400, 2500
+N_LAPLACE, N_OUTER, N_INNER = 400, 1500, 3000
 COORDINATES = ("ln kappa", "r", "s")
 ASSUMED_LENGTH, ASSUMED_SHARE, ASSUMED_NUGGET = 0.5, 0.5, 1e-6
 Echo = Callable[[str], None]
@@ -124,7 +124,7 @@ def weigh(plan: Plan, x: Array, rng: np.random.Generator) -> dict[str, Any]:
     planned = reduce_experiment(plan.likelihood, x, steps, with_field=plan.with_field)
     prior = np.cov(x, rowvar=False)
     gain = laplace_gain(planned.jacobian[:N_LAPLACE], planned.covariance, prior)
-    n = min(N_OUTER, len(x) // 5)
+    n = min(N_OUTER, len(x) // 3)
     nested = nested_gain(planned.mean[:n], planned.mean[n:], planned.covariance, rng)
     return {
         "name": plan.name,
