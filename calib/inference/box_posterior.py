@@ -12,7 +12,7 @@ from scipy.stats import multivariate_t
 
 from fe.response import Array
 
-TAIL = 5.0
+TAIL = 5
 """degrees of freedom of the proposal: tails heavier than those of the target"""
 
 

@@ -103,7 +103,8 @@ class Repeats:
         zero = np.square(scatter.zero_sd)[:, None, None] * np.outer(self.slope, self.slope)
         away = np.abs(self.travel[:, None] - self.travel[None, :]) / self.length
         own = np.square(scatter.own_sd)[:, None, None] * np.exp(-away)
-        return stiffness + zero + own + noise
+        total: Array = stiffness + zero + own + noise
+        return total
 
     def discrepancy(self, scatter: Scatter, extra: Array | None = None) -> Array:
         """(m, n_step, n_step) covariance of the model's error; `extra` is the emulator's, in ln F.
@@ -128,8 +129,9 @@ class Repeats:
         value = -0.5 * (_logdet(common) + _square(common, off) + p * LOG_2PI)
         scattered = np.linalg.solve(between, np.broadcast_to(self._scattered, between.shape))
         trace = np.trace(scattered, axis1=1, axis2=2)
-        value -= 0.5 * ((n - 1) * (_logdet(between) + p * LOG_2PI) + trace + p * np.log(n))
-        return value
+        deviations = (n - 1) * (_logdet(between) + p * LOG_2PI) + trace + p * np.log(n)
+        total: Array = value - 0.5 * deviations
+        return total
 
     def predictive(
         self, log_force: Array, scatter: Scatter, extra: Array | None = None

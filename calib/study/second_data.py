@@ -57,7 +57,9 @@ class SecondData:
         """
         if self.control == "travel":
             return values if values.ndim == 1 else np.zeros_like(values)
-        return -np.einsum("i,ij,j...->i...", self.levels, slope_matrix(self.levels), values)
+        slopes = self.levels[:, None] * slope_matrix(self.levels)
+        changed: Array = -np.tensordot(slopes, values, axes=1)
+        return changed
 
 
 def plate_model(test: SecondTest, cells: tuple[int, int, int], levels: Array) -> TensileModel:
