@@ -104,6 +104,7 @@ def _parser() -> argparse.ArgumentParser:
     lens.set_defaults(verb=_lens)
     _add_laboratory(verbs)
     _add_questions(verbs)
+    _add_predictions(verbs)
     return parser
 
 
@@ -125,6 +126,25 @@ def _add_questions(verbs: argparse._SubParsersAction[argparse.ArgumentParser]) -
         metavar=("C10", "C01", "C11"),
         help="constants (MPa) of a synthetic field where the study has none (default: published)",
     )
+
+
+def _add_predictions(verbs: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    text = "hold a finished study against a second test: other geometry, other loading"
+    validate = verbs.add_parser("validate", help=text)
+    validate.add_argument("folder", type=Path, metavar="RUNDIR", help="folder of a finished study")
+    validate.add_argument("second", metavar="SECOND", help="file of the test, or notched-plate")
+    validate.set_defaults(verb=_validate)
+
+    text = "rank what to measure next by the information it is expected to give"
+    following = verbs.add_parser("design-next", help=text)
+    following.add_argument("folder", type=Path, metavar="RUNDIR", help="folder of a finished study")
+    following.add_argument(
+        "--hypothesis", metavar="NAME", help="whose posterior it starts from (needed if several)"
+    )
+    following.add_argument(
+        "--no-runs", action="store_true", help="increments and instruments only, without FE runs"
+    )
+    following.set_defaults(verb=_design_next)
 
 
 def _add_laboratory(verbs: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -343,6 +363,32 @@ def _laboratory(arguments: argparse.Namespace) -> int:
     truth = solve_truth(BlockTruth(), arguments.runs)
     make_laboratory(arguments.folder, truth, settings, arguments.seed, _say)
     _say(f"wrote {arguments.folder}, synthetic; what is true of it stands in truth.json")
+    return 0
+
+
+def _validate(arguments: argparse.Namespace) -> int:
+    from calib.study.second_test import load_second_test
+    from calib.study.validate import validate
+    from calib.study.validation_tables import validation_tables, verdicts
+
+    test, data_folder = load_second_test(arguments.second)
+    found, paths = validate(arguments.folder, test, data_folder, _say)
+    for table in validation_tables(found):
+        _say(f"\n{table.text()}")
+    for line in ("", *verdicts(found), *(f"wrote {path}" for path in paths)):
+        _say(line)
+    posteriors = [one for one in found["predictions"].values() if one["n_draws"] > 1]
+    return 0 if all(one["passed"] for one in posteriors) else FAILED
+
+
+def _design_next(arguments: argparse.Namespace) -> int:
+    from calib.study.design_next import design_next, gains_table
+
+    found, paths = design_next(
+        arguments.folder, arguments.hypothesis, _say, with_runs=not arguments.no_runs
+    )
+    for line in (gains_table(found).text(), *(f"wrote {path}" for path in paths)):
+        _say(line)
     return 0
 
 

@@ -101,6 +101,7 @@ def test_a_finished_study_leaves_all_its_artifacts(thesis: Run) -> None:
         "posterior.nc",
         "map.json",
         "comparison.json",
+        "predictive.json",
         "report.html",
         "figures",
     ]:
@@ -371,3 +372,31 @@ def test_mean_and_sd_of_a_prior_are_those_of_the_parameter(
 
 def _refuse(f: Callable[[Any], Any], items: Sequence[Any], /) -> Iterator[tuple[int, Any]]:
     raise AssertionError(f"nothing was to be simulated, found {len(items)} items")
+
+
+def test_the_field_is_held_against_its_predictions_by_increment_and_region(virtual: Run) -> None:
+    found = json.loads((virtual.out / "predictive.json").read_text())
+    right = found["hypotheses"]["sliding"]
+    assert list(right["field"]) == ["near pin", "middle", "edge"]
+    steps = right["field"]["middle"]
+    assert len(steps) == len(found["travel"]) and len(steps[0]) == 3
+    inside = [c["coverage"]["0.94"] for part in right["field"].values() for s in part for c in s]
+    assert np.mean(inside) > 0.85
+    with np.load(virtual.out / "predictive_sliding.npz") as maps:
+        assert maps["correlation"].shape == maps["rmse"].shape == (len(maps["points"]), 3)
+    assert (virtual.out / "figures" / "predictive_face_sliding.png").is_file()
+
+
+def test_what_to_measure_next_is_ranked_and_checked(virtual: Run) -> None:
+    from calib.study.design_next import design_next
+
+    with pytest.raises(ValueError, match="--hypothesis: found None, expected one of stuck"):
+        design_next(virtual.out, None, lambda _: None, with_runs=False)
+    found, paths = design_next(virtual.out, "sliding", lambda _: None, with_runs=False)
+    gains = {plan["name"]: plan["gain"]["mean"] for plan in found["plans"]}
+    assert list(gains.values()) == sorted(gains.values(), reverse=True)
+    assert gains["4 times the samples"] > gains["the same again"] > gains["only 0.6 mm"] > 0.0
+    assert gains["the same again"] > gains["no camera"]
+    assert found["synthetic"] and all(path.is_file() for path in paths)
+    # On the stand-in the posterior is narrow and nearly normal: both computations must agree.
+    assert np.mean([plan["agree"] for plan in found["plans"]]) > 0.8

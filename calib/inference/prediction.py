@@ -1,6 +1,8 @@
-"""Posterior predictive draws of the force."""
+"""Posterior predictive draws of the force and of the field."""
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import numpy as np
 
@@ -33,3 +35,43 @@ def expected_forces(likelihood: Likelihood, x: Array) -> Array:
         for start in range(0, len(x), BATCH)
     ]
     return np.concatenate(parts)
+
+
+class PredictedFields(NamedTuple):
+    """Fields at posterior draws, mm."""
+
+    model: Array
+    """(m, n_step, n_point, 3) of the model, without any error"""
+    replicate: Array
+    """(m, n_step, n_point, 3) as they would be measured again"""
+
+
+def predictive_fields(
+    likelihood: Likelihood, x: Array, rng: np.random.Generator
+) -> PredictedFields:
+    """A replicate of the measured mean field for each posterior draw x (m, 3).
+
+    With every error of the likelihood: noise, discretisation, emulator, zero of the travel.
+    Raises ValueError when the likelihood has no field.
+    """
+    field = likelihood.field
+    if field is None:
+        raise ValueError("likelihood: holds no field, expected one to predict fields")
+    prediction = likelihood.forward.predict(theta_of(x))
+    basis = likelihood.forward.field_basis
+    if basis is None or prediction.weights is None:
+        raise ValueError("likelihood: its forward model gives no field")
+    model = basis.fields(prediction.weights)
+    weights = prediction.weights
+    if prediction.weight_variance is not None:
+        weights = weights + np.sqrt(prediction.weight_variance) * rng.standard_normal(weights.shape)
+    replicate = basis.fields(weights)
+    zero = rng.standard_normal(len(x))[:, None, None, None]
+    replicate = replicate + zero * np.einsum("ij,mjpc->mipc", field.shift, model)
+    if prediction.field_factor is not None:
+        factor = prediction.field_factor
+        own = rng.standard_normal(factor.shape[:2])
+        replicate += np.einsum("mq,mqipc->mipc", own, factor)
+    errors = field.covariance.with_patterns(basis.truncation)
+    replicate += errors.sample(rng, len(x))
+    return PredictedFields(model, replicate)

@@ -26,6 +26,13 @@ from calib.study.figure_style import save_png
 from calib.study.force_figures import MeasuredForce, PredictedForce, force_travel
 from calib.study.mesh_error import check_folder
 from calib.study.posterior_figures import Chains, Samples, chains, marginals, pairs
+from calib.study.predict_stage import CHECKS
+from calib.study.predictive_report import predictive_figures
+from calib.study.predictive_tables import (
+    face_summary_table,
+    field_checks_tables,
+    force_checks_table,
+)
 from calib.study.refine_stage import REFINEMENT
 from calib.study.report import Picture, Section, render, versions_table
 from calib.study.sample_stage import StoredSamples, load_samples
@@ -60,6 +67,8 @@ class Findings:
     """hypothesis -> its part of refinement.json"""
     maps: dict[str, Any]
     comparison: dict[str, Any]
+    predictive: dict[str, Any]
+    """predictive.json"""
     summaries: tuple[Summary, ...]
 
     @property
@@ -79,6 +88,7 @@ def read_findings(out: Path, study: Study, summaries: Sequence[Summary]) -> Find
         refinement=read_json(out / REFINEMENT),
         maps=read_json(out / "map.json"),
         comparison=read_json(out / "comparison.json"),
+        predictive=read_json(out / CHECKS),
         summaries=tuple(summaries),
     )
 
@@ -149,6 +159,8 @@ def _all_tables(findings: Findings, study: Study) -> list[Table | None]:
         published_table(findings.comparison),
         comparison_table(findings.comparison),
         correlation_table(findings.comparison),
+        force_checks_table(findings.predictive),
+        face_summary_table(findings.predictive),
     ]
 
 
@@ -156,7 +168,7 @@ def _sections(findings: Findings, pictures: dict[str, Picture], study: Study) ->
     tables = _all_tables(findings, study)
     n = 2 * len(findings.summaries)
     constants = tables[:n]
-    mesh, _, _, refinement, maximum, starts, published, compared, correlated = tables[n:]
+    mesh, _, _, refinement, maximum, starts, published, compared, correlated = tables[n:-2]
 
     def kept(*found: Table | None) -> list[Table]:
         return [table for table in found if table is not None]
@@ -169,6 +181,12 @@ def _sections(findings: Findings, pictures: dict[str, Picture], study: Study) ->
             (pictures["marginals"], pictures["pairs"]),
         ),
         Section("Forces", (), kept(data_table(findings.data)), (pictures["forces"],)),
+        Section(
+            "Predictive checks",
+            (),
+            kept(*tables[-2:], *field_checks_tables(findings.predictive)),
+            [pictures[name] for name in pictures if name.startswith("predictive_")],
+        ),
         Section("Hypotheses", (), kept(compared, starts, published)),
         Section(
             "Emulator against the FE model",
@@ -222,6 +240,7 @@ def _draw(
             "How far the posterior mean may move, and the emulators' error at the runs added.",
         ),
     }
+    drawn |= predictive_figures(findings.predictive, study, out)
     pictures = {}
     for name, (figure, caption) in drawn.items():
         save_png(figure, out / "figures" / f"{name}.png")

@@ -1,0 +1,184 @@
+"""What to measure next, given a finished study: experiments ranked by expected information gain."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from calib.data.dataset import Dataset, FieldData
+from calib.inference.coordinates import theta_of
+from calib.inference.information_gain import laplace_gain, nested_gain
+from calib.inference.planned import Reduced, reduce_experiment
+from calib.study.artifacts import plain, write_json
+from calib.study.config import Study, load_study
+from calib.study.context import Context, block_pin_model, stream
+from calib.study.data_stage import load_data
+from calib.study.figure_style import save_png
+from calib.study.information_figures import gains_figure
+from calib.study.mesh_error import load_mesh_error
+from calib.study.plans import ASSUMED_NOISE, Errors, Plan, by_emulator, by_runs
+from calib.study.posterior_setup import emulator_posterior
+from calib.study.sample_stage import load_samples
+from calib.study.sections import Hypothesis
+from calib.study.tables import Table, number
+from fe.executors import serial_map
+from fe.response import Array
+
+N_LAPLACE, N_OUTER, N_INNER = 400, 1500, 3000
+COORDINATES = ("ln kappa", "r", "s")
+ASSUMED_LENGTH, ASSUMED_SHARE, ASSUMED_NUGGET = 0.5, 0.5, 1e-6
+Echo = Callable[[str], None]
+
+
+def design_next(
+    out: Path, hypothesis: str | None, echo: Echo, *, with_runs: bool = True
+) -> tuple[dict[str, Any], list[Path]]:
+    """Weigh experiments for the study in `out`; returns what was found and the files written.
+
+    `hypothesis` may be left out where there is one only. Without FE runs, increments and
+    instruments alone are weighed. Raises ValueError when the study is not finished or has no such
+    hypothesis.
+    """
+    if not (out / "posterior.nc").is_file():
+        raise ValueError(f"{out}: found no posterior.nc, expected the folder of a finished study")
+    study = load_study(out / "study.toml")
+    chosen = _hypothesis(study, hypothesis)
+    context = Context(study, out, block_pin_model, serial_map, echo, show_progress=False)
+    x = _draws(context, chosen)
+    data = load_data(out).dataset
+    errors = errors_of(context, chosen, data)
+    theta = theta_of(x.mean(axis=0))
+    forward = emulator_posterior(context, chosen).likelihood.forward
+    points = None if data.field is None else data.field.points
+    plans = list(by_emulator(forward, data.travel, points, errors, theta))
+    if with_runs:
+        plans += by_runs(study, chosen, errors, theta, echo)
+    rows = [weigh(plan, x, stream(study, f"design {plan.name}")) for plan in plans]
+    rows.sort(key=lambda row: -row["gain"].mean)
+    facts: dict[str, Any] = plain(
+        {
+            "study": study.name,
+            "hypothesis": chosen.name,
+            "synthetic": data.synthetic,
+            "assumed_camera": data.field is None,
+            "now": {name: sd for name, sd in zip(COORDINATES, x.std(axis=0), strict=True)},
+            "plans": rows,
+        }
+    )
+    paths = [out / "design_next" / name for name in ("design_next.json", "design_next.png")]
+    write_json(paths[0], facts)
+    save_png(gains_figure(facts), paths[1])
+    return facts, paths
+
+
+def _hypothesis(study: Study, name: str | None) -> Hypothesis:
+    known = {hypothesis.name: hypothesis for hypothesis in study.hypotheses}
+    if name is None and len(known) == 1:
+        return study.hypotheses[0]
+    if name not in known:
+        raise ValueError(f"--hypothesis: found {name}, expected one of {', '.join(known)}")
+    return known[name]
+
+
+def _draws(context: Context, hypothesis: Hypothesis) -> Array:
+    """(n, 3) independent draws of x = (ln kappa, r, s) for all of the weighing."""
+    draws = load_samples(context.out, hypothesis).result.draws
+    rng = stream(context.study, f"design draws {hypothesis.name}")
+    n = min(N_OUTER + N_INNER, len(draws))
+    found: Array = draws[rng.choice(len(draws), n, replace=False)]
+    return found
+
+
+def errors_of(context: Context, hypothesis: Hypothesis, data: Dataset) -> Errors:
+    """Errors of the study's experiment, of which plans change one at a time.
+
+    The shapes of the measured mesh error are left out: no other block's are known. Where the study
+    has no field, the noise of a camera is assumed.
+    """
+    noise = context.study.noise
+    mesh = load_mesh_error(context.out, hypothesis)
+    load_cell = min(noise.load_cell_sd, 0.99 * float(data.force_sd.min()))
+    own = np.sqrt(data.force_sd**2 - load_cell**2) / data.force_mean
+    field: FieldData | None = data.field
+    return Errors(
+        own_share=own,
+        load_cell_sd=load_cell,
+        n_samples=data.n_samples,
+        correlation=noise.sample_correlation,
+        zero_sd=noise.travel_zero_sd,
+        discretisation=mesh.force,
+        floor=mesh.field_floor,
+        noise_std=np.array(ASSUMED_NOISE) if field is None else field.noise_std,
+        length=ASSUMED_LENGTH if field is None else field.correlation_length,
+        reference_share=ASSUMED_SHARE if field is None else field.reference_share,
+        nugget=ASSUMED_NUGGET if field is None else field.nugget,
+    )
+
+
+def weigh(plan: Plan, x: Array, rng: np.random.Generator) -> dict[str, Any]:
+    """Expected information gain of one plan, closed form and nested Monte Carlo, as JSON data."""
+    steps = np.array(plan.steps)
+    planned = reduce_experiment(plan.likelihood, x, steps, with_field=plan.with_field)
+    prior = np.cov(x, rowvar=False)
+    gain = laplace_gain(planned.jacobian[:N_LAPLACE], planned.covariance, prior)
+    n = min(N_OUTER, len(x) // 3)
+    nested = nested_gain(planned.mean[:n], planned.mean[n:], planned.covariance, rng)
+    return {
+        "name": plan.name,
+        "group": plan.group,
+        "source": plan.source,
+        "gain": gain,
+        "nested": nested,
+        "agree": nested.agrees_with(gain),
+        "sd_after": dict(zip(COORDINATES, _sd_after(planned, prior), strict=True)),
+    }
+
+
+def _sd_after(planned: Reduced, prior: Array) -> Array:
+    """(3,) SDs of the linear problem at the mean derivatives."""
+    slope = planned.jacobian.mean(axis=0)
+    information = slope.T @ np.linalg.solve(planned.covariance, slope)
+    after: Array = np.sqrt(np.diag(np.linalg.inv(np.linalg.inv(prior) + information)))
+    return after
+
+
+def gains_table(facts: dict[str, Any]) -> Table:
+    """Experiments in the order of their gain; `facts` are design_next.json."""
+    rows = []
+    for row in facts["plans"]:
+        lower, upper = row["nested"]["lower"], row["nested"]["upper"]
+        error = max(lower["error"], upper["error"])
+        rows.append(
+            (
+                row["name"],
+                row["group"],
+                f"{row['gain']['mean']:.3f} ± {row['gain']['error']:.3f}",
+                f"{lower['mean']:.2f} to {upper['mean']:.2f} ± {error:.2f}",
+                "yes" if row["agree"] else "NO",
+                *(number(row["sd_after"][name] / facts["now"][name], 3) for name in COORDINATES),
+                row["source"],
+            )
+        )
+    kind = "SYNTHETIC data" if facts["synthetic"] else "measured data"
+    camera = " The study has no camera: noise of one is assumed." if facts["assumed_camera"] else ""
+    return Table(
+        f"What to measure next: study {facts['study']} ({kind}), hypothesis {facts['hypothesis']}",
+        (
+            "experiment",
+            "changes",
+            "gain [nats]",
+            "nested MC [nats]",
+            "agree",
+            *(f"SD {name}, after/now" for name in COORDINATES),
+            "by",
+        ),
+        tuple(rows),
+        "Expected information gain over the present posterior, if made once and with errors of its "
+        "own, those of the mesh among them; a repeat cannot take away an error that it shares with "
+        "the first. gain: closed form of a linear experiment, mean over posterior draws with its "
+        "Monte Carlo error. nested MC: lower and upper bound without linearity, with the larger "
+        "error; agree: closed form within them, by three errors." + camera,
+    )

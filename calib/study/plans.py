@@ -1,0 +1,205 @@
+"""Experiments that could be made next, each as a likelihood whose data do not matter yet."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from calib.data.dataset import Dataset, FieldData
+from calib.inference.forward import ForwardModel
+from calib.inference.likelihood import Likelihood, build_likelihood
+from calib.inference.noise import NoiseSettings
+from calib.inference.planned import FirstOrderForward
+from calib.study.config import Study
+from calib.study.context import block_pin_model
+from calib.study.sections import Hypothesis
+from calib.study.views import Face, Run, run_with_views, similar, together
+from fe.response import Array
+from fe.specimens.block_pin import BlockPinModel
+
+ASSUMED_NOISE = (0.01, 0.01, 0.02)
+"""mm, of a camera where the study has none"""
+SMALL_SCALE = 0.4
+"""of a sample of 4 mm to one of 10 mm"""
+
+
+@dataclass(frozen=True)
+class Errors:
+    """Errors of an experiment on a block of the study's kind."""
+
+    own_share: Array
+    """(n_step,) SD of the force between samples, load cell left out, over the force"""
+    load_cell_sd: float
+    """N"""
+    n_samples: int
+    correlation: float
+    zero_sd: float
+    """mm"""
+    discretisation: Array
+    """(n_step,) relative SD of the force's mesh error"""
+    floor: Array
+    """(n_step, 3) SD of the field's mesh error, mm"""
+    noise_std: Array
+    """(3,) along the face, up, towards the camera, mm"""
+    length: float
+    """correlation length of the noise, mm"""
+    reference_share: float
+    nugget: float
+
+    def scaled(self, scale: float, *, noise: float) -> Errors:
+        """Of a block `scale` times as large, seen with `noise` times the noise.
+
+        The subset of the images is as large as the noise says: both go with the pixel.
+        """
+        return replace(
+            self,
+            floor=scale * self.floor,
+            noise_std=noise * self.noise_std,
+            length=noise * self.length,
+        )
+
+
+@dataclass(frozen=True)
+class Plan:
+    """One experiment to be weighed."""
+
+    name: str
+    group: str
+    """what is changed: increments, instruments, camera or geometry"""
+    likelihood: Likelihood
+    steps: tuple[int, ...]
+    """increments that are used"""
+    with_field: bool
+    source: str
+    """where its predictions are from: the emulator, an FE run, or a scaled one"""
+
+
+def planned_likelihood(
+    forward: ForwardModel, travel: Array, points: Array | None, errors: Errors, theta: Array
+) -> Likelihood:
+    """Likelihood with the errors around the prediction at theta (3,); without points no field."""
+    prediction = forward.predict(theta[None])
+    force = prediction.force[0]
+    field = None
+    basis = forward.field_basis
+    if points is not None and basis is not None and prediction.weights is not None:
+        field = FieldData(
+            points=points,
+            displacement=basis.fields(prediction.weights)[0],
+            noise_std=errors.noise_std,
+            correlation_length=errors.length,
+            reference_share=errors.reference_share,
+            nugget=errors.nugget,
+        )
+    data = Dataset(
+        name="planned",
+        synthetic=True,
+        travel=travel,
+        force_mean=force,
+        force_sd=np.hypot(errors.own_share * force, errors.load_cell_sd),
+        n_samples=errors.n_samples,
+        field=field,
+    )
+    noise = NoiseSettings(errors.load_cell_sd, errors.correlation, errors.zero_sd)
+    return build_likelihood(
+        data,
+        forward,
+        noise,
+        force_discretisation=errors.discretisation,
+        field_floor=errors.floor,
+    )
+
+
+def by_emulator(
+    forward: ForwardModel, travel: Array, points: Array | None, errors: Errors, theta: Array
+) -> Iterator[Plan]:
+    """The study's own block with other increments and instruments."""
+    every = tuple(range(travel.size))
+
+    def plan(name: str, group: str, changed: Errors, *, camera: bool = True) -> Plan:
+        likelihood = planned_likelihood(forward, travel, points, changed, theta)
+        seen = camera and likelihood.field is not None
+        return Plan(name, group, likelihood, every, seen, "emulator")
+
+    same = plan("the same again", "repeat", errors)
+    yield same
+    for index, value in enumerate(travel):
+        yield replace(same, name=f"only {value:g} mm", group="increments", steps=(index,))
+    yield plan(
+        "load cell noise / 10",
+        "instruments",
+        replace(errors, load_cell_sd=errors.load_cell_sd / 10),
+    )
+    yield plan(
+        "4 times the samples", "instruments", replace(errors, n_samples=4 * errors.n_samples)
+    )
+    yield plan(
+        "zero of the travel / 10", "instruments", replace(errors, zero_sd=errors.zero_sd / 10)
+    )
+    if same.with_field:
+        halved = replace(errors, noise_std=errors.noise_std / 2)
+        yield plan("field noise / 2", "camera", halved)
+        yield plan("no camera", "camera", errors, camera=False)
+
+
+def by_runs(
+    study: Study,
+    hypothesis: Hypothesis,
+    errors: Errors,
+    theta: Array,
+    echo: Callable[[str], None],
+) -> Iterator[Plan]:
+    """Other cameras and other blocks, each by one FE run at theta (3,) on the sampling mesh."""
+
+    def plan(name: str, group: str, run: Run, changed: Errors, *faces: Face) -> Plan:
+        seen = together(run, faces)
+        forward = FirstOrderForward(
+            run.ratios, run.force, run.force_gradient, seen.displacement, seen.gradient
+        )
+        likelihood = planned_likelihood(forward, run.travel, seen.points, changed, theta)
+        return Plan(name, group, likelihood, tuple(range(run.travel.size)), True, "FE run")
+
+    model = block_pin_model(study, hypothesis, study.sampling_cells(hypothesis))
+    assert isinstance(model, BlockPinModel)
+    model = replace(model, field_grid=(2, 2))
+    base = _solved("front and side", model, theta, echo)
+    if base is not None:
+        yield plan("front camera, by one FE run", "check", base, errors, "front")
+        yield plan("side camera instead", "camera", base, errors, "side")
+        yield plan("front and side cameras", "camera", base, errors, "front", "side")
+        small = similar(base, SMALL_SCALE)
+        size = SMALL_SCALE * study.geometry.width
+        for name, noise in (("camera as near as that", SMALL_SCALE), ("camera as before", 1.0)):
+            scaled = errors.scaled(SMALL_SCALE, noise=noise)
+            found = plan(f"{size:g} mm sample, {name}", "geometry", small, scaled, "front")
+            yield replace(found, source="FE run, scaled")
+    for name, changed in _other_blocks(model):
+        run = _solved(name, changed, theta, echo)
+        if run is not None:
+            yield plan(name, "geometry", run, errors, "front")
+
+
+def _other_blocks(model: BlockPinModel) -> Iterator[tuple[str, BlockPinModel]]:
+    """Another pin at the same travels; another height at travels in proportion to it."""
+    specimen = model.specimen
+    for change in (-1.0, 1.0):
+        width = specimen.pin_width + change
+        yield f"pin {width:g} mm wide", replace(model, specimen=replace(specimen, pin_width=width))
+    for factor in (0.8, 1.2):
+        height = factor * specimen.height
+        travel = tuple(factor * t for t in model.travel)
+        changed = replace(model, specimen=replace(specimen, height=height), travel=travel)
+        yield f"sample {height:g} mm high", changed
+
+
+def _solved(
+    name: str, model: BlockPinModel, theta: Array, echo: Callable[[str], None]
+) -> Run | None:
+    echo(f"FE run     {name}")
+    try:
+        return run_with_views(model, theta[1:])
+    except ValueError as error:
+        echo(f"  left out: {error}")
+        return None

@@ -1,0 +1,152 @@
+"""A posterior pushed through the forward model of a second test: means and replicates."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.interpolate import LinearNDInterpolator, NearestNDInterpolator
+
+from calib.inference.field_noise import field_covariance
+from calib.study.mesh_error import left_share
+from calib.study.second_data import SecondData, answer_of, plate_model, solve
+from calib.study.second_test import SecondTest
+from calib.study.sections import refinement
+from fe.response import Array, Response, Status
+
+N_REPLICATES = 20
+"""of the measurement at each posterior draw"""
+MAX_FAILED = 0.2
+"""share of the draws that may fail to be solved"""
+
+
+@dataclass(frozen=True)
+class Predicted:
+    """What the model says at n draws of the constants, without errors of the measurement."""
+
+    answer: Array
+    """(n, n_step) travel mm or force N"""
+    field: Array | None
+    """(n, n_step, n_point, 3) mm at the points of the data; None where these have no field"""
+    n_failed: int = 0
+    """draws that could not be solved, left out"""
+
+
+@dataclass(frozen=True)
+class Replicates:
+    """The measurement made again, once for each of some predictions."""
+
+    answer: Array
+    """(m, n_step) mean of the measured number of samples"""
+    sample: Array
+    """(m, n_step) single samples"""
+    field: Array | None
+    """(m, n_step, n_point, 3) mm"""
+
+
+def predict(
+    test: SecondTest,
+    data: SecondData,
+    constants: Array,
+    bulk_ratio: float,
+    progress: Callable[[int], None] | None = None,
+) -> Predicted:
+    """One FE solve for each of constants (n, 3) MPa, on the sampling mesh.
+
+    Raises ValueError when more than `MAX_FAILED` of them cannot be solved.
+    """
+    model = plate_model(test, test.mesh.sampling, data.levels)
+    found = []
+    for index, each in enumerate(constants):
+        found.append(solve(model, each, bulk_ratio))
+        if progress is not None:
+            progress(index + 1)
+    good = [response for response in found if response.status is Status.CONVERGED]
+    n_failed = len(found) - len(good)
+    if n_failed > MAX_FAILED * len(found):
+        reason = next(r.message for r in found if r.status is not Status.CONVERGED)
+        raise ValueError(
+            f"draws: {n_failed} of {len(found)} predictions could not be solved ({reason}), "
+            f"expected at most {MAX_FAILED:.0%}; ask for less load"
+        )
+    return _collected(data, good, model.points(), n_failed)
+
+
+def mesh_difference(
+    test: SecondTest, data: SecondData, constants: Array, bulk_ratio: float
+) -> Predicted:
+    """Finer minus sampling mesh at constants (3,), one row.
+
+    Raises ValueError when the finer mesh cannot be solved.
+    """
+    coarse = predict(test, data, constants[None], bulk_ratio)
+    model = plate_model(test, test.mesh.check, data.levels)
+    response = solve(model, constants, bulk_ratio)
+    if response.status is not Status.CONVERGED:
+        raise ValueError(f"mesh.check: the finer mesh cannot be solved: {response.message}")
+    fine = _collected(data, [response], model.points(), 0)
+    if fine.field is None or coarse.field is None:
+        return Predicted(fine.answer - coarse.answer, None)
+    return Predicted(fine.answer - coarse.answer, fine.field - coarse.field)
+
+
+def corrected(predicted: Predicted, difference: Predicted) -> Predicted:
+    """The predictions taken to the finer mesh by the difference measured at one point."""
+    field = predicted.field
+    if field is not None and difference.field is not None:
+        field = field + difference.field
+    return replace(predicted, answer=predicted.answer + difference.answer, field=field)
+
+
+def replicates(
+    test: SecondTest,
+    data: SecondData,
+    predicted: Predicted,
+    difference: Predicted,
+    rng: np.random.Generator,
+) -> Replicates:
+    """Predictions with all errors: stiffness of the samples, noise of the field, mesh.
+
+    The stiffness of the tested samples moves answer and field together; what is left of the mesh's
+    error has the shape of the measured difference and the SD of `calib.study.mesh_error`.
+    """
+    index = np.repeat(np.arange(len(predicted.answer)), N_REPLICATES)
+    factor = np.linalg.cholesky(data.stiffness_covariance())
+    single = rng.standard_normal((index.size, data.levels.size)) @ factor.T
+    mean = rng.standard_normal(single.shape) @ factor.T / np.sqrt(data.n_samples)
+    left = left_share(refinement(test.mesh.check, test.mesh.sampling))
+    mesh = left * rng.standard_normal(index.size)
+    softened = data.softened(predicted.answer.T).T[index]
+    answer = predicted.answer[index] + mesh[:, None] * difference.answer
+    field = None
+    if data.field is not None and predicted.field is not None and difference.field is not None:
+        noise = field_covariance(data.field).sample(rng, index.size)
+        changed = np.stack([data.softened(each) for each in predicted.field])[index]
+        field = predicted.field[index] + mean[:, :, None, None] * changed + noise
+        field += mesh[:, None, None, None] * difference.field
+    return Replicates(answer + mean * softened, answer + single * softened, field)
+
+
+def _collected(data: SecondData, found: list[Response], points: Array, n_failed: int) -> Predicted:
+    answer = np.array([answer_of(response, data.control) for response in found])
+    if data.field is None:
+        return Predicted(answer, None, n_failed)
+    fields = [at_points(points, each.displacement, data.field.points) for each in found]
+    return Predicted(answer, np.array(fields), n_failed)
+
+
+def at_points(known: Array, values: Array, wanted: Array) -> Array:
+    """(n_step, m, 3) values (n_step, n, 3) at known (n, 2), linearly at wanted (m, 2), all in mm.
+
+    The thesis maps so, too (section 5.6). Beyond the outermost known points the nearest one's.
+    """
+    if known.shape == wanted.shape and np.allclose(known, wanted, atol=1e-9):
+        return values
+    flat = np.moveaxis(values, 1, 0).reshape(len(known), -1)
+    inside = LinearNDInterpolator(known, flat)(wanted)
+    outside = np.isnan(inside).any(axis=1)
+    if outside.any():
+        inside[outside] = NearestNDInterpolator(known, flat)(wanted[outside])
+    found: Array = np.moveaxis(inside.reshape(len(wanted), values.shape[0], 3), 0, 1)
+    return found

@@ -1,0 +1,98 @@
+"""Tables of a validation; `found` is validation.json."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from calib.study.tables import Table, number
+
+
+def validation_tables(found: Mapping[str, Any]) -> list[Table]:
+    """What every prediction reached, and its error by increment."""
+    return [_overall(found), _by_step(found)]
+
+
+def verdicts(found: Mapping[str, Any]) -> list[str]:
+    """One sentence a prediction: pass or fail against the requirement, and by what."""
+    lines = []
+    for name, one in found["predictions"].items():
+        failed = [q for q in one["judged"] if not one["quantities"][q]["passed"]]
+        word = "PASS" if one["passed"] else f"FAIL ({', '.join(failed)})"
+        off = ", ".join(
+            f"{q} {100 * one['quantities'][q]['error']:.1f} %, "
+            f"R2 {number(one['quantities'][q]['r2'], 4)}"
+            for q in one["judged"]
+        )
+        lines.append(f"{word}  {name}: {off}")
+    return lines
+
+
+def _overall(found: Mapping[str, Any]) -> Table:
+    rows = []
+    for name, one in found["predictions"].items():
+        for quantity, q in one["quantities"].items():
+            judged = quantity in one["judged"]
+            rows.append(
+                (
+                    name,
+                    found["quantity"] if quantity == "answer" else f"u_{quantity} [mm]",
+                    number(100 * q["error"], 3),
+                    number(q["ratio"], 4),
+                    number(q["r2"], 4),
+                    number(q["r2_of_noise"], 4),
+                    number(q["correlation"], 4),
+                    number(100 * q["coverage"]["0.94"], 3),
+                    number(q["area"], 3),
+                    number(q["pooled_area"], 2),
+                    ("pass" if q["passed"] else "FAIL") if judged else "not judged",
+                )
+            )
+    kind = "SYNTHETIC" if found["synthetic"] else "measured"
+    need = found["requirement"]
+    return Table(
+        f"Validation on {found['data']} ({kind}, {found['n_samples']} samples)",
+        (
+            "by",
+            "quantity",
+            "error [%]",
+            "ratio [-]",
+            "R2 [-]",
+            "of noise",
+            "R [-]",
+            "in 94 % [%]",
+            "area",
+            "u-area [-]",
+            "result",
+        ),
+        tuple(rows),
+        f"Requirement 8: error below {100 * need['max_error']:g} % and R2 of at least "
+        f"{need['min_r2']:g}. error: RMS of prediction minus measurement over RMS of the "
+        "measurement. ratio: what the prediction must be multiplied by. R2: coefficient of "
+        "determination; of noise: what noise alone would leave of it. R: correlation over "
+        "increments, mean of points (the thesis' R^2, which does not see a scale). area: between "
+        "predicted and measured distribution functions, in the quantity's unit; u-area: of the "
+        "pooled u-values, 0 (perfect) to 0.5.",
+    )
+
+
+def _by_step(found: Mapping[str, Any]) -> Table:
+    unit = "N" if found["control"] == "force" else "mm"
+    columns = ("by", "quantity", *(f"{number(level, 3)} {unit}" for level in found["levels"]))
+    rows = [
+        (
+            name,
+            found["quantity"] if quantity == "answer" else f"u_{quantity} [mm]",
+            *(
+                f"{100 * e:.1f} ({number(a, 2)})"
+                for e, a in zip(q["error_by_step"], q["area_by_step"], strict=True)
+            ),
+        )
+        for name, one in found["predictions"].items()
+        for quantity, q in one["quantities"].items()
+    ]
+    return Table(
+        "Error in per cent by increment (in brackets: area metric in the quantity's unit)",
+        columns,
+        tuple(rows),
+    )

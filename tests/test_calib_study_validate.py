@@ -1,0 +1,177 @@
+"""A second test of another geometry: right constants pass, others fail, and it says which."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import arviz as az
+import numpy as np
+import pytest
+import xarray as xr
+
+from calib.cli import FAILED, WRONG_INPUT, main
+from calib.data.dataset import Dataset, FieldData
+from calib.data.dataset_file import save_dataset
+from calib.inference.inference_data import save_inference_data
+from calib.study.second_data import plate_model, second_data, solve
+from calib.study.second_prediction import at_points
+from calib.study.second_test import SecondTest, load_second_test
+from calib.study.validate import validate
+from calib.toml_file import FileRefused
+
+TRUTH = np.array([0.008, 0.004, 0.0024])
+SMALL = """
+name = "small"
+seed = 3
+levels = [0.2, 0.4, 0.6]
+draws = 4
+field_grid = [4, 5]
+[data]
+source = "virtual"
+[virtual]
+C10 = 0.008
+C01 = 0.004
+C11 = 0.0024
+cells = [4, 6, 1]
+n_samples = 10
+force_sd_share = 0.04
+field_noise_std = [0.01, 0.01, 0.02]
+field_correlation_length = 1.0
+field_reference_share = 0.5
+[mesh]
+sampling = [2, 4, 1]
+check = [3, 5, 1]
+[[constants]]
+name = "thesis"
+C10 = 0.02974
+C01 = 0.02254
+C11 = 3.83086e-4
+"""
+
+
+def _finished(out: Path, **centres: float) -> Path:
+    """A folder with a posterior around the truth times a factor for each hypothesis."""
+    rng = np.random.default_rng(1)
+    names = list(centres)
+    spread = 1 + 0.01 * rng.standard_normal((len(names), 2, 50, 3))
+    values = np.array(list(centres.values()))[:, None, None, None] * TRUTH * spread
+    dims = ("hypothesis", "chain", "draw")
+    posterior = xr.Dataset(
+        {name: (dims, values[..., i]) for i, name in enumerate(("C10", "C01", "C11"))},
+        {"hypothesis": names},
+    )
+    provenance = json.dumps({"study_file": {"material": {"bulk_ratio": 200.0}}})
+    data = az.InferenceData(attrs={"provenance": provenance}, posterior=posterior)
+    save_inference_data(data, out / "posterior.nc")
+    return out
+
+
+@pytest.fixture
+def test_file(tmp_path: Path) -> Path:
+    path = tmp_path / "second.toml"
+    path.write_text(SMALL)
+    return path
+
+
+def test_right_constants_pass_and_those_of_the_thesis_fail(
+    tmp_path: Path, test_file: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = _finished(tmp_path, right=1.0)
+    assert main(["validate", str(out), str(test_file)]) == 0
+    text = capsys.readouterr().out
+    assert "SYNTHETIC" in text and "PASS  right" in text and "FAIL (answer, x, y)  thesis" in text
+    found = json.loads((out / "validation" / "small" / "validation.json").read_text())
+    right, wrong = found["predictions"]["right"], found["predictions"]["thesis"]
+    assert found["synthetic"] and right["passed"] and not wrong["passed"]
+    # kappa is 4.36 times too large, and so is the force at a travel.
+    assert 4.0 < wrong["quantities"]["y"]["ratio"] < 5.5
+    assert wrong["quantities"]["y"]["correlation"] > 0.99
+    assert wrong["quantities"]["answer"]["area"] > 10 * right["quantities"]["answer"]["area"]
+    assert (out / "validation" / "small" / "validation.png").is_file()
+
+
+def test_a_wrong_posterior_is_an_exit_code(tmp_path: Path, test_file: Path) -> None:
+    out = _finished(tmp_path, soft=0.6)
+    assert main(["validate", str(out), str(test_file)]) == FAILED
+
+
+def test_set_travels_are_blind_to_stiffness_in_the_field_and_see_it_in_the_force(
+    tmp_path: Path, test_file: Path
+) -> None:
+    test_file.write_text(
+        SMALL.replace("levels = [0.2, 0.4, 0.6]", 'control = "travel"\nlevels = [2.0, 4.0]')
+    )
+    test, folder = load_second_test(test_file)
+    out = _finished(tmp_path, soft=0.6)
+    found, _ = validate(out, test, folder, lambda _: None)
+    soft = found["predictions"]["soft"]["quantities"]
+    assert soft["y"]["passed"] and not soft["answer"]["passed"]
+    assert soft["answer"]["ratio"] == pytest.approx(1 / 0.6, rel=0.04)
+
+
+def test_a_measured_data_set_is_read_from_its_file(tmp_path: Path, test_file: Path) -> None:
+    test, folder = load_second_test(test_file)
+    made = second_data(test, folder, 200.0)
+    assert made.synthetic and made.field is not None
+    travel = solve(plate_model(test, (4, 6, 1), made.levels), TRUTH, 200.0).travel
+    # The noise of the mean of ten samples that differ by 4 %.
+    assert made.answer == pytest.approx(travel, rel=0.04)
+    field: FieldData = made.field
+    dataset = Dataset("measured", False, made.answer, made.levels, 0.04 * made.levels, 10, field)
+    save_dataset(tmp_path / "plate.npz", dataset)
+    head, _, tail = SMALL.replace("levels = [0.2, 0.4, 0.6]", "").partition("[virtual]")
+    text = head.replace('"virtual"', '"plate.npz"') + "[mesh]" + tail.partition("[mesh]")[2]
+    test_file.write_text(text)
+    read_test, folder = load_second_test(test_file)
+    read = second_data(read_test, folder, 200.0)
+    assert not read.synthetic and read.levels == pytest.approx(made.levels)
+    assert read.answer == pytest.approx(made.answer)
+
+
+def test_a_linear_field_is_carried_to_other_points_exactly() -> None:
+    rng = np.random.default_rng(2)
+    known, wanted = rng.random((60, 2)), 0.3 + 0.4 * rng.random((9, 2))
+    slope = rng.standard_normal((2, 2, 3))
+    values = np.einsum("nd,sdc->snc", known, slope)
+    expected = np.einsum("nd,sdc->snc", wanted, slope)
+    assert at_points(known, values, wanted) == pytest.approx(expected)
+    assert at_points(known, values, known) is values
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        ("levels = [0.2, 0.4, 0.6]", "levels = [0.4, 0.2]", "increasing"),
+        ("levels = [0.2, 0.4, 0.6]", "", "levels with data.source"),
+        ('source = "virtual"', 'source = "plate.csv"', "npz"),
+        ("cells = [4, 6, 1]", "cells = [3, 5, 1]", "finer than mesh.check"),
+        ("check = [3, 5, 1]", "check = [2, 4, 1]", "finer"),
+        ("[mesh]", "[plate]\nnotch_depth = 6.0\n[mesh]", "notch"),
+        ("C10 = 0.02974", "C10 = -0.5", "positive"),
+    ],
+)
+def test_impossible_tests_are_refused_with_their_line(
+    test_file: Path, old: str, new: str, says: str
+) -> None:
+    test_file.write_text(SMALL.replace(old, new, 1))
+    with pytest.raises(FileRefused, match=says) as refused:
+        load_second_test(test_file)
+    assert "second.toml:" in str(refused.value)
+
+
+def test_a_missing_study_or_hypothesis_is_said_in_one_sentence(
+    tmp_path: Path, test_file: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["validate", str(tmp_path / "none"), str(test_file)]) == WRONG_INPUT
+    assert "posterior of a finished study" in capsys.readouterr().err
+    test, folder = load_second_test(test_file)
+    asked: SecondTest = replace(test, hypothesis="other")
+    with pytest.raises(ValueError, match="hypothesis: found other, expected one of right"):
+        validate(_finished(tmp_path, right=1.0), asked, folder, lambda _: None)
+
+
+def test_the_embedded_test_is_readable() -> None:
+    test, _ = load_second_test("notched-plate")
+    assert test.virtual is not None and test.constants

@@ -1,0 +1,67 @@
+"""A planned block seen from its faces: the front as the model sees it, the side as it must be."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from calib.study.views import FAR, GRID, run_with_views, similar, together
+from fe import BlockPin, BlockPinModel, Contact
+
+RATIOS = np.array([0.3, 0.1])
+MODEL = BlockPinModel(BlockPin(), Contact("slide", "slide"), (5, 2, 2), (0.2, 0.4))
+
+
+@pytest.fixture(scope="module")
+def run():
+    return run_with_views(MODEL, RATIOS)
+
+
+def test_the_front_is_what_the_model_itself_reports(run) -> None:
+    response = replace(MODEL, field_grid=GRID)(RATIOS)
+    front = run.faces["front"]
+    assert front.points == pytest.approx(response.points)
+    assert front.displacement == pytest.approx(response.displacement, abs=1e-9)
+    assert front.gradient == pytest.approx(response.displacement_gradient, abs=1e-7)
+    assert run.force == pytest.approx(response.force, rel=1e-9)
+    assert run.force_gradient == pytest.approx(response.force_gradient, rel=1e-6)
+
+
+def test_the_side_bulges_towards_its_camera_and_moves_along_itself_from_the_middle(run) -> None:
+    side = run.faces["side"]
+    assert side.points[:, 0].max() < 5.0 and side.points[:, 1].max() < 2.5
+    towards = side.displacement[-1, :, 2]
+    assert towards.mean() > 0.0
+    middle = side.points[:, 0] < 0.2
+    end = side.points[:, 0] > 4.8
+    assert (
+        np.abs(side.displacement[-1, middle, 0]).max()
+        < 0.1 * np.abs(side.displacement[-1, end, 0]).max()
+    )
+
+
+def test_a_similar_block_needs_no_run(run) -> None:
+    scale = 0.4
+    law = MODEL.penalty
+    small = replace(
+        MODEL,
+        specimen=BlockPin(width=4.0, depth=4.0, height=1.0, pin_width=1.6, pin_fillet=0.3 * scale),
+        travel=tuple(scale * t for t in MODEL.travel),
+        penalty=replace(law, stiffness=law.stiffness / scale, ramp=law.ramp * scale),
+    )
+    expected, found = run_with_views(small, RATIOS), similar(run, scale)
+    assert found.force == pytest.approx(expected.force, rel=2e-3)
+    assert found.faces["front"].points == pytest.approx(expected.faces["front"].points)
+    size = np.abs(expected.faces["front"].displacement).max()
+    assert found.faces["front"].displacement == pytest.approx(
+        expected.faces["front"].displacement, abs=5e-3 * size
+    )
+
+
+def test_two_cameras_share_no_noise(run) -> None:
+    both = together(run, ("front", "side"))
+    n = GRID[0] * GRID[1]
+    assert both.displacement.shape == (2, 2 * n, 3) and both.gradient.shape == (2, 2 * n, 3, 2)
+    assert both.points[n:, 0].min() - both.points[:n, 0].max() > FAR / 2
