@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from calib.dic.interpolation import Array, Spline, spline_of
 from calib.dic.prepared import BoolArray, IntArray, Reference, as_image, prepare, refine
-from calib.dic.propagate import propagate, unreached
+from calib.dic.propagate import carried, propagate, unreached
 from calib.dic.reasons import Reason
 from calib.dic.seeds import find_seeds
 from calib.dic.settings import CorrelationSettings
@@ -51,10 +51,10 @@ def correlate(
 ) -> Correlation:
     """Find where points (n, 2), x and y in px of the reference image (h, w), are in the deformed.
 
-    Points may lie between pixels. The deformed image may have another size. guess (n, 2)
-    displacements or (n, n_parameter) parameters; points whose guess is NaN, or all without one,
-    are reached from their neighbours, the first from seeds. mask (h, w): pixels of the reference
-    that count. Results have the same bits for any number of threads.
+    Points may lie between pixels; their subset is centred on the nearest one. The deformed image
+    may have another size. guess (n, 2) displacements or (n, n_parameter) parameters; points whose
+    guess is NaN, or all without one, are reached from their neighbours, the first from seeds.
+    mask (h, w): pixels of the reference that count. Same bits for any number of threads.
     Raises ValueError for arrays of wrong shape or with values that are not finite.
     """
     settings = CorrelationSettings() if settings is None else settings
@@ -80,16 +80,19 @@ def correlate_prepared(
         raise ValueError(f"points: expected shape (n, 2) with n > 0, found {places.shape}")
     if not np.all(np.isfinite(places)):
         raise ValueError("points: expected finite positions in px, found others")
+    # subsets are centred on pixels, where the reference needs no interpolation
+    pixels = np.round(places)
     parameters, known = _start(guess, len(places), settings)
+    parameters = carried(parameters, pixels - places)
     results = unreached(len(places))
     if known.any():
         todo = np.flatnonzero(known)
-        results[todo] = refine(reference, deformed, places, todo, parameters, settings)
+        results[todo] = refine(reference, deformed, pixels, todo, parameters, settings)
     if not known.all():
         if not (results[:, 3] == Reason.VALID).any():
-            find_seeds(reference, deformed_image, deformed, places, parameters, results, settings)
-        propagate(reference, deformed, places, parameters, results, settings)
-    return _correlation(parameters, results, settings)
+            find_seeds(reference, deformed_image, deformed, pixels, parameters, results, settings)
+        propagate(reference, deformed, pixels, parameters, results, settings)
+    return _correlation(carried(parameters, places - pixels), results, settings)
 
 
 def _start(

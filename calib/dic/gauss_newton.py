@@ -18,8 +18,7 @@ from calib.dic.subset import (
     VALID,
     deformed_sums,
     factorise,
-    load_between,
-    load_whole,
+    load,
     reference_sums,
     solve,
 )
@@ -110,12 +109,12 @@ def iterate(  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True)
 def correlate_range(  # type: ignore[no-untyped-def]
-    image, slope_x, slope_y, reference, mask, deformed, is_quintic, noise, points, todo,
+    image, slope_x, slope_y, mask, deformed, is_quintic, noise, points, todo,
     radius, n, limits, parameters, results
 ):  # fmt: skip
-    """Correlate points[todo], from and into parameters (n_point, 12).
+    """Correlate pixels points[todo], from and into parameters (n_point, 12).
 
-    image, slope_x, slope_y (h, w) and reference, its spline; deformed, the other image's spline.
+    image, slope_x, slope_y (h, w) of the reference; deformed, the other image's spline.
     noise: (slope energy, table...), the variances of slope and value of splined unit noise.
     limits: tolerance, iterations, smallest zncc, largest sigma, smallest share of pixels.
     results (n_point, 5): zncc, sigma of u and v, reason, iterations.
@@ -126,10 +125,7 @@ def correlate_range(  # type: ignore[no-untyped-def]
     for index in todo:
         x, y = points[index]
         p = parameters[index]
-        if x == np.round(x) and y == np.round(y):
-            load_whole(image, slope_x, slope_y, mask, x, y, radius, sub)
-        else:
-            load_between(reference, is_quintic, mask, x, y, radius, sub)
+        load(image, slope_x, slope_y, mask, x, y, radius, sub)
         out = results[index]
         out[:] = np.nan
         out[4] = 0.0

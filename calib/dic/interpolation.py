@@ -17,6 +17,14 @@ PAD = 3
 """px of mirrored spline coefficients around the image, the reach of a quintic spline"""
 Degree = Literal[3, 5]
 FAST = {"contract", "reassoc", "nsz"}
+# weights of the coefficients around a pixel for the value there and for the slope
+AT_PIXEL = {
+    3: (np.array([1.0, 4.0, 1.0]) / 6.0, np.array([-1.0, 0.0, 1.0]) / 2.0),
+    5: (
+        np.array([1.0, 26.0, 66.0, 26.0, 1.0]) / 120.0,
+        np.array([-1.0, -10.0, 0.0, 10.0, 1.0]) / 24.0,
+    ),
+}
 
 
 class Spline(NamedTuple):
@@ -65,26 +73,29 @@ def weights5(t):  # type: ignore[no-untyped-def]
 @njit(cache=True, nogil=True, fastmath=FAST)
 def value3(coefficients, x, y):  # type: ignore[no-untyped-def]
     """Cubic spline at x, y inside the image."""
-    ix, iy = int(np.floor(x)), int(np.floor(y))
+    ix, iy = int(x), int(y)
     a, b, c, d = weights3(x - ix)
+    e, f, g, h = weights3(y - iy)
     ix += PAD - 1
     iy += PAD - 1
-    row = coefficients[iy]
-    v0 = a * row[ix] + b * row[ix + 1] + c * row[ix + 2] + d * row[ix + 3]
-    row = coefficients[iy + 1]
-    v1 = a * row[ix] + b * row[ix + 1] + c * row[ix + 2] + d * row[ix + 3]
-    row = coefficients[iy + 2]
-    v2 = a * row[ix] + b * row[ix + 1] + c * row[ix + 2] + d * row[ix + 3]
-    row = coefficients[iy + 3]
-    v3 = a * row[ix] + b * row[ix + 1] + c * row[ix + 2] + d * row[ix + 3]
-    a, b, c, d = weights3(y - (iy - PAD + 1))
-    return a * v0 + b * v1 + c * v2 + d * v3
+    r0, r1, r2, r3 = (
+        coefficients[iy],
+        coefficients[iy + 1],
+        coefficients[iy + 2],
+        coefficients[iy + 3],
+    )
+    return (
+        a * (e * r0[ix] + f * r1[ix] + g * r2[ix] + h * r3[ix])
+        + b * (e * r0[ix + 1] + f * r1[ix + 1] + g * r2[ix + 1] + h * r3[ix + 1])
+        + c * (e * r0[ix + 2] + f * r1[ix + 2] + g * r2[ix + 2] + h * r3[ix + 2])
+        + d * (e * r0[ix + 3] + f * r1[ix + 3] + g * r2[ix + 3] + h * r3[ix + 3])
+    )
 
 
 @njit(cache=True, nogil=True, fastmath=FAST)
 def value5(coefficients, x, y):  # type: ignore[no-untyped-def]
     """Quintic spline at x, y inside the image."""
-    ix, iy = int(np.floor(x)), int(np.floor(y))
+    ix, iy = int(x), int(y)
     a, b, c, d, e, f = weights5(x - ix)
     q = weights5(y - iy)
     ix += PAD - 2
@@ -121,38 +132,10 @@ def values_at(coefficients, is_quintic, x, y):  # type: ignore[no-untyped-def]
 
 def grid_slopes(spline: Spline) -> tuple[Array, Array]:
     """Derivatives (h, w) of a spline by x and by y at the pixels, grey levels per px."""
-    if spline.is_quintic:
-        value = np.array([1.0, 26.0, 66.0, 26.0, 1.0]) / 120.0
-        slope = np.array([-1.0, -10.0, 0.0, 10.0, 1.0]) / 24.0
-    else:
-        value = np.array([1.0, 4.0, 1.0]) / 6.0
-        slope = np.array([-1.0, 0.0, 1.0]) / 2.0
+    value, slope = AT_PIXEL[5 if spline.is_quintic else 3]
     inner = (slice(PAD, -PAD), slice(PAD, -PAD))
     out = []
     for across, along in ((value, slope), (slope, value)):
         rows = ndimage.correlate1d(spline.coefficients, across, axis=0)
         out.append(np.ascontiguousarray(ndimage.correlate1d(rows, along, axis=1)[inner]))
     return out[0], out[1]
-
-
-@njit(cache=True, nogil=True)
-def shared_weights(t, is_quintic):  # type: ignore[no-untyped-def]
-    """(2, 6) weights of value and slope of the coefficients at -2 to 3 for the place t."""
-    w = np.zeros((2, 6))
-    s = 1.0 - t
-    if is_quintic:
-        w[0, 0], w[0, 1], w[0, 2], w[0, 3], w[0, 4], w[0, 5] = weights5(t)
-        x = 1.0 + t
-        w[1, 0] = -(s**4) / 24.0
-        w[1, 1] = 0.625 + x * (-3.5 + x * (3.75 + x * (-1.5 + x * (5.0 / 24.0))))
-        w[1, 2] = -t + t**3 - 5.0 / 12.0 * t**4
-        w[1, 3] = s - s**3 + 5.0 / 12.0 * s**4
-        w[1, 5] = t**4 / 24.0
-        w[1, 4] = -(w[1, 0] + w[1, 1] + w[1, 2] + w[1, 3] + w[1, 5])
-    else:
-        w[0, 1], w[0, 2], w[0, 3], w[0, 4] = weights3(t)
-        w[1, 1] = -0.5 * s * s
-        w[1, 2] = t * (1.5 * t - 2.0)
-        w[1, 4] = 0.5 * t * t
-        w[1, 3] = -(w[1, 1] + w[1, 2] + w[1, 4])
-    return w

@@ -12,7 +12,16 @@ import numpy.typing as npt
 from scipy import ndimage
 
 from calib.dic.gauss_newton import correlate_range
-from calib.dic.interpolation import Array, Degree, Spline, grid_slopes, shared_weights, spline_of
+from calib.dic.interpolation import (
+    AT_PIXEL,
+    Array,
+    Degree,
+    Spline,
+    grid_slopes,
+    spline_of,
+    weights3,
+    weights5,
+)
 from calib.dic.settings import CorrelationSettings
 from calib.dic.subset import N_PARAMETER
 
@@ -30,7 +39,6 @@ class Reference(NamedTuple):
     """(h, w) grey levels"""
     slope_x: Array
     slope_y: Array
-    spline: Spline
     mask: BoolArray
     """(h, w) False where a pixel does not count"""
 
@@ -58,7 +66,7 @@ def prepare(image: Array, degree: Degree, mask: BoolArray | None = None) -> Refe
         raise ValueError(f"mask: expected the image's shape {image.shape}, found {mask.shape}")
     spline = spline_of(image, degree)
     slope_x, slope_y = grid_slopes(spline)
-    return Reference(image, slope_x, slope_y, spline, np.ascontiguousarray(mask, np.bool_))
+    return Reference(image, slope_x, slope_y, np.ascontiguousarray(mask, np.bool_))
 
 
 @cache
@@ -66,12 +74,14 @@ def noise_of_spline(degree: Degree) -> Array:
     """(TABLE + 2,) for white noise of variance 1: variance of the slope at a pixel, then that of
     the value at the places 0 to 1 between two pixels of a line.
     """
-    n = 64
+    n, reach = 64, degree // 2
     inverse = ndimage.spline_filter1d(np.eye(n), degree, axis=0, mode="grid-wrap")
-    middle = np.arange(n // 2 - 2, n // 2 + 4)
-    weights = [shared_weights(t, degree == 5) for t in np.linspace(0, 1, TABLE + 1)]
-    slope = weights[0][1] @ inverse[middle]
-    values = [float(np.sum((w[0] @ inverse[middle]) ** 2)) for w in weights]
+    middle = n // 2
+    slope = AT_PIXEL[degree][1] @ inverse[middle - reach : middle + reach + 1]
+    values = []
+    for t in np.linspace(0, 1, TABLE + 1):
+        weights = np.array(weights5(t) if degree == 5 else weights3(t))
+        values.append(float(np.sum((weights @ inverse[middle - reach : middle + reach + 2]) ** 2)))
     return np.array([float(np.sum(slope**2)), *values])
 
 
@@ -88,7 +98,7 @@ def refine(
     parameters: Array,
     settings: CorrelationSettings,
 ) -> Array:
-    """Correlate points[todo] from parameters (n_point, 12), which are overwritten.
+    """Correlate pixels points[todo] from parameters (n_point, 12), which are overwritten.
 
     Returns (n_todo, 5): zncc, sigma of u and v, reason, iterations. Every point is for itself, so
     that the result does not depend on the number of threads.
@@ -109,7 +119,7 @@ def refine(
     def run(part: IntArray) -> None:
         correlate_range(
             reference.image, reference.slope_x, reference.slope_y,
-            reference.spline.coefficients, reference.mask, deformed.coefficients,
+            reference.mask, deformed.coefficients,
             deformed.is_quintic, noise, points, part, settings.radius, n, limits,
             parameters, results,
         )  # fmt: skip

@@ -18,7 +18,8 @@ from calib.dic.settings import CorrelationSettings
 
 N_NEIGHBOUR = 8
 REACH = 2.3
-"""neighbours are not farther than this times the usual distance to the nearest point"""
+"""neighbours are not farther than this times the usual distance to the fourth nearest"""
+USUAL = 4
 MOST_TRIES = 3
 """starts of a point from different neighbours"""
 
@@ -32,7 +33,7 @@ def neighbours(points: Array) -> IntArray:
     if k < 2:
         return found
     distance, index = np.atleast_2d(distance)[:, 1:], np.atleast_2d(index)[:, 1:]
-    near = distance <= REACH * np.median(distance[:, 0])
+    near = distance <= REACH * np.median(distance[:, min(USUAL, k - 1) - 1])
     found[:, : k - 1] = np.where(near, index, -1)
     return found
 

@@ -14,7 +14,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from calib.dic.interpolation import FAST, PAD, shared_weights, value3, value5
+from calib.dic.interpolation import FAST, PAD, value3, value5
 
 N_PARAMETER = 12
 # component (0: along x, 1: along y), powers of a and b, and factor of each parameter
@@ -28,61 +28,61 @@ SMALLEST_DETERMINANT = 0.02
 
 
 @njit(cache=True, nogil=True, fastmath=FAST)
-def load_whole(image, slope_x, slope_y, mask, x, y, radius, sub):  # type: ignore[no-untyped-def]
-    """Fill sub (4, side, side) with grey value, slopes and weight at a point on a pixel."""
+def load(image, slope_x, slope_y, mask, x, y, radius, sub):  # type: ignore[no-untyped-def]
+    """Fill sub (4, side, side) with grey value, slopes and weight around a pixel x, y."""
     h, w = image.shape
-    ix, iy = int(np.round(x)), int(np.round(y))
+    left, right = max(int(x) - radius, 0), min(int(x) + radius + 1, w)
+    first, shift = int(y) - radius, max(int(x) - radius, 0) - (int(x) - radius)
+    sub[:] = 0.0
     for j in range(2 * radius + 1):
-        row = iy + j - radius
-        for i in range(2 * radius + 1):
-            column = ix + i - radius
-            if 0 <= row < h and 0 <= column < w and mask[row, column]:
-                sub[0, j, i] = image[row, column]
-                sub[1, j, i] = slope_x[row, column]
-                sub[2, j, i] = slope_y[row, column]
-                sub[3, j, i] = 1.0
-            else:
-                sub[:, j, i] = 0.0
+        row = first + j
+        if not 0 <= row < h:
+            continue
+        for i in range(left, right):
+            weight = 1.0 if mask[row, i] else 0.0
+            k = i - left + shift
+            sub[0, j, k] = image[row, i] * weight
+            sub[1, j, k] = slope_x[row, i] * weight
+            sub[2, j, k] = slope_y[row, i] * weight
+            sub[3, j, k] = weight
 
 
 @njit(cache=True, nogil=True, fastmath=FAST)
-def load_between(  # type: ignore[no-untyped-def]
-    coefficients, is_quintic, mask, x, y, radius, sub
-):
-    """The same at a point between pixels; all pixels of the subset share its weights."""
-    h, w = mask.shape
-    ix, iy = int(np.floor(x)), int(np.floor(y))
-    wx, wy = shared_weights(x - ix, is_quintic), shared_weights(y - iy, is_quintic)
-    side = 2 * radius + 1
-    along = np.zeros((2, side + 5, side))
-    for j in range(side + 5):
-        row = iy + j - radius - 2 + PAD
-        if not 0 <= row < h + 2 * PAD:
-            continue
-        for i in range(side):
-            first = ix + i - radius - 2 + PAD
-            if not 0 <= first < w + 2 * PAD - 5:
-                continue
-            value, slope = 0.0, 0.0
-            for k in range(6):
-                value += wx[0, k] * coefficients[row, first + k]
-                slope += wx[1, k] * coefficients[row, first + k]
-            along[0, j, i], along[1, j, i] = value, slope
-    for j in range(side):
-        row = iy + j - radius
-        for i in range(side):
-            column = ix + i - radius
-            sub[:, j, i] = 0.0
-            # the four pixels around the place have to be in the region
-            if not (0 <= row < h - 1 and 0 <= column < w - 1):
-                continue
-            if not (mask[row, column] and mask[row + 1, column + 1]):
-                continue
-            for k in range(6):
-                sub[0, j, i] += wy[0, k] * along[0, j + k, i]
-                sub[1, j, i] += wy[0, k] * along[1, j + k, i]
-                sub[2, j, i] += wy[1, k] * along[0, j + k, i]
-            sub[3, j, i] = 1.0
+def row_moments(sub, j, radius, mean, row):  # type: ignore[no-untyped-def]
+    """Sums over row j with powers of a into row (7, 5); takes the mean off; returns sum of f²."""
+    xx0, xx1, xx2, xx3, xx4 = 0.0, 0.0, 0.0, 0.0, 0.0
+    xy0, xy1, xy2, xy3, xy4 = 0.0, 0.0, 0.0, 0.0, 0.0
+    yy0, yy1, yy2, yy3, yy4 = 0.0, 0.0, 0.0, 0.0, 0.0
+    x0, x1, x2, y0, y1, y2 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    fx0, fx1, fx2, fy0, fy1, fy2 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    squares = 0.0
+    for i in range(2 * radius + 1):
+        a = float(i - radius)
+        f = (sub[0, j, i] - mean) * sub[3, j, i]
+        sub[0, j, i] = f
+        squares += f * f
+        sx, sy = sub[1, j, i], sub[2, j, i]
+        a2 = a * a
+        xx, xy, yy = sx * sx, sx * sy, sy * sy
+        xx0, xy0, yy0 = xx0 + xx, xy0 + xy, yy0 + yy
+        xx1, xy1, yy1 = xx1 + xx * a, xy1 + xy * a, yy1 + yy * a
+        xx, xy, yy = xx * a2, xy * a2, yy * a2
+        xx2, xy2, yy2 = xx2 + xx, xy2 + xy, yy2 + yy
+        xx3, xy3, yy3 = xx3 + xx * a, xy3 + xy * a, yy3 + yy * a
+        xx4, xy4, yy4 = xx4 + xx * a2, xy4 + xy * a2, yy4 + yy * a2
+        x0, x1, x2 = x0 + sx, x1 + sx * a, x2 + sx * a2
+        y0, y1, y2 = y0 + sy, y1 + sy * a, y2 + sy * a2
+        sx, sy = sx * f, sy * f
+        fx0, fx1, fx2 = fx0 + sx, fx1 + sx * a, fx2 + sx * a2
+        fy0, fy1, fy2 = fy0 + sy, fy1 + sy * a, fy2 + sy * a2
+    row[0, 0], row[0, 1], row[0, 2], row[0, 3], row[0, 4] = xx0, xx1, xx2, xx3, xx4
+    row[1, 0], row[1, 1], row[1, 2], row[1, 3], row[1, 4] = xy0, xy1, xy2, xy3, xy4
+    row[2, 0], row[2, 1], row[2, 2], row[2, 3], row[2, 4] = yy0, yy1, yy2, yy3, yy4
+    row[3, 0], row[3, 1], row[3, 2] = x0, x1, x2
+    row[4, 0], row[4, 1], row[4, 2] = y0, y1, y2
+    row[5, 0], row[5, 1], row[5, 2] = fx0, fx1, fx2
+    row[6, 0], row[6, 1], row[6, 2] = fy0, fy1, fy2
+    return squares
 
 
 @njit(cache=True, nogil=True, fastmath=FAST)
@@ -92,55 +92,29 @@ def reference_sums(sub, radius, n, hessian, ones, grey):  # type: ignore[no-unty
     ones (n,), grey (n,): sums of each column of the Jacobian, and with the grey values.
     Returns the number of pixels and the sum of squares of the grey values.
     """
-    side = 2 * radius + 1
-    count, total = 0.0, 0.0
-    for j in range(side):
-        for i in range(side):
-            count += sub[3, j, i]
-            total += sub[0, j, i]
-    mean = total / max(count, 1.0)
-    top = 5 if n == N_PARAMETER else 3
-    half = 3 if n == N_PARAMETER else 2
+    count = sub[3].sum()
+    mean = sub[0].sum() / max(count, 1.0)
+    top, half = (5, 3) if n == N_PARAMETER else (3, 2)
     products = np.zeros((3, 5, 5))
-    singles = np.zeros((2, 2, 3, 3))
+    singles = np.zeros((4, 3, 3))
     row = np.empty((7, 5))
     squares = 0.0
-    for j in range(side):
-        b = float(j - radius)
-        row[:] = 0.0
-        for i in range(side):
-            a = float(i - radius)
-            f = (sub[0, j, i] - mean) * sub[3, j, i]
-            sub[0, j, i] = f
-            squares += f * f
-            sx, sy = sub[1, j, i], sub[2, j, i]
-            power = 1.0
-            for k in range(top):
-                row[0, k] += sx * sx * power
-                row[1, k] += sx * sy * power
-                row[2, k] += sy * sy * power
-                if k < half:
-                    row[3, k] += sx * power
-                    row[4, k] += sy * power
-                    row[5, k] += sx * f * power
-                    row[6, k] += sy * f * power
-                power *= a
+    for j in range(2 * radius + 1):
+        squares += row_moments(sub, j, radius, mean, row)
         power = 1.0
         for m in range(top):
-            for k in range(top):
-                for c in range(3):
+            for c in range(3):
+                for k in range(top):
                     products[c, k, m] += row[c, k] * power
             if m < half:
-                for k in range(half):
-                    singles[0, 0, k, m] += row[3, k] * power
-                    singles[0, 1, k, m] += row[4, k] * power
-                    singles[1, 0, k, m] += row[5, k] * power
-                    singles[1, 1, k, m] += row[6, k] * power
-            power *= b
+                for c in range(4):
+                    for k in range(half):
+                        singles[c, k, m] += row[3 + c, k] * power
+            power *= float(j - radius)
     for k in range(n):
-        ones[k] = FACTOR[k] * singles[0, COMPONENT[k], POWER_A[k], POWER_B[k]]
-        grey[k] = FACTOR[k] * singles[1, COMPONENT[k], POWER_A[k], POWER_B[k]]
-    if count == 0.0 or squares == 0.0:
+        ones[k] = FACTOR[k] * singles[COMPONENT[k], POWER_A[k], POWER_B[k]]
+        grey[k] = FACTOR[k] * singles[2 + COMPONENT[k], POWER_A[k], POWER_B[k]]
+    if not squares > 0.0:
         return count, 0.0
     for k in range(n):
         for m in range(n):
