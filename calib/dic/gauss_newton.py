@@ -62,11 +62,13 @@ def iterate(  # type: ignore[no-untyped-def]
         return NO_SPECKLE, 0, np.nan, 1.0, count, inverse, diagonal
     right, step = np.zeros(n), np.zeros(N_PARAMETER)
     zncc, scale, reason, iteration = np.nan, 1.0, NOT_CONVERGED, 0
+    side = 2 * radius + 1
+    work, first = np.empty((15, side)), np.empty(side, np.int64)
     x0, y0 = p[0], p[1]
     while iteration < limits[1]:
         iteration += 1
         inside, sum_g, sum_gg, sum_fg = deformed_sums(
-            coefficients, is_quintic, sub, radius, x, y, p, n, right
+            coefficients, is_quintic, sub, radius, x, y, p, n, right, work, first
         )
         if not inside:
             reason = LEFT_IMAGE

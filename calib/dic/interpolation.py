@@ -46,12 +46,17 @@ def spline_of(image: Array, degree: Degree) -> Spline:
     return Spline(np.pad(filtered, PAD, mode="reflect"), degree == 5)
 
 
+# an unsigned index spares the check for negative ones; sums with signed numbers would be floats
+ONE, TWO, THREE, FOUR, FIVE = (np.uint64(k) for k in range(1, 6))
+SIXTH, INVERSE_24, INVERSE_120 = 1.0 / 6.0, 1.0 / 24.0, 1.0 / 120.0
+
+
 @njit(cache=True, nogil=True, fastmath=FAST, inline="always")
 def weights3(t):  # type: ignore[no-untyped-def]
     """Weights of the coefficients at -1, 0, 1, 2 for the place t in [0, 1)."""
     s = 1.0 - t
-    a = s * s * s / 6.0
-    d = t * t * t / 6.0
+    a = s * s * s * SIXTH
+    d = t * t * t * SIXTH
     b = 2.0 / 3.0 - t * t + 3.0 * d
     return a, b, 1.0 - a - b - d, d
 
@@ -61,73 +66,75 @@ def weights5(t):  # type: ignore[no-untyped-def]
     """Weights of the coefficients at -2 to 3 for the place t in [0, 1)."""
     s = 1.0 - t
     t2, s2 = t * t, s * s
-    a = s2 * s2 * s / 120.0
-    f = t2 * t2 * t / 120.0
+    a = s2 * s2 * s * INVERSE_120
+    f = t2 * t2 * t * INVERSE_120
     c = 0.55 - t2 * (0.5 - t2 * 0.25) - 10.0 * f
     d = 0.55 - s2 * (0.5 - s2 * 0.25) - 10.0 * a
     x = 1.0 + t
-    b = 0.425 + x * (0.625 + x * (-1.75 + x * (1.25 + x * (-0.375 + x / 24.0))))
+    b = 0.425 + x * (0.625 + x * (-1.75 + x * (1.25 + x * (-0.375 + x * INVERSE_24))))
     return a, b, c, d, 1.0 - a - b - c - d - f, f
 
 
 @njit(cache=True, nogil=True, fastmath=FAST)
-def value3(coefficients, x, y):  # type: ignore[no-untyped-def]
-    """Cubic spline at x, y inside the image."""
-    ix, iy = int(x), int(y)
-    a, b, c, d = weights3(x - ix)
-    e, f, g, h = weights3(y - iy)
-    ix += PAD - 1
-    iy += PAD - 1
-    r0, r1, r2, r3 = (
-        coefficients[iy],
-        coefficients[iy + 1],
-        coefficients[iy + 2],
-        coefficients[iy + 3],
-    )
-    return (
-        a * (e * r0[ix] + f * r1[ix] + g * r2[ix] + h * r3[ix])
-        + b * (e * r0[ix + 1] + f * r1[ix + 1] + g * r2[ix + 1] + h * r3[ix + 1])
-        + c * (e * r0[ix + 2] + f * r1[ix + 2] + g * r2[ix + 2] + h * r3[ix + 2])
-        + d * (e * r0[ix + 3] + f * r1[ix + 3] + g * r2[ix + 3] + h * r3[ix + 3])
-    )
+def cubic_values(flat, stride, x, y, n, first, weights, out):  # type: ignore[no-untyped-def]
+    """out[:n]: cubic spline at x, y inside the image, from its coefficients row after row.
+
+    first (n,) and weights (8, n) are room to work: weights are made for all places at once, and
+    each sum of coefficients is one over neighbours in memory, as vector units want it.
+    """
+    for i in range(n):
+        ix, iy = np.floor(x[i]), np.floor(y[i])
+        first[i] = (np.int64(iy) + (PAD - 1)) * stride + np.int64(ix) + (PAD - 1)
+        weights[0, i], weights[1, i], weights[2, i], weights[3, i] = weights3(x[i] - ix)
+        weights[4, i], weights[5, i], weights[6, i], weights[7, i] = weights3(y[i] - iy)
+    for i in range(n):
+        k = np.uint64(first[i])
+        c0, c1, c2, c3 = 0.0, 0.0, 0.0, 0.0
+        for r in range(4):
+            q = weights[4 + r, i]
+            c0 += q * flat[k]
+            c1 += q * flat[k + ONE]
+            c2 += q * flat[k + TWO]
+            c3 += q * flat[k + THREE]
+            k += np.uint64(stride)
+        out[i] = weights[0, i] * c0 + weights[1, i] * c1 + weights[2, i] * c2 + weights[3, i] * c3
 
 
 @njit(cache=True, nogil=True, fastmath=FAST)
-def value5(coefficients, x, y):  # type: ignore[no-untyped-def]
-    """Quintic spline at x, y inside the image."""
-    ix, iy = int(x), int(y)
-    a, b, c, d, e, f = weights5(x - ix)
-    q = weights5(y - iy)
-    ix += PAD - 2
-    iy += PAD - 2
-    total = 0.0
-    for k in range(6):
-        row = coefficients[iy + k]
-        along = (
-            a * row[ix]
-            + b * row[ix + 1]
-            + c * row[ix + 2]
-            + d * row[ix + 3]
-            + e * row[ix + 4]
-            + f * row[ix + 5]
-        )
-        total += q[k] * along
-    return total
+def quintic_values(flat, stride, x, y, n, first, weights, out):  # type: ignore[no-untyped-def]
+    """The same with a quintic spline and weights (12, n)."""
+    w = weights
+    for i in range(n):
+        ix, iy = np.floor(x[i]), np.floor(y[i])
+        first[i] = (np.int64(iy) + (PAD - 2)) * stride + np.int64(ix) + (PAD - 2)
+        w[0, i], w[1, i], w[2, i], w[3, i], w[4, i], w[5, i] = weights5(x[i] - ix)
+        w[6, i], w[7, i], w[8, i], w[9, i], w[10, i], w[11, i] = weights5(y[i] - iy)
+    for i in range(n):
+        k = np.uint64(first[i])
+        c0, c1, c2, c3, c4, c5 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        for r in range(6):
+            q = w[6 + r, i]
+            c0 += q * flat[k]
+            c1 += q * flat[k + ONE]
+            c2 += q * flat[k + TWO]
+            c3 += q * flat[k + THREE]
+            c4 += q * flat[k + FOUR]
+            c5 += q * flat[k + FIVE]
+            k += np.uint64(stride)
+        low = w[0, i] * c0 + w[1, i] * c1 + w[2, i] * c2
+        out[i] = low + w[3, i] * c3 + w[4, i] * c4 + w[5, i] * c5
 
 
-@njit(cache=True, nogil=True, fastmath=FAST)
-def values_at(coefficients, is_quintic, x, y):  # type: ignore[no-untyped-def]
-    """(n,) values of a spline at x, y (n,), px; NaN outside the image."""
-    out = np.empty(x.size)
-    bottom, right = coefficients.shape[0] - 2 * PAD - 1, coefficients.shape[1] - 2 * PAD - 1
-    for i in range(x.size):
-        if not (0.0 <= x[i] <= right and 0.0 <= y[i] <= bottom):
-            out[i] = np.nan
-        elif is_quintic:
-            out[i] = value5(coefficients, x[i], y[i])
-        else:
-            out[i] = value3(coefficients, x[i], y[i])
-    return out
+def values_at(spline: Spline, x: Array, y: Array) -> Array:
+    """(n,) grey values of a spline at x, y (n,), px; NaN outside the image."""
+    h, w = (side - 2 * PAD for side in spline.coefficients.shape)
+    inside = (x >= 0) & (x <= w - 1) & (y >= 0) & (y <= h - 1)
+    n = x.size
+    out = np.empty(n)
+    args = (np.where(inside, x, 0.0), np.where(inside, y, 0.0), n, np.empty(n, np.int64))
+    values = quintic_values if spline.is_quintic else cubic_values
+    values(spline.coefficients.ravel(), w + 2 * PAD, *args, np.empty((12, n)), out)
+    return np.where(inside, out, np.nan)
 
 
 def grid_slopes(spline: Spline) -> tuple[Array, Array]:

@@ -14,7 +14,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from calib.dic.interpolation import FAST, PAD, value3, value5
+from calib.dic.interpolation import FAST, PAD, cubic_values, quintic_values
 
 N_PARAMETER = 12
 # component (0: along x, 1: along y), powers of a and b, and factor of each parameter
@@ -158,48 +158,66 @@ def solve(factor, n, right):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, fastmath=FAST)
-def deformed_sums(  # type: ignore[no-untyped-def]
-    coefficients, is_quintic, sub, radius, x, y, p, n, right
+def deformed_row(  # type: ignore[no-untyped-def]
+    coefficients, is_quintic, weight, b, radius, x, y, p, work, first
 ):
-    """Sums over the deformed subset: right (n,) with the Jacobian.
+    """Grey values of row b of the deformed subset into work[0]; False where one leaves the image.
 
-    Returns whether all of it is in the image, and the sums of g, g² and f g; g from its middle.
+    weight (side,): pixels of weight 0 may leave it.
     """
     side = 2 * radius + 1
-    bottom, last = coefficients.shape[0] - 2 * PAD - 1.0, coefficients.shape[1] - 2 * PAD - 1.0
+    stride = coefficients.shape[1]
+    bottom, last = coefficients.shape[0] - 2 * PAD - 1.0, stride - 2 * PAD - 1.0
+    x0 = x + p[0] + b * (p[3] + 0.5 * b * p[8])
+    y0 = y + p[1] + b * (1.0 + p[5] + 0.5 * b * p[11])
+    x1, y1 = 1.0 + p[2] + b * p[7], p[4] + b * p[10]
+    lost = 0
+    for i in range(side):
+        a = float(i - radius)
+        gx, gy = x0 + a * (x1 + 0.5 * a * p[6]), y0 + a * (y1 + 0.5 * a * p[9])
+        cx, cy = min(max(gx, 0.0), last), min(max(gy, 0.0), bottom)
+        work[1, i], work[2, i] = cx, cy
+        if (gx != cx or gy != cy) and weight[i] != 0.0:
+            lost += 1
+    if lost > 0:
+        return False
+    flat = coefficients.ravel()
+    if is_quintic:
+        quintic_values(flat, stride, work[1], work[2], side, first, work[3:], work[0])
+    else:
+        cubic_values(flat, stride, work[1], work[2], side, first, work[3:], work[0])
+    return True
+
+
+@njit(cache=True, nogil=True, fastmath=FAST)
+def deformed_sums(  # type: ignore[no-untyped-def]
+    coefficients, is_quintic, sub, radius, x, y, p, n, right, work, first
+):
+    """Sums over the deformed subset: right (n,) with the Jacobian; work (15, side), first (side,).
+
+    Returns whether all of it is in the image, and the sums of g, g² and f g; g from its corner.
+    """
+    side = 2 * radius + 1
     sums = np.zeros((2, 3, 3))
-    sum_g, sum_gg, sum_fg = 0.0, 0.0, 0.0
-    cx, cy = x + p[0], y + p[1]
-    if not (0.0 <= cx <= last and 0.0 <= cy <= bottom):
-        return False, 0.0, 0.0, 0.0
-    middle = value3(coefficients, cx, cy)
+    sum_g, sum_gg, sum_fg, origin = 0.0, 0.0, 0.0, 0.0
     for j in range(side):
         b = float(j - radius)
-        x0, y0 = cx + b * (p[3] + 0.5 * b * p[8]), cy + b * (1.0 + p[5] + 0.5 * b * p[11])
-        x1, y1 = 1.0 + p[2] + b * p[7], p[4] + b * p[10]
+        if not deformed_row(coefficients, is_quintic, sub[3, j], b, radius, x, y, p, work, first):
+            return False, 0.0, 0.0, 0.0
+        if j == 0:
+            origin = work[0, 0]
         u0, u1, u2, v0, v1, v2 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
         for i in range(side):
-            if sub[3, j, i] == 0.0:
-                continue
             a = float(i - radius)
-            gx, gy = x0 + a * (x1 + 0.5 * a * p[6]), y0 + a * (y1 + 0.5 * a * p[9])
-            if not (0.0 <= gx <= last and 0.0 <= gy <= bottom):
-                return False, 0.0, 0.0, 0.0
-            if is_quintic:
-                g = value5(coefficients, gx, gy) - middle
-            else:
-                g = value3(coefficients, gx, gy) - middle
+            g = (work[0, i] - origin) * sub[3, j, i]
             sum_g += g
             sum_gg += g * g
             sum_fg += g * sub[0, j, i]
-            along = g * sub[1, j, i]
-            u0 += along
-            u1 += along * a
-            u2 += along * a * a
-            along = g * sub[2, j, i]
-            v0 += along
-            v1 += along * a
-            v2 += along * a * a
+            along, across = g * sub[1, j, i], g * sub[2, j, i]
+            u0, v0 = u0 + along, v0 + across
+            along, across = along * a, across * a
+            u1, v1 = u1 + along, v1 + across
+            u2, v2 = u2 + along * a, v2 + across * a
         power = 1.0
         for m in range(3):
             sums[0, 0, m] += u0 * power
