@@ -9,10 +9,11 @@ import numpy.typing as npt
 
 from calib.dic.interpolation import Array, Spline, spline_of
 from calib.dic.prepared import BoolArray, IntArray, Reference, as_image, prepare, refine
-from calib.dic.propagate import carried, propagate, unreached
+from calib.dic.propagate import propagate, unreached
 from calib.dic.reasons import Reason
 from calib.dic.seeds import find_seeds
 from calib.dic.settings import CorrelationSettings
+from calib.dic.shape import carried
 from calib.dic.subset import N_PARAMETER
 
 

@@ -11,10 +11,12 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import cKDTree
 
+from calib.dic.consistency import stray_points
 from calib.dic.interpolation import Array, Spline
 from calib.dic.prepared import BoolArray, IntArray, Reference, refine
 from calib.dic.reasons import Reason
 from calib.dic.settings import CorrelationSettings
+from calib.dic.shape import carried
 
 N_NEIGHBOUR = 8
 REACH = 2.3
@@ -38,22 +40,6 @@ def neighbours(points: Array) -> IntArray:
     return found
 
 
-def carried(parameters: Array, offset: Array) -> Array:
-    """Parameters (m, 12) of shape functions, taken to points at offset (m, 2) px."""
-    a, b = offset[:, 0], offset[:, 1]
-    out = parameters.copy()
-    for k in range(2):
-        first, second = (
-            parameters[:, 2 + 2 * k : 4 + 2 * k].T,
-            parameters[:, 6 + 3 * k : 9 + 3 * k].T,
-        )
-        out[:, k] += first[0] * a + first[1] * b
-        out[:, k] += 0.5 * second[0] * a**2 + second[1] * a * b + 0.5 * second[2] * b**2
-        out[:, 2 + 2 * k] += second[0] * a + second[1] * b
-        out[:, 3 + 2 * k] += second[1] * a + second[2] * b
-    return out
-
-
 def propagate(
     reference: Reference,
     deformed: Spline,
@@ -64,9 +50,30 @@ def propagate(
 ) -> None:
     """From the points that are valid in results (n, 5) to the others, in place.
 
-    A point that fails is tried again when a neighbour with a better correlation is done.
+    A point that fails is tried again when a neighbour with a better correlation is done. Strays
+    are tried once more from their neighbours.
     """
     near = neighbours(points)
+    _spread(reference, deformed, points, near, parameters, results, settings)
+    for again in (True, False):
+        valid = results[:, 3] == Reason.VALID
+        stray = stray_points(points, parameters, valid, near, settings.subset)
+        if not stray.any():
+            return
+        results[stray, 3] = Reason.STRAY
+        if again:
+            _spread(reference, deformed, points, near, parameters, results, settings)
+
+
+def _spread(
+    reference: Reference,
+    deformed: Spline,
+    points: Array,
+    near: IntArray,
+    parameters: Array,
+    results: Array,
+    settings: CorrelationSettings,
+) -> None:
     done: BoolArray = results[:, 3] == Reason.VALID
     tries = np.where(done, MOST_TRIES, 0)
     used = np.full((len(points), MOST_TRIES), -1, dtype=np.int64)

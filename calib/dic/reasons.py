@@ -16,6 +16,7 @@ class Reason(IntEnum):
     LOW_CORRELATION = 5
     FOLDED = 6
     NOT_REACHED = 7
+    STRAY = 8
 
     @property
     def text(self) -> str:
@@ -32,4 +33,5 @@ _TEXT = {
     Reason.LOW_CORRELATION: "low correlation: hidden, glare or changed surface",
     Reason.FOLDED: "folded: determinant of the deformation not positive",
     Reason.NOT_REACHED: "no neighbour or seed from which to start",
+    Reason.STRAY: "correlates at a place that its neighbours exclude",
 }
