@@ -29,7 +29,7 @@ class CorrelationSettings:
     """a point that correlates less is lost"""
     max_sigma: float = 0.3
     """a point with a larger predicted standard deviation has no speckle, px"""
-    min_share: float = 0.5
+    min_share: float = 0.25
     """share of the subset's pixels that have to lie in the region"""
     threads: int = 0
     """0: as many as there are cores; results do not depend on it"""
