@@ -20,9 +20,14 @@ from calib.dic.subset import (
     factorise,
     load,
     reference_sums,
+    reject_glare,
     solve,
+    take_light_off,
 )
 from calib.dic.warp import compose_inverse
+
+MOST_TRIALS = 4
+"""iterations from start to end, with fewer pixels each time"""
 
 
 @njit(cache=True, nogil=True)
@@ -45,42 +50,49 @@ def noise_share(table, coefficients, x, y, p, radius):  # type: ignore[no-untype
 
 @njit(cache=True, nogil=True, fastmath=FAST)
 def iterate(  # type: ignore[no-untyped-def]
-    coefficients, is_quintic, sub, radius, x, y, p, n, limits
+    coefficients, is_quintic, sub, radius, x, y, p, n, n_light, limits, values, fitted
 ):
     """Gauss-Newton from p (12,), in place.
 
-    limits: tolerance px, iterations, smallest zncc. Returns reason, iterations, zncc, scale of g to
-    f, pixels, and the inverse of the Hessian (2, 2) with its diagonal (2,) at the displacement.
+    limits: tolerance px, iterations, smallest zncc. values (side, side) and fitted (3,): g and its
+    light at the end. Returns reason, iterations, zncc, scale of g to f, pixels, sum of f², and the
+    inverse of the Hessian (2, 2) with its diagonal (2,) at the displacement.
     """
-    hessian, ones, grey = np.zeros((n, n)), np.zeros(n), np.zeros(n)
-    count, squares = reference_sums(sub, radius, n, hessian, ones, grey)
-    diagonal, inverse = np.zeros(2), np.full((2, 2), np.nan)
-    if squares <= 1e-12:
-        return NO_SPECKLE, 0, np.nan, 1.0, count, inverse, diagonal
-    diagonal[0], diagonal[1] = hessian[0, 0], hessian[1, 1]
-    if not factorise(hessian, n):
-        return NO_SPECKLE, 0, np.nan, 1.0, count, inverse, diagonal
-    right, step = np.zeros(n), np.zeros(N_PARAMETER)
-    zncc, scale, reason, iteration = np.nan, 1.0, NOT_CONVERGED, 0
     side = 2 * radius + 1
+    hessian, light, grey, gram = np.zeros((n, n)), np.zeros((n, 3)), np.zeros(n), np.zeros((3, 3))
+    diagonal, inverse = np.zeros(2), np.full((2, 2), np.nan)
+    count, squares = take_light_off(sub, radius, n_light, gram), 0.0
+    if count > 0.0:
+        squares = reference_sums(sub, radius, n, gram, n_light, hessian, light, grey)
+    diagonal[0], diagonal[1] = hessian[0, 0], hessian[1, 1]
+    if squares <= 1e-12 or not factorise(hessian, n):
+        return NO_SPECKLE, 0, np.nan, 1.0, count, squares, inverse, diagonal
+    right, lit, step = np.zeros(n), np.zeros(3), np.zeros(N_PARAMETER)
+    zncc, scale, reason, iteration = np.nan, 1.0, NOT_CONVERGED, 0
     work, first = np.empty((15, side)), np.empty(side, np.int64)
     x0, y0 = p[0], p[1]
     while iteration < limits[1]:
         iteration += 1
-        inside, sum_g, sum_gg, sum_fg = deformed_sums(
-            coefficients, is_quintic, sub, radius, x, y, p, n, right, work, first
+        inside, sum_gg, sum_fg = deformed_sums(
+            coefficients, is_quintic, sub, radius, x, y, p, n, right, lit, values, work, first
         )
         if not inside:
             reason = LEFT_IMAGE
             break
-        spread = sum_gg - sum_g * sum_g / count
+        fitted[:] = lit
+        solve(gram, n_light, fitted)
+        fitted[n_light:] = 0.0
+        spread = sum_gg - np.sum(lit * fitted)
         if not spread > 1e-12 * squares:
             reason = LOW_CORRELATION
             break
         zncc = sum_fg / np.sqrt(spread * squares)
         scale = np.sqrt(squares / spread)
         for k in range(n):
-            step[k] = scale * (right[k] - ones[k] * sum_g / count - grey[k] * sum_fg / squares)
+            off = grey[k] * sum_fg / squares
+            for q in range(n_light):
+                off += light[k, q] * fitted[q]
+            step[k] = scale * (right[k] - off)
         solve(hessian, n, step)
         size = step[0] ** 2 + step[1] ** 2
         for k in range(2, 6):
@@ -106,23 +118,25 @@ def iterate(  # type: ignore[no-untyped-def]
         step[k] = 1.0
         solve(hessian, n, step)
         inverse[0, k], inverse[1, k] = step[0], step[1]
-    return reason, iteration, zncc, scale, count, inverse, diagonal
+    return reason, iteration, zncc, scale, count, squares, inverse, diagonal
 
 
 @njit(cache=True, nogil=True)
 def correlate_range(  # type: ignore[no-untyped-def]
     image, slope_x, slope_y, mask, deformed, is_quintic, noise, points, todo,
-    radius, n, limits, parameters, results
+    radius, n, n_light, limits, parameters, results
 ):  # fmt: skip
     """Correlate pixels points[todo], from and into parameters (n_point, 12).
 
     image, slope_x, slope_y (h, w) of the reference; deformed, the other image's spline.
     noise: (slope energy, table...), the variances of slope and value of splined unit noise.
-    limits: tolerance, iterations, smallest zncc, largest sigma, smallest share of pixels.
+    limits: tolerance, iterations, smallest zncc, largest sigma, smallest share of pixels, and
+    threshold of glare in standard deviations, 0 for none.
     results (n_point, 5): zncc, sigma of u and v, reason, iterations.
     """
     side = 2 * radius + 1
     sub = np.zeros((4, side, side))
+    values, fitted = np.empty((side, side)), np.zeros(3)
     table = noise[1:]
     for index in todo:
         x, y = points[index]
@@ -134,13 +148,21 @@ def correlate_range(  # type: ignore[no-untyped-def]
         if sub[3].sum() < limits[4] * side * side:
             out[3] = OUTSIDE_REGION
             continue
-        reason, iterations, zncc, scale, count, inverse, diagonal = iterate(
-            deformed, is_quintic, sub, radius, x, y, p, n, limits
-        )
-        out[0], out[3], out[4] = zncc, reason, iterations
-        if reason != VALID:
+        for trial in range(MOST_TRIALS):
+            reason, iterations, zncc, scale, count, squares, inverse, diagonal = iterate(
+                deformed, is_quintic, sub, radius, x, y, p, n, n_light, limits, values, fitted
+            )
+            out[0], out[3], out[4] = zncc, reason, out[4] + iterations
+            may_hide = reason in (VALID, LOW_CORRELATION)
+            if limits[5] == 0.0 or not may_hide or trial == MOST_TRIALS - 1:
+                break
+            if reject_glare(sub, values, radius, fitted, scale, limits[5]) == 0:
+                break
+            if sub[3].sum() < limits[4] * side * side:
+                out[3] = LOW_CORRELATION
+                break
+        if out[3] != VALID:
             continue
-        squares = np.sum(sub[0] ** 2)
         share = noise_share(table, deformed, x, y, p, radius)
         # the noise of one image from the residual, both being equally noisy in grey levels
         variance = squares * (1.0 - zncc**2) / max(count - n - 2.0, 1.0)
