@@ -26,11 +26,13 @@ FACTOR = np.array([1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 0.5, 1.0, 0.5, 0.5, 1.0, 0.5])
 # codes of Reason, which numba does not read
 VALID, OUTSIDE_REGION, NO_SPECKLE, LEFT_IMAGE, NOT_CONVERGED, LOW_CORRELATION, FOLDED = range(7)
 SMALLEST_DETERMINANT = 0.02
+BLOCK = 6
+"""px; a little more than a usual speckle"""
 HEAVY_TAIL = 5.0
 """fourth moment over squared second (3 for normal noise) above which residuals are searched"""
 
 
-@njit(cache=True, nogil=True, fastmath=FAST)
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
 def load(image, slope_x, slope_y, mask, x, y, radius, sub):  # type: ignore[no-untyped-def]
     """Fill sub (4, side, side) with grey value, slopes and weight around a pixel x, y."""
     h, w = image.shape
@@ -50,7 +52,7 @@ def load(image, slope_x, slope_y, mask, x, y, radius, sub):  # type: ignore[no-u
             sub[3, j, k] = weight
 
 
-@njit(cache=True, nogil=True, fastmath=FAST)
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
 def row_moments(sub, j, radius, row):  # type: ignore[no-untyped-def]
     """Sums over row j with powers of a into row (7, 5); returns the sum of f²."""
     xx0, xx1, xx2, xx3, xx4 = 0.0, 0.0, 0.0, 0.0, 0.0
@@ -88,7 +90,7 @@ def row_moments(sub, j, radius, row):  # type: ignore[no-untyped-def]
     return squares
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def factorise(matrix, n):  # type: ignore[no-untyped-def]
     """Cholesky factor in the lower triangle of matrix (n, n); False where it is singular."""
     for k in range(n):
@@ -106,7 +108,7 @@ def factorise(matrix, n):  # type: ignore[no-untyped-def]
     return True
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def solve(factor, n, right):  # type: ignore[no-untyped-def]
     """Solve with the Cholesky factor, in place of right (n,)."""
     for k in range(n):
@@ -119,7 +121,7 @@ def solve(factor, n, right):  # type: ignore[no-untyped-def]
         right[k] /= factor[k, k]
 
 
-@njit(cache=True, nogil=True, fastmath=FAST)
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
 def take_light_off(sub, radius, n_light, gram):  # type: ignore[no-untyped-def]
     """Take the constant (n_light 1) or plane (3) that fits best off the grey values.
 
@@ -151,7 +153,7 @@ def take_light_off(sub, radius, n_light, gram):  # type: ignore[no-untyped-def]
     return powers[0]
 
 
-@njit(cache=True, nogil=True, fastmath=FAST)
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
 def reference_sums(  # type: ignore[no-untyped-def]
     sub, radius, n, gram, n_light, hessian, light, grey
 ):
@@ -201,7 +203,7 @@ def reference_sums(  # type: ignore[no-untyped-def]
     return squares
 
 
-@njit(cache=True, nogil=True, fastmath=FAST)
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
 def deformed_row(  # type: ignore[no-untyped-def]
     coefficients, is_quintic, weight, b, radius, x, y, p, work, first
 ):
@@ -233,7 +235,7 @@ def deformed_row(  # type: ignore[no-untyped-def]
     return True
 
 
-@njit(cache=True, nogil=True, fastmath=FAST)
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
 def deformed_sums(  # type: ignore[no-untyped-def]
     coefficients, is_quintic, sub, radius, x, y, p, n, right, lit, values, work, first
 ):
@@ -280,7 +282,7 @@ def deformed_sums(  # type: ignore[no-untyped-def]
     return True, sum_gg, sum_fg
 
 
-@njit(cache=True, nogil=True, fastmath=FAST)
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
 def reject_glare(sub, values, radius, fitted, scale, threshold):  # type: ignore[no-untyped-def]
     """Take out pixels whose residual is no noise, and their neighbours; returns how many.
 
@@ -318,3 +320,27 @@ def reject_glare(sub, values, radius, fitted, scale, threshold):  # type: ignore
                         out += 1 if sub[3, m, k] > 0.0 else 0
                         sub[:, m, k] = 0.0
     return out
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+def clumping(sub, values, radius, fitted, scale, ratio):  # type: ignore[no-untyped-def]
+    """How much larger than by white noise the variance of the slopes' sums with the residual is.
+
+    ratio (2,) of u and v: sum over blocks of squared sums, over the sum of squares. 1 for white
+    noise, more where the residual goes with the speckle: changed surface, shape, interpolation.
+    """
+    side = 2 * radius + 1
+    blocks = (side + BLOCK - 1) // BLOCK
+    sums = np.zeros((2, blocks, blocks))
+    alone_x, alone_y = 1e-300, 1e-300
+    for j in range(side):
+        level = fitted[0] + fitted[2] * float(j - radius)
+        for i in range(side):
+            g = values[j, i] - level - fitted[1] * float(i - radius)
+            r = (sub[0, j, i] - scale * g) * sub[3, j, i]
+            x, y = r * sub[1, j, i], r * sub[2, j, i]
+            alone_x += x * x
+            alone_y += y * y
+            sums[0, j // BLOCK, i // BLOCK] += x
+            sums[1, j // BLOCK, i // BLOCK] += y
+    ratio[0], ratio[1] = np.sum(sums[0] ** 2) / alone_x, np.sum(sums[1] ** 2) / alone_y
