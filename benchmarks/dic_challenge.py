@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -99,7 +100,7 @@ def _amplitude_error(x: Array, mean: Array, truth: Array) -> float:
     """
     edges = np.flatnonzero(np.diff(np.sign(truth)) != 0) + 1
     errors = []
-    for start, end in zip(edges[:-1], edges[1:], strict=True):
+    for start, end in pairwise(edges):
         part = slice(start, end)
         size = float(np.abs(truth[part]).max())
         if end - start < 3 or size < 0.05:

@@ -22,6 +22,8 @@ NOISE = 2.55
 """grey levels, 1 % of full scale"""
 SHIFTS = tuple(k / 10 for k in range(11))
 MARGIN = 24
+REPEATS = 4
+"""pairs of noisy images"""
 SPOT_RADII = (1.2, 1.5, 2.5)
 """px: full widths at half maximum of the autocorrelation of some 4, 5 and 8 px"""
 
@@ -68,20 +70,20 @@ def shift() -> dict[str, Any]:
     for radius in SPOT_RADII:
         rng = np.random.default_rng(int(10 * radius))
         pattern = speckle(WIDTH, HEIGHT, rng, radius)
-        spread = float(pattern(X, Y).std())
+        still = pattern(X, Y)
+        spread = float(still.std())
         least = bound(pattern, 45.0 / spread, points, settings)
         means = []
         for amount in SHIFTS:
-            # 4 pairs of images and two directions for each shift
             errors = []
-            for repeat in range(4):
-                move = np.array([amount, -amount if repeat % 2 else 1 - amount])
-                a = exposed(pattern(X, Y), rng, NOISE, spread=spread)
-                b = exposed(pattern(X - move[0], Y - move[1]), rng, NOISE, spread=spread)
-                found = correlate(a, b, points, settings)
-                errors.append(found.displacement - move)
-                ratios.append(np.sqrt(np.mean(((errors[-1] - errors[-1].mean(0)) / least) ** 2)))
-            # towards x and against y, or from one px back: the bias is odd about a whole px
+            for move in np.array([[amount, -amount], [amount, 1 - amount]]):
+                moved = pattern(X - move[0], Y - move[1])
+                for _ in range(REPEATS):
+                    a, b = (exposed(seen, rng, NOISE, spread=spread) for seen in (still, moved))
+                    found = correlate(a, b, points, settings)
+                    errors.append(found.displacement - move)
+                    off = errors[-1] - errors[-1].mean(axis=0)
+                    ratios.append(np.sqrt(np.mean((off / least) ** 2)))
             means.append(float(np.mean([np.nanmean(e[:, 0]) for e in errors])))
             noise.append(float(np.mean([np.nanstd(e) for e in errors])))
         biases[f"spot_radius_{radius:g}"] = [round(m, 6) for m in means]

@@ -4,8 +4,8 @@
 
 Parts on synthetic images, whose truth is exact: shift (bias, noise against the Cramer-Rao bound),
 sigma (is the stated deviation right, with and without glare), compression (to 60 %). Parts on the
-images of the DIC Challenge and others, in the folder that --data or SOFTCAL_DATA names: sample5,
-sample12, sample14, stretch, strip. Each part replaces its own figures in FILE and leaves the others.
+images of the DIC Challenge and others, in the folder of --data or SOFTCAL_DATA: sample5,
+sample12, sample14, stretch, strip. Each part replaces its own figures in FILE, leaves the others.
 """
 
 from __future__ import annotations

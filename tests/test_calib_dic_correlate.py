@@ -256,7 +256,7 @@ def test_points_lost_by_the_first_image_go_on_from_a_later_one(pattern, spread):
         return exposed(brightness, np.random.default_rng(seed), NOISE, spread=spread)
 
     # the surface changes little by little into another
-    frames = [seen(share, 0.5 * k, k) for k, share in enumerate((0.25, 0.5, 0.75, 1.0), 1)]
+    frames = [seen(share, 0.25 * k, k) for k, share in enumerate(np.linspace(0.125, 1, 8), 1)]
     *_, last = follow(prepare(seen(0, 0, 0), 5), frames, points, CorrelationSettings())
     assert last.valid.mean() > 0.95
     np.testing.assert_allclose(np.nanmedian(last.displacement, axis=0), [2.0, 0.0], atol=0.1)

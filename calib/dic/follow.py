@@ -22,6 +22,8 @@ from calib.dic.settings import CorrelationSettings
 
 LEAST_KEPT = 0.5
 """share of the valid points that a guess has to keep; else the search starts from scratch"""
+GOOD_BASE = 0.9
+"""correlation below which a reference renewed before gives way to the frame just before"""
 RENEWED = (Reason.LOW_CORRELATION, Reason.NOT_CONVERGED, Reason.NOT_REACHED, Reason.STRAY)
 """reasons that a later reference may mend"""
 
@@ -78,9 +80,10 @@ def next_state(
     previous = None if state.last is None else state.last.found
     found = _direct(reference, image, spline, points, settings, previous)
     base = state.base
-    for candidate in (state.base, state.last):
+    for candidate, least in ((state.base, GOOD_BASE), (state.last, 0.0)):
         if candidate is not None and _broken(found, candidate.found).any():
-            found = _renewed(candidate, image, spline, points, settings, found)
+            asked = replace(settings, min_zncc=max(settings.min_zncc, least))
+            found = _renewed(candidate, image, spline, points, asked, found)
             base = candidate
     return State(Base(number, image, found), base)
 

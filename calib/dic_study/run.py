@@ -32,9 +32,8 @@ from calib.dic.images import check_sizes
 from calib.dic.prepared import BoolArray
 from calib.dic_study import frame_store
 from calib.dic_study.config import DicStudy, image_paths, load_study
-from calib.dic_study.pictures import lost_points, overlay
+from calib.dic_study.pictures import lost_points, overlay, save_png
 from calib.dic_study.point_frame import point_frame
-from calib.study.figure_style import save_png
 from fe.atomic_file import replacing
 from fe.response import Array
 
