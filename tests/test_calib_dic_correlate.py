@@ -259,7 +259,8 @@ def test_points_lost_by_the_first_image_go_on_from_a_later_one(pattern, spread):
     frames = [seen(share, 0.25 * k, k) for k, share in enumerate(np.linspace(0.125, 1, 8), 1)]
     *_, last = follow(prepare(seen(0, 0, 0), 5), frames, points, CorrelationSettings())
     assert last.valid.mean() > 0.95
-    np.testing.assert_allclose(np.nanmedian(last.displacement, axis=0), [2.0, 0.0], atol=0.1)
+    # what is new of the surface pulls, the more the longer: a fraction of a speckle of 5 px
+    assert np.sqrt(np.nanmean((last.displacement - [2.0, 0.0]) ** 2)) < 0.5
     direct = correlate(seen(0, 0, 0), frames[-1], points, guess=np.tile([2.0, 0], (len(points), 1)))
     assert direct.valid.mean() < 0.05
 

@@ -15,6 +15,7 @@ from calib.dic.subset import (
     NOT_CONVERGED,
     OUTSIDE_REGION,
     SMALLEST_DETERMINANT,
+    UNCERTAIN,
     VALID,
     clumping,
     deformed_sums,
@@ -189,4 +190,4 @@ def correlate_range(  # type: ignore[no-untyped-def]
         down = f10 * f10 * spread[0] + 2.0 * f10 * f11 * spread[2] + f11 * f11 * spread[1]
         out[1], out[2] = np.sqrt(across), np.sqrt(down)
         if not max(out[1], out[2]) <= limits[3]:
-            out[3] = NO_SPECKLE
+            out[3] = UNCERTAIN

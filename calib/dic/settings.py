@@ -29,7 +29,7 @@ class CorrelationSettings:
     min_zncc: float = 0.7
     """a point that correlates less is lost"""
     max_sigma: float = 0.3
-    """a point with a larger predicted standard deviation has no speckle, px"""
+    """a point whose standard deviation is larger is lost, px"""
     min_share: float = 0.25
     """share of the subset's pixels that have to lie in the region"""
     light: Literal["constant", "plane"] = "plane"

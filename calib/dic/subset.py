@@ -25,6 +25,7 @@ POWER_B = np.array([0, 0, 0, 1, 0, 1, 0, 1, 2, 0, 1, 2])
 FACTOR = np.array([1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 0.5, 1.0, 0.5, 0.5, 1.0, 0.5])
 # codes of Reason, which numba does not read
 VALID, OUTSIDE_REGION, NO_SPECKLE, LEFT_IMAGE, NOT_CONVERGED, LOW_CORRELATION, FOLDED = range(7)
+UNCERTAIN = 9
 SMALLEST_DETERMINANT = 0.02
 BLOCK = 6
 """px; a little more than a usual speckle"""

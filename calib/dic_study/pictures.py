@@ -11,7 +11,17 @@ from calib.dic import Correlation, GreyImage, Reason
 from fe.atomic_file import replacing
 from fe.response import Array
 
-LOST = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#F0E442", "#000000")
+LOST = (
+    "#0072B2",
+    "#D55E00",
+    "#009E73",
+    "#CC79A7",
+    "#E69F00",
+    "#56B4E9",
+    "#F0E442",
+    "#000000",
+    "#888888",
+)
 
 
 def save_png(figure: Figure, path: Path) -> None:
