@@ -79,6 +79,13 @@ def _parser() -> argparse.ArgumentParser:
     qc.add_argument("--out", type=Path, metavar="DIR", help="results (default: qc in that folder)")
     qc.set_defaults(verb=_qc)
 
+    dic = verbs.add_parser(
+        "dic", help="measure displacements in images, and write them as point files"
+    )
+    dic.add_argument("study", type=Path, metavar="STUDY.toml", help="images, region and scale")
+    dic.add_argument("--out", type=Path, metavar="DIR", help="results (default: STUDY-dic)")
+    dic.set_defaults(verb=_dic)
+
     summary = verbs.add_parser("summary", help="print the table of a posterior")
     summary.add_argument("path", type=Path, metavar="PATH", help="posterior.nc, or its folder")
     style = summary.add_mutually_exclusive_group()
@@ -269,6 +276,13 @@ def _ask(arguments: argparse.Namespace) -> int:
         lines, paths = evidence(arguments.folder)
     for line in [*lines, *(f"wrote {path}" for path in paths)]:
         _say(line)
+    return 0
+
+
+def _dic(arguments: argparse.Namespace) -> int:
+    from calib.dic_study import run
+
+    run(arguments.study, arguments.out, _say)
     return 0
 
 
