@@ -14,7 +14,6 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 from scipy.optimize import least_squares
-from scipy.sparse import csr_matrix
 from scipy.spatial.transform import Rotation
 
 from calib.dic.camera import Camera, Intrinsics, StereoRig, cross_matrix, project_in_camera
@@ -22,11 +21,14 @@ from calib.dic.distortion import Array, Distortion
 from calib.dic.plate_view import PlateView
 
 INTRINSIC_NAMES = ("fx", "fy", "cx", "cy", "skew", "k1", "k2", "k3", "p1", "p2")
+IntArray = npt.NDArray[np.int64]
 N_INTRINSIC = len(INTRINSIC_NAMES)
 N_POSE = 6
+BEHIND = 1e6
+"""px, residual of a point behind the camera: no step goes there"""
 ROBUST = 3.0
 """SDs beyond which a residual counts less (Huber)"""
-ROUNDS = 3
+ROUNDS = 4
 """of the robust fit: each takes the noise and the centres of circles from the one before"""
 MAD = 1.4826
 """of a normal distribution: SD over the median of the absolute values"""
@@ -38,7 +40,7 @@ class LensModel:
 
     radial: int = 2
     """how many of k1, k2, k3"""
-    is_tangential: bool = True
+    is_tangential: bool = False
     has_skew: bool = False
 
     def __post_init__(self) -> None:
@@ -57,6 +59,17 @@ class Pair(NamedTuple):
 
     left: PlateView
     right: PlateView
+
+
+class Plate(NamedTuple):
+    """All points of the plate that some view shows."""
+
+    places: Array
+    """(n_place, 3) mm, z = 0: as it should be"""
+    index: tuple[tuple[IntArray, IntArray], ...]
+    """per pose, which of them the left and the right view show"""
+    error: float
+    """SD of a place's deviation from that along each axis, mm; 0: the plate is exact"""
 
 
 class Guess(NamedTuple):
@@ -82,6 +95,8 @@ class Bundle(NamedTuple):
     """robust SD of one coordinate of a point, px"""
     n_far: int
     """coordinates beyond `ROBUST` SDs, which counted less"""
+    plate_error: float
+    """RMS deviation of a point of the plate from its place along one axis, as fitted, mm"""
 
 
 def rotate(vector: Array, points: Array) -> tuple[Array, Array]:
@@ -107,31 +122,63 @@ def rotate(vector: Array, points: Array) -> tuple[Array, Array]:
     return points @ turn.T, -(turn @ skew @ jacobian)
 
 
-def adjust(pairs: tuple[Pair, ...], guess: Guess, lens: LensModel) -> Bundle:
-    """Fit a rig to the views of a plate. Raises ValueError when the fit does not converge."""
-    free = np.concatenate([lens.is_free, lens.is_free, np.ones(N_POSE * (1 + len(pairs)), bool)])
-    full = _pack(guess)
-    full[: 2 * N_INTRINSIC][~free[: 2 * N_INTRINSIC]] = 0.0
+def gather(pairs: tuple[Pair, ...], error: float) -> Plate:
+    """The plate that views show; points of equal place are one."""
+    views = [view for pair in pairs for view in pair]
+    stacked = np.round(np.concatenate([view.places for view in views]), 6)
+    places, inverse = np.unique(stacked, axis=0, return_inverse=True)
+    cuts = np.cumsum([len(view.places) for view in views])[:-1]
+    parts = np.split(inverse.ravel().astype(np.int64), cuts)
+    index = tuple(zip(parts[::2], parts[1::2], strict=True))
+    return Plate(np.column_stack([places, np.zeros(len(places))]), index, error)
+
+
+def adjust(
+    pairs: tuple[Pair, ...], guess: Guess, lens: LensModel, plate_error: float = 0.0
+) -> Bundle:
+    """Fit a rig to the views of a plate. Raises ValueError when the fit does not converge.
+
+    With a `plate_error` (SD along each axis, mm) the places of the plate's points are fitted too,
+    held by that error: it also fixes scale and pose of the plate.
+    """
+    plate = gather(pairs, plate_error)
+    n_plate = plate.places.size if plate_error > 0.0 else 0
+    n_fixed = 2 * N_INTRINSIC + N_POSE * (1 + len(pairs))
+    free = np.ones(n_fixed + n_plate, dtype=np.bool_)
+    free[:N_INTRINSIC] = free[N_INTRINSIC : 2 * N_INTRINSIC] = lens.is_free
+    full = np.concatenate([_pack(guess), np.zeros(n_plate)])
+    full[~free] = 0.0
     noise = 1.0
-    for _ in range(ROUNDS):
+    for number in range(ROUNDS):
         shift = _circle_shifts(full, pairs)
+        stiffness = noise / plate_error if n_plate else 0.0
 
-        def residual(x: Array, shift: tuple[Array, ...] = shift) -> Array:
-            return _residual(_insert(full, free, x), pairs, shift)[0]
+        def residual(
+            x: Array, shift: tuple[Array, ...] = shift, stiffness: float = stiffness
+        ) -> Array:
+            now = _insert(full, free, x)
+            off = _flat_residual(_residual(now, pairs, plate, shift))
+            return np.concatenate([off, stiffness * now[n_fixed:]])
 
-        def jacobian(x: Array) -> Array:
-            return _jacobian(_insert(full, free, x), pairs)[:, free]
+        def jacobian(x: Array, stiffness: float = stiffness) -> Array:
+            views = _jacobian(_insert(full, free, x), pairs, plate)
+            held = np.zeros((n_plate, full.size))
+            held[:, n_fixed:] = stiffness * np.eye(n_plate)
+            return np.vstack([views, held])[:, free]
 
         fit = least_squares(
             residual, full[free], jacobian, method="trf", loss="huber", f_scale=ROBUST * noise,
-            x_scale="jac", ftol=1e-12, xtol=1e-12, gtol=1e-12, max_nfev=300,
+            x_scale="jac", max_nfev=200, gtol=1e-10, xtol=1e-10,
+            ftol=1e-9 if number == ROUNDS - 1 else 1e-5,
         )  # fmt: skip
         if not fit.success:
             raise ValueError(f"calibration: the fit did not converge ({fit.message})")
         full = _insert(full, free, fit.x)
         off = residual(fit.x)
-        noise = max(MAD * float(np.median(np.abs(off))), 1e-9)
-    return _bundle(full, free, pairs, off, jacobian(fit.x), noise)
+        n_view = off.size - n_plate
+        lost = np.sqrt(n_view / max(n_view - fit.x.size + n_plate / 2, 1.0))
+        noise = max(lost * MAD * float(np.median(np.abs(off[:n_view]))), 1e-9)
+    return _bundle(full, free, pairs, plate, off, jacobian(fit.x), noise)
 
 
 def _insert(full: Array, free: npt.NDArray[np.bool_], values: Array) -> Array:
@@ -166,59 +213,74 @@ def _pose(full: Array, number: int) -> tuple[Array, Array]:
     return full[start : start + 3], full[start + 3 : start + 6]
 
 
-def _flat(places: Array) -> Array:
-    return np.column_stack([places, np.zeros(len(places))])
+def _points(full: Array, plate: Plate) -> Array:
+    """(n_place, 3) of the plate, with their fitted deviations if there are any."""
+    if plate.error == 0.0:
+        return plate.places
+    moved: Array = plate.places + full[full.size - plate.places.size :].reshape(-1, 3)
+    return moved
+
+
+def _flat_residual(parts: tuple[tuple[Array, Array], ...]) -> Array:
+    flat = np.concatenate([off.ravel() for pair in parts for off in pair])
+    return np.where(np.isfinite(flat), flat, BEHIND)
 
 
 def _residual(
-    full: Array, pairs: tuple[Pair, ...], shifts: tuple[Array, ...] | None
-) -> tuple[Array, tuple[tuple[Array, Array], ...]]:
+    full: Array, pairs: tuple[Pair, ...], plate: Plate, shifts: tuple[Array, ...]
+) -> tuple[tuple[Array, Array], ...]:
+    """Per pose (n, 2) of the left and of the right view: projection less what was found, px."""
     left, right = _intrinsics(full[:N_INTRINSIC]), _intrinsics(full[N_INTRINSIC : 2 * N_INTRINSIC])
     turn, move = _pose(full, 0)
+    points = _points(full, plate)
     parts = []
-    for number, pair in enumerate(pairs):
+    for number, (pair, (in_left, in_right)) in enumerate(zip(pairs, plate.index, strict=True)):
         plate_turn, plate_move = _pose(full, number + 1)
-        in_left = rotate(plate_turn, _flat(pair.left.places))[0] + plate_move
-        in_right = rotate(plate_turn, _flat(pair.right.places))[0] + plate_move
-        in_right = rotate(turn, in_right)[0] + move
-        off_left = project_in_camera(left, in_left).pixels - pair.left.pixels
-        off_right = project_in_camera(right, in_right).pixels - pair.right.pixels
-        if shifts is not None:
-            off_left = off_left + shifts[2 * number]
-            off_right = off_right + shifts[2 * number + 1]
-        parts.append((off_left, off_right))
-    flat = np.concatenate([off.ravel() for pair_off in parts for off in pair_off])
-    return np.where(np.isfinite(flat), flat, 1e6), tuple(parts)
+        placed = rotate(plate_turn, points)[0] + plate_move
+        at_left = project_in_camera(left, placed[in_left]).pixels
+        at_right = project_in_camera(right, rotate(turn, placed[in_right])[0] + move).pixels
+        parts.append(
+            (
+                at_left + shifts[2 * number] - pair.left.pixels,
+                at_right + shifts[2 * number + 1] - pair.right.pixels,
+            )
+        )
+    return tuple(parts)
 
 
-def _jacobian(full: Array, pairs: tuple[Pair, ...]) -> Array:
+def _jacobian(full: Array, pairs: tuple[Pair, ...], plate: Plate) -> Array:
     """(n_residual, n_parameter); zero blocks are kept, as the solver's factorisation is dense."""
     n = 2 * N_INTRINSIC
-    left, right = _intrinsics(full[:N_INTRINSIC]), _intrinsics(full[N_INTRINSIC:n])
+    lenses = _intrinsics(full[:N_INTRINSIC]), _intrinsics(full[N_INTRINSIC:n])
     turn, move = _pose(full, 0)
-    matrix = Rotation.from_rotvec(turn).as_matrix()
+    relative = Rotation.from_rotvec(turn).as_matrix()
+    points = _points(full, plate)
     rows = []
-    for number, pair in enumerate(pairs):
-        plate_turn, plate_move = _pose(full, number + 1)
+    for number in range(len(pairs)):
+        vector, shift = _pose(full, number + 1)
+        own = Rotation.from_rotvec(vector).as_matrix()
         start = n + N_POSE * (number + 1)
-        points, by_turn = rotate(plate_turn, _flat(pair.left.places))
-        seen = project_in_camera(left, points + plate_move)
-        block = np.zeros((len(points), 2, full.size))
-        block[:, :, :N_INTRINSIC] = seen.by_intrinsics
-        block[:, :, start : start + 3] = seen.by_point @ by_turn
-        block[:, :, start + 3 : start + 6] = seen.by_point
-        rows.append(block.reshape(-1, full.size))
-
-        points, by_turn = rotate(plate_turn, _flat(pair.right.places))
-        points, by_relative = rotate(turn, points + plate_move)
-        seen = project_in_camera(right, points + move)
-        block = np.zeros((len(points), 2, full.size))
-        block[:, :, N_INTRINSIC:n] = seen.by_intrinsics
-        block[:, :, n : n + 3] = seen.by_point @ by_relative
-        block[:, :, n + 3 : n + 6] = seen.by_point
-        block[:, :, start : start + 3] = seen.by_point @ matrix @ by_turn
-        block[:, :, start + 3 : start + 6] = seen.by_point @ matrix
-        rows.append(block.reshape(-1, full.size))
+        turned, by_own = rotate(vector, points)
+        for side, index in enumerate(plate.index[number]):
+            block = np.zeros((len(index), 2, full.size))
+            placed, by_turn, by_move = turned[index] + shift, by_own[index], np.eye(3)
+            if side == 1:
+                placed, by_relative = rotate(turn, placed)
+                placed = placed + move
+                by_turn, by_move = relative @ by_turn, relative
+            seen = project_in_camera(lenses[side], placed)
+            if side == 1:
+                block[:, :, n : n + 3] = seen.by_point @ by_relative
+                block[:, :, n + 3 : n + 6] = seen.by_point
+            block[:, :, side * N_INTRINSIC : (side + 1) * N_INTRINSIC] = seen.by_intrinsics
+            block[:, :, start : start + 3] = seen.by_point @ by_turn
+            block[:, :, start + 3 : start + 6] = seen.by_point @ by_move
+            if plate.error > 0.0:
+                first = full.size - plate.places.size
+                by_place = seen.by_point @ by_move @ own
+                for row, place in enumerate(index):
+                    block[row, :, first + 3 * place : first + 3 * place + 3] = by_place[row]
+            rows.append(block.reshape(-1, full.size))
     return np.vstack(rows)
 
 
@@ -255,7 +317,8 @@ def circle_shift(intrinsics: Intrinsics, turn: Array, move: Array, view: PlateVi
     homography = np.column_stack([turn[:, 0], turn[:, 1], move])
     conic = homography @ dual @ homography.T
     centre = conic[:, :2, 2] / conic[:, 2, 2:]
-    point = _flat(view.places) @ turn.T + move
+    flat = np.column_stack([view.places, np.zeros(len(view.places))])
+    point = flat @ turn.T + move
     seen = project_in_camera(intrinsics, np.column_stack([centre, np.ones(len(centre))]))
     shift: Array = seen.pixels - project_in_camera(intrinsics, point).pixels
     return shift
@@ -265,6 +328,7 @@ def _bundle(
     full: Array,
     free: npt.NDArray[np.bool_],
     pairs: tuple[Pair, ...],
+    plate: Plate,
     off: Array,
     jacobian: Array,
     noise: float,
@@ -273,9 +337,10 @@ def _bundle(
     turn, move = _pose(full, 0)
     far = np.abs(off) > ROBUST * noise
     weighted = jacobian[~far]
-    n, n_free = weighted.shape
-    variance = float(off[~far] @ off[~far]) / max(n - n_free, 1)
-    covariance = variance * np.linalg.pinv(csr_matrix(weighted).T @ weighted)
+    # columns of very different size: scaled, the inverse keeps its digits
+    scale = np.linalg.norm(weighted, axis=0)
+    inverse = np.linalg.inv((weighted / scale).T @ (weighted / scale))
+    covariance = noise**2 * inverse / np.outer(scale, scale)
     names = [f"{side}.{name}" for side in ("left", "right") for name in INTRINSIC_NAMES]
     names += [f"relative.{name}" for name in ("rx", "ry", "rz", "tx", "ty", "tz")]
     sigma = np.zeros(full.size)
@@ -289,6 +354,7 @@ def _bundle(
         (Rotation.from_rotvec(vector).as_matrix(), shift.copy())
         for vector, shift in (_pose(full, number + 1) for number in range(len(pairs)))
     )
-    residual = _residual(full, pairs, _circle_shifts(full, pairs))[1]
+    residual = _residual(full, pairs, plate, _circle_shifts(full, pairs))
     stated = dict(zip(names, sigma[: len(names)].tolist(), strict=True))
-    return Bundle(rig, poses, residual, stated, noise, int(far.sum()))
+    off_plate = float(np.sqrt(np.mean((_points(full, plate) - plate.places) ** 2)))
+    return Bundle(rig, poses, residual, stated, noise, int(far.sum()), off_plate)

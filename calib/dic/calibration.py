@@ -27,10 +27,15 @@ class CalibrationSettings:
     lens: LensModel = field(default_factory=LensModel)
     least_poses: int = LEAST_POSES
     """fewer are refused; 3 is the least that a plane allows"""
+    plate_error_mm: float = 0.0
+    """SD of a point of the plate about its place along each axis, mm; with 0 the plate is exact,
+    otherwise its points are fitted too"""
 
     def __post_init__(self) -> None:
         if self.least_poses < 3:
             raise ValueError(f"least_poses: expected 3 or more, found {self.least_poses}")
+        if not 0.0 <= self.plate_error_mm < np.inf:
+            raise ValueError(f"plate_error_mm: expected 0 or more, found {self.plate_error_mm}")
 
 
 @dataclass(frozen=True)
@@ -55,6 +60,8 @@ class Calibration:
     n_points: int = 0
     n_far: int = 0
     """coordinates beyond three SDs, which counted less"""
+    plate_error: float = 0.0
+    """RMS deviation of the plate's points along one axis as fitted, mm"""
 
     @property
     def rms(self) -> float:
@@ -83,7 +90,7 @@ def calibrate(
             "(least_poses in the settings allows fewer)"
         )
     pairs = tuple(Pair(*views) for views in zip(left, right, strict=True))
-    bundle = adjust(pairs, first_guess(pairs, size), settings.lens)
+    bundle = adjust(pairs, first_guess(pairs, size), settings.lens, settings.plate_error_mm)
     calibration = _result(pairs, bundle, size)
     if calibration.rms > SWAPPED:
         raise ValueError(
@@ -179,4 +186,5 @@ def _result(pairs: tuple[Pair, ...], bundle: Bundle, size: tuple[int, int]) -> C
         n_poses=len(pairs),
         n_points=len(all_left) + len(all_right),
         n_far=bundle.n_far,
+        plate_error=bundle.plate_error,
     )
