@@ -1,0 +1,92 @@
+"""Image files: grey TIFF, PNG or BMP of 8 to 16 bit."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import imageio.v3
+import numpy as np
+from skimage import io
+
+from calib.dic.interpolation import Array
+
+LUMINANCE = np.array([0.2125, 0.7154, 0.0721])
+"""of red, green and blue (ITU-R BT.709), as scikit-image has it"""
+
+
+@dataclass(frozen=True)
+class GreyImage:
+    """One image."""
+
+    name: str
+    grey: Array
+    """(h, w) grey levels as in the file"""
+    full_scale: float
+    """largest grey level that the sensor can give: 255 for 8 bit; of 16 bit files, the next power
+    of two less one above the brightest pixel (10, 12, 14 or 16 bit cameras)"""
+
+
+def read_image(path: Path | str) -> GreyImage:
+    """Read one image; colours become luminance.
+
+    Raises ValueError when the file is missing, no image, or not of 8 to 16 bit.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise ValueError(f"{path}: found no such file, expected an image (TIFF, PNG or BMP)")
+    values = _values(path)
+    if values.dtype == np.bool_ or values.dtype.kind not in "u" or values.dtype.itemsize > 2:
+        raise ValueError(f"{path}: expected 8 to 16 bit grey levels, found {values.dtype}")
+    is_byte = values.dtype.itemsize == 1
+    if values.ndim == 3 and values.shape[2] in (3, 4):
+        grey = values[..., :3] @ LUMINANCE
+        if np.all(values[..., :3] == values[..., :1]):
+            grey = values[..., 0].astype(np.float64)
+    elif values.ndim == 2:
+        grey = values.astype(np.float64)
+    else:
+        raise ValueError(f"{path}: expected one grey or colour image, found shape {values.shape}")
+    return GreyImage(path.name, np.ascontiguousarray(grey), _full_scale(values, is_byte))
+
+
+def _values(path: Path) -> np.ndarray:
+    try:
+        return np.asarray(io.imread(path))
+    except Exception:
+        # some compressions need a package that scikit-image does not bring, but Pillow reads them
+        try:
+            return np.asarray(imageio.v3.imread(path, plugin="pillow"))
+        except Exception as error:
+            text = str(error).splitlines()[0] if str(error) else type(error).__name__
+            raise ValueError(f"{path}: expected an image, could not read it ({text})") from error
+
+
+def _full_scale(values: np.ndarray, is_byte: bool) -> float:
+    if is_byte:
+        return 255.0
+    brightest = int(values.max(initial=0))
+    return float(next((2**bit - 1 for bit in (10, 12, 14) if brightest < 2**bit), 65535))
+
+
+def read_series(paths: Sequence[Path]) -> tuple[GreyImage, ...]:
+    """Read images of one camera.
+
+    Raises ValueError as read_image, or when one has another size than the first.
+    """
+    if not paths:
+        raise ValueError("images: expected one or more files, found none")
+    images = tuple(read_image(path) for path in paths)
+    check_sizes(images)
+    return images
+
+
+def check_sizes(images: Sequence[GreyImage]) -> None:
+    """Raises ValueError when an image has another size than the first."""
+    first = images[0]
+    for image in images[1:]:
+        if image.grey.shape != first.grey.shape:
+            found = f"{image.grey.shape[1]} x {image.grey.shape[0]}"
+            expected = f"{first.grey.shape[1]} x {first.grey.shape[0]} px as in {first.name}"
+            raise ValueError(f"{image.name}: expected {expected}, found {found}")

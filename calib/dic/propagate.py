@@ -1,0 +1,106 @@
+"""Reliability-guided propagation: a point starts from its best neighbour that is done.
+
+Pan (2009, Appl. Opt. 48:1535) takes one point after the other, best correlation first. Here the
+better half of all points next to done ones is taken at once, so that threads share the work, and
+the order of points, with it the result, does not depend on their number.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+from scipy.spatial import cKDTree
+
+from calib.dic.consistency import stray_points
+from calib.dic.interpolation import Array, Spline
+from calib.dic.prepared import BoolArray, IntArray, Reference, refine
+from calib.dic.reasons import Reason
+from calib.dic.settings import CorrelationSettings
+from calib.dic.shape import carried
+
+N_NEIGHBOUR = 8
+REACH = 2.3
+"""neighbours are not farther than this times the usual distance to the fourth nearest"""
+USUAL = 4
+MOST_TRIES = 3
+"""starts of a point from different neighbours"""
+
+
+def neighbours(points: Array) -> IntArray:
+    """(n, 8) indices of the nearest points of each point (n, 2), -1 where there are fewer."""
+    n = len(points)
+    k = min(N_NEIGHBOUR + 1, n)
+    distance, index = cKDTree(points).query(points, k=k)
+    found = np.full((n, N_NEIGHBOUR), -1, dtype=np.int64)
+    if k < 2:
+        return found
+    distance, index = np.atleast_2d(distance)[:, 1:], np.atleast_2d(index)[:, 1:]
+    near = distance <= REACH * np.median(distance[:, min(USUAL, k - 1) - 1])
+    found[:, : k - 1] = np.where(near, index, -1)
+    return found
+
+
+def propagate(
+    reference: Reference,
+    deformed: Spline,
+    points: Array,
+    parameters: Array,
+    results: Array,
+    settings: CorrelationSettings,
+) -> None:
+    """From the points that are valid in results (n, 5) to the others, in place.
+
+    A point that fails is tried again when a neighbour with a better correlation is done. Strays
+    are tried once more from their neighbours.
+    """
+    near = neighbours(points)
+    _spread(reference, deformed, points, near, parameters, results, settings)
+    for again in (True, False):
+        valid = results[:, 3] == Reason.VALID
+        stray = stray_points(points, parameters, valid, near, settings.subset)
+        if not stray.any():
+            return
+        results[stray, 3] = Reason.STRAY
+        if again:
+            _spread(reference, deformed, points, near, parameters, results, settings)
+
+
+def _spread(
+    reference: Reference,
+    deformed: Spline,
+    points: Array,
+    near: IntArray,
+    parameters: Array,
+    results: Array,
+    settings: CorrelationSettings,
+) -> None:
+    done: BoolArray = results[:, 3] == Reason.VALID
+    tries = np.where(done, MOST_TRIES, 0)
+    used = np.full((len(points), MOST_TRIES), -1, dtype=np.int64)
+    while True:
+        candidates = np.flatnonzero((tries < MOST_TRIES) & ~done)
+        around = near[candidates]
+        quality = np.where((around >= 0) & done[around], results[around, 0], -np.inf)
+        for t in range(MOST_TRIES):
+            quality[around == used[candidates, t][:, None]] = -np.inf
+        best = quality.argmax(axis=1)
+        rows = np.arange(candidates.size)
+        quality = quality[rows, best]
+        ready = np.isfinite(quality)
+        if not ready.any():
+            return
+        ready &= quality >= np.median(quality[ready])
+        todo, start = candidates[ready], around[rows, best][ready]
+        used[todo, tries[todo]] = start
+        tries[todo] += 1
+        parameters[todo] = carried(parameters[start], points[todo] - points[start])
+        results[todo] = refine(reference, deformed, points, todo, parameters, settings)
+        done[todo] = results[todo, 3] == Reason.VALID
+
+
+def unreached(n: int) -> npt.NDArray[np.float64]:
+    """Results (n, 5) before anything is done."""
+    results = np.full((n, 5), np.nan)
+    results[:, 3] = Reason.NOT_REACHED
+    results[:, 4] = 0
+    return results
