@@ -30,7 +30,7 @@ class CameraPair:
     distance_mm: float = 350.0
     """from the lens to the target"""
     f_stop: float = 16.0
-    half_angle_deg: float = 12.0
+    half_angle_deg: float = 17.0
     target: tuple[float, float, float] = (0.0, 1.25, 0.0)
     """mm"""
     distortion: Distortion = Distortion((-0.2, 0.5, 0.0))
