@@ -79,6 +79,13 @@ def _parser() -> argparse.ArgumentParser:
     qc.add_argument("--out", type=Path, metavar="DIR", help="results (default: qc in that folder)")
     qc.set_defaults(verb=_qc)
 
+    dic = verbs.add_parser(
+        "dic", help="measure displacements in images, and write them as point files"
+    )
+    dic.add_argument("study", type=Path, metavar="STUDY.toml", help="images, region and scale")
+    dic.add_argument("--out", type=Path, metavar="DIR", help="results (default: STUDY-dic)")
+    dic.set_defaults(verb=_dic)
+
     summary = verbs.add_parser("summary", help="print the table of a posterior")
     summary.add_argument("path", type=Path, metavar="PATH", help="posterior.nc, or its folder")
     style = summary.add_mutually_exclusive_group()
@@ -209,6 +216,13 @@ def _qc(arguments: argparse.Namespace) -> int:
         _say(line)
     if result.dataset is None:
         return _failed(["fewer than two samples meet the rules: there is no data set"])
+    return 0
+
+
+def _dic(arguments: argparse.Namespace) -> int:
+    from calib.dic_study import run
+
+    run(arguments.study, arguments.out, _say)
     return 0
 
 

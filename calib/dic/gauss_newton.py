@@ -145,12 +145,20 @@ def correlate_range(  # type: ignore[no-untyped-def]
         # the noise of one image from the residual, both being equally noisy in grey levels
         variance = squares * (1.0 - zncc**2) / max(count - n - 2.0, 1.0)
         variance /= 1.0 + scale**2 * share
+        # in the deformed image: increments belong to the reference's frame, d x = F d X
+        f00, f01, f10, f11 = 1.0 + p[2], p[3], p[4], 1.0 + p[5]
+        # where the image shrinks, its pixels are fewer than those of the subset
+        density = scale**2 / (f00 * f11 - f01 * f10)
+        spread = np.zeros(3)
         for k in range(2):
             # noise in the slopes of the reference makes the Hessian too large
             excess = min(count * variance * noise[0] / diagonal[k], 0.75)
             growth = 1.0 / (1.0 - excess)
-            out[1 + k] = np.sqrt(
-                variance * max(inverse[k, k], 0.0) * (growth + scale**2 * growth**2)
-            )
+            spread[k] = variance * max(inverse[k, k], 0.0) * (growth + density * growth**2)
+        spread[2] = inverse[0, 1] / np.sqrt(max(inverse[0, 0] * inverse[1, 1], 1e-300))
+        spread[2] *= np.sqrt(spread[0] * spread[1])
+        across = f00 * f00 * spread[0] + 2.0 * f00 * f01 * spread[2] + f01 * f01 * spread[1]
+        down = f10 * f10 * spread[0] + 2.0 * f10 * f11 * spread[2] + f11 * f11 * spread[1]
+        out[1], out[2] = np.sqrt(across), np.sqrt(down)
         if not max(out[1], out[2]) <= limits[3]:
             out[3] = NO_SPECKLE

@@ -57,7 +57,7 @@ def propagate(
     _spread(reference, deformed, points, near, parameters, results, settings)
     for again in (True, False):
         valid = results[:, 3] == Reason.VALID
-        stray = stray_points(points, parameters, valid, near, settings.subset)
+        stray = stray_points(points, parameters, valid, near)
         if not stray.any():
             return
         results[stray, 3] = Reason.STRAY

@@ -26,7 +26,7 @@ class Reason(IntEnum):
 
 _TEXT = {
     Reason.VALID: "valid",
-    Reason.OUTSIDE_REGION: "less than half of the subset is in the region or the image",
+    Reason.OUTSIDE_REGION: "too little of the subset is in the region or the image",
     Reason.NO_SPECKLE: "no speckle in the subset",
     Reason.LEFT_IMAGE: "left the image",
     Reason.NOT_CONVERGED: "did not converge",

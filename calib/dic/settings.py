@@ -24,12 +24,12 @@ class CorrelationSettings:
     """of the B-spline between pixels: 3 or 5; 5 has the smaller bias, 3 takes half the time"""
     tolerance: float = 5e-4
     """stop when no pixel of the subset moves by more than this, px"""
-    max_iterations: int = 30
-    min_zncc: float = 0.8
+    max_iterations: int = 50
+    min_zncc: float = 0.7
     """a point that correlates less is lost"""
     max_sigma: float = 0.3
     """a point with a larger predicted standard deviation has no speckle, px"""
-    min_share: float = 0.5
+    min_share: float = 0.25
     """share of the subset's pixels that have to lie in the region"""
     threads: int = 0
     """0: as many as there are cores; results do not depend on it"""

@@ -1,0 +1,149 @@
+"""Points followed through a series of images, with a renewed reference where the first fails.
+
+Displacements are always those of the points of the first image, from it. As long as a point
+correlates with the first image, it is measured against that alone, so that errors do not add up.
+Where it does not (large strain, changed surface), the increment from a later image, in which it
+was found, is added, and with it the variance of that step.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from calib.dic.correlate import Correlation, correlate_prepared
+from calib.dic.interpolation import Array, Spline, spline_of
+from calib.dic.prepared import BoolArray, Reference, as_image, prepare
+from calib.dic.reasons import Reason
+from calib.dic.settings import CorrelationSettings
+
+LEAST_KEPT = 0.5
+"""share of the valid points that a guess has to keep; else the search starts from scratch"""
+RENEWED = (Reason.LOW_CORRELATION, Reason.NOT_CONVERGED, Reason.NOT_REACHED, Reason.STRAY)
+"""reasons that a later reference may mend"""
+
+
+class Base(NamedTuple):
+    """A later image as reference."""
+
+    number: int
+    """of the frame, from 1"""
+    image: Array
+    found: Correlation
+    """where the points are in it"""
+
+
+class State(NamedTuple):
+    """What the next frame starts from."""
+
+    last: Base | None = None
+    base: Base | None = None
+    """the later image from which points were last measured that the first one lost"""
+
+
+def follow(
+    reference: Reference,
+    frames: Iterable[Array],
+    points: Array,
+    settings: CorrelationSettings,
+) -> Iterator[Correlation]:
+    """Correlate points (n, 2) of the reference, px, with one image (h, w) after the other.
+
+    Raises ValueError as `correlate`.
+    """
+    state = State()
+    for frame in frames:
+        state = next_state(reference, frame, points, settings, state)
+        assert state.last is not None
+        yield state.last.found
+
+
+def next_state(
+    reference: Reference,
+    frame: Array,
+    points: Array,
+    settings: CorrelationSettings,
+    state: State,
+) -> State:
+    """Correlate one more frame (h, w); the result is `last.found`.
+
+    Raises ValueError as `correlate`.
+    """
+    number = 1 if state.last is None else state.last.number + 1
+    image = as_image(frame, f"frame {number}")
+    spline = spline_of(image, settings.degree)
+    previous = None if state.last is None else state.last.found
+    found = _direct(reference, image, spline, points, settings, previous)
+    base = state.base
+    for candidate in (state.base, state.last):
+        if candidate is not None and _broken(found, candidate.found).any():
+            found = _renewed(candidate, image, spline, points, settings, found)
+            base = candidate
+    return State(Base(number, image, found), base)
+
+
+def _direct(
+    reference: Reference,
+    image: Array,
+    spline: Spline,
+    points: Array,
+    settings: CorrelationSettings,
+    previous: Correlation | None,
+) -> Correlation:
+    """Against the first image, from where the points were in the frame before."""
+    if previous is None or not previous.valid.any():
+        return correlate_prepared(reference, image, spline, points, settings)
+    found = correlate_prepared(reference, image, spline, points, settings, previous.parameters)
+    if found.valid.sum() >= LEAST_KEPT * previous.valid.sum():
+        return found
+    again = correlate_prepared(reference, image, spline, points, settings)
+    return again if again.valid.sum() > found.valid.sum() else found
+
+
+def _broken(found: Correlation, before: Correlation) -> BoolArray:
+    """(n,) points lost against the first image that the frame before has."""
+    return np.asarray(np.isin(found.reason, RENEWED) & before.valid)
+
+
+def _renewed(
+    base: Base,
+    image: Array,
+    spline: Spline,
+    points: Array,
+    settings: CorrelationSettings,
+    found: Correlation,
+) -> Correlation:
+    """`found` with its broken points measured from the base image."""
+    lost = np.flatnonzero(_broken(found, base.found))
+    before = base.found
+    places = points[lost] + before.displacement[lost]
+    renewed = prepare(base.image, settings.degree)
+    step = correlate_prepared(renewed, image, spline, places, settings)
+    good = step.valid
+    index = lost[good]
+    eye = np.eye(2)
+    displacement, gradient = found.displacement.copy(), found.gradient.copy()
+    sigma, reason, zncc = found.sigma.copy(), found.reason.copy(), found.zncc.copy()
+    parameters, iterations = found.parameters.copy(), found.iterations.copy()
+    displacement[index] = before.displacement[index] + step.displacement[good]
+    # F of both steps, one after the other
+    gradient[index] = (eye + step.gradient[good]) @ (eye + before.gradient[index]) - eye
+    sigma[index] = np.hypot(before.sigma[index], step.sigma[good])
+    reason[index], zncc[index] = Reason.VALID, step.zncc[good]
+    iterations[index] += step.iterations[good]
+    parameters[index] = 0.0
+    parameters[index, :2] = displacement[index]
+    parameters[index, 2:6] = gradient[index].reshape(-1, 4)
+    return replace(
+        found,
+        displacement=displacement,
+        gradient=gradient,
+        zncc=zncc,
+        sigma=sigma,
+        reason=reason,
+        iterations=iterations,
+        parameters=parameters,
+    )

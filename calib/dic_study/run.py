@@ -1,0 +1,238 @@
+"""Carry out a study of images: `calib dic`."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import asdict
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from calib.data.readers import write_points
+from calib.dic import (
+    Correlation,
+    GreyImage,
+    Quality,
+    Reason,
+    Reference,
+    State,
+    grid_points,
+    next_state,
+    polygon_mask,
+    prepare,
+    quality,
+    read_image,
+    rectangle_mask,
+    strain,
+)
+from calib.dic.follow import Base
+from calib.dic.images import check_sizes
+from calib.dic.prepared import BoolArray
+from calib.dic_study import frame_store
+from calib.dic_study.config import DicStudy, image_paths, load_study
+from calib.dic_study.pictures import lost_points, overlay
+from calib.dic_study.point_frame import point_frame
+from calib.study.figure_style import save_png
+from fe.atomic_file import replacing
+from fe.response import Array
+
+Say = Callable[[str], None]
+POINTS, PICTURES, STORE = "points", "pictures", "frames"
+MOST_SATURATED = 0.5
+LEAST_SPREAD = 0.005
+"""of full scale: an image without any speckle"""
+
+
+class Prepared(NamedTuple):
+    """All that frames have in common."""
+
+    reference: GreyImage
+    ready: Reference
+    points: Array
+    grid: tuple[int, int]
+    judged: Quality
+    key: str
+
+
+def run(path: Path, out: Path | None, say: Say) -> Path:
+    """Measure all images of the study at `path`; returns the folder of the results.
+
+    Frames that are done, from the same images with the same settings, are not done again.
+    Raises ValueError, in one sentence, for wrong input.
+    """
+    study, folder = load_study(path), path.parent
+    out = out or folder / f"{path.stem}-dic"
+    if out.exists() and not out.is_dir():
+        raise ValueError(f"--out: found the file {out}, expected a folder or a new name")
+    paths = image_paths(study, folder)
+    ready = _prepare(study, folder)
+    _check_all(ready.reference, paths)
+    for name in (POINTS, PICTURES, STORE):
+        (out / name).mkdir(parents=True, exist_ok=True)
+    for warning in ready.judged.warnings:
+        say(f"warning: {warning}")
+    frames = []
+    state, key = State(), ready.key
+    for number, file in enumerate(paths):
+        image = read_image(file)
+        key = frame_store.next_key(key, image)
+        state, again = _frame(
+            out / STORE / f"{file.stem}.npz", key, image, ready, study, state, paths
+        )
+        assert state.last is not None
+        found = state.last.found
+        frames.append(_summary(file, found))
+        if again:
+            time = None if study.images.times_s is None else study.images.times_s[number]
+            _write(out, file.stem, image, found, ready, study, time)
+        done = "kept" if not again else "measured"
+        say(f"{number + 1}/{len(paths)} {file.name}: {_sentence(found)} ({done})")
+    _report(out, study, ready, frames)
+    say(f"wrote {out}")
+    return out
+
+
+def _prepare(study: DicStudy, folder: Path) -> Prepared:
+    reference = read_image(folder / study.images.reference)
+    mask = _mask(study, folder, reference)
+    values = reference.grey[mask]
+    if np.mean(values >= reference.full_scale) > MOST_SATURATED:
+        raise ValueError(
+            f"{reference.name}: expected an exposed image, found more than {MOST_SATURATED:.0%} "
+            "of the region saturated"
+        )
+    if values.std() < LEAST_SPREAD * reference.full_scale:
+        raise ValueError(
+            f"{reference.name}: expected speckle in the region, found grey levels of "
+            f"{values.mean():.0f} with a spread of {values.std():.2g}"
+        )
+    repeat = None
+    if study.images.repeat is not None:
+        repeat = read_image(folder / study.images.repeat)
+        check_sizes([reference, repeat])
+    settings = study.correlation.settings
+    judged = quality(reference, mask, settings.subset, repeat)
+    points, grid = grid_points(mask, study.correlation.step_px)
+    key = frame_store.first_key(reference, mask, points, settings)
+    return Prepared(
+        reference, prepare(reference.grey, settings.degree, mask), points, grid, judged, key
+    )
+
+
+def _mask(study: DicStudy, folder: Path, reference: GreyImage) -> BoolArray:
+    shape = (reference.grey.shape[0], reference.grey.shape[1])
+    mask = np.ones(shape, dtype=np.bool_)
+    region = study.region
+    if region.rectangle_px is not None:
+        mask &= rectangle_mask(shape, region.rectangle_px)
+    if region.polygon_px is not None:
+        mask &= polygon_mask(shape, region.polygon_px)
+    if region.mask is not None:
+        image = read_image(folder / region.mask)
+        check_sizes([reference, image])
+        mask &= image.grey > 0
+    if not mask.any():
+        raise ValueError("region: expected a place in the image that all of it shares, found none")
+    return mask
+
+
+def _check_all(reference: GreyImage, paths: tuple[Path, ...]) -> None:
+    """Sizes of all images before hours of work; raises ValueError for the first that differs."""
+    for path in paths:
+        check_sizes([reference, read_image(path)])
+
+
+def _frame(
+    store: Path,
+    key: str,
+    image: GreyImage,
+    ready: Prepared,
+    study: DicStudy,
+    state: State,
+    paths: tuple[Path, ...],
+) -> tuple[State, bool]:
+    """The state after one more frame, and whether it was measured now."""
+    number = 1 if state.last is None else state.last.number + 1
+    stored = frame_store.load(store, key)
+    if stored is None:
+        settings = study.correlation.settings
+        state = next_state(ready.ready, image.grey, ready.points, settings, state)
+        assert state.last is not None
+        base = 0 if state.base is None else state.base.number
+        frame_store.save(store, key, base, state.last.found)
+        return state, True
+    found, base = stored
+    last = Base(number, image.grey, found)
+    if base == 0:
+        return State(last, None), False
+    if state.base is not None and state.base.number == base:
+        return State(last, state.base), False
+    # a renewed reference is always the frame before the one that first needed it
+    assert state.last is not None and state.last.number == base, paths
+    return State(last, state.last), False
+
+
+def _summary(path: Path, found: Correlation) -> dict[str, object]:
+    valid = found.valid
+    lost = {r.name.lower(): int(np.sum(found.reason == r)) for r in list(Reason)[1:]}
+    middle = np.median(found.sigma[valid], axis=0) if valid.any() else [np.nan, np.nan]
+    return {
+        "image": path.name,
+        "points": int(valid.size),
+        "valid": int(valid.sum()),
+        "lost": {name: count for name, count in lost.items() if count},
+        "median_zncc": float(np.median(found.zncc[valid])) if valid.any() else None,
+        "median_sigma_px": [float(value) for value in middle] if valid.any() else None,
+    }
+
+
+def _sentence(found: Correlation) -> str:
+    valid = int(found.valid.sum())
+    text = f"{valid} of {found.valid.size} points"
+    if valid:
+        text += f", median sigma {np.median(found.sigma[found.valid]):.4f} px"
+    return text
+
+
+def _write(
+    out: Path,
+    stem: str,
+    image: GreyImage,
+    found: Correlation,
+    ready: Prepared,
+    study: DicStudy,
+    time: float | None,
+) -> None:
+    frame = point_frame(stem, ready.points, found, study.scale, ready.grid, time)
+    with replacing(out / POINTS / f"{stem}.csv") as temporary:
+        write_points(temporary, frame)
+    save_png(overlay(image, ready.points, found), out / PICTURES / f"{stem}.png")
+    lost = lost_points(ready.reference, ready.points, found)
+    save_png(lost, out / PICTURES / f"{stem}-lost.png")
+    if study.strain is not None:
+        _write_strain(out / f"{stem}-strain.csv", found, ready.points, study)
+
+
+def _write_strain(path: Path, found: Correlation, points: Array, study: DicStudy) -> None:
+    """Strains with y up: of a tensor, xy changes its sign with the axis."""
+    assert study.strain is not None
+    options = study.strain
+    result = strain(points, found.displacement, options.radius_px, options.order, options.measure)
+    columns = np.column_stack([points, result.xx, result.yy, -result.xy])
+    head = f"x_px,y_px,{options.measure}_xx,{options.measure}_yy,{options.measure}_xy"
+    with replacing(path) as temporary:
+        np.savetxt(temporary, columns, delimiter=",", header=head, comments="", fmt="%.9g")
+
+
+def _report(out: Path, study: DicStudy, ready: Prepared, frames: list[dict[str, object]]) -> None:
+    content = {
+        "reference": ready.reference.name,
+        "quality": asdict(ready.judged),
+        "correlation": asdict(study.correlation),
+        "reasons": {reason.name.lower(): reason.text for reason in Reason},
+        "frames": frames,
+    }
+    with replacing(out / "dic.json") as temporary:
+        temporary.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
