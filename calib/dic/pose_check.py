@@ -15,9 +15,12 @@ from scipy.spatial.transform import Rotation
 
 from calib.dic.camera import Camera, StereoRig, epipolar_distance
 from calib.dic.distortion import Array
+from calib.dic.triangulate import triangulate
 
 LEAST_POINTS = 12
 ROBUST_PX = 0.1
+MOST_BEFORE = 0.9
+"""share of the points that a right pose has before both cameras"""
 
 
 class Refined(NamedTuple):
@@ -85,8 +88,18 @@ def refine_pose(rig: StereoRig, left: Array, right: Array) -> Refined:
     def residual(x: Array) -> Array:
         return epipolar_distance(moved(x), left[good], right[good])
 
-    fit = least_squares(residual, np.zeros(5), loss="soft_l1", f_scale=ROBUST_PX, x_scale="jac")
+    # from far off the robust loss is flat: a plain fit brings it near
+    start = least_squares(residual, np.zeros(5), x_scale="jac", xtol=1e-12, ftol=1e-12).x
+    fit = least_squares(
+        residual, start, loss="soft_l1", f_scale=ROBUST_PX, x_scale="jac", xtol=1e-12, ftol=1e-12
+    )
     found = moved(fit.x)
+    space = triangulate(found, left[good], right[good]).points
+    if not np.isfinite(space).all(axis=1).mean() > MOST_BEFORE:
+        raise ValueError(
+            "refine_pose: found a pose with points behind the cameras, expected all before them; "
+            "the calibration is of another set-up"
+        )
     rms = float(np.sqrt(np.mean(residual(fit.x) ** 2)))
     in_place = StereoRig(
         rig.left,

@@ -16,16 +16,17 @@ import numpy as np
 import numpy.typing as npt
 
 from calib.dic.camera import StereoRig, epipolar_distance
-from calib.dic.correlate import Correlation, correlate
+from calib.dic.carried_mask import carried_mask
+from calib.dic.correlate import correlate_prepared
 from calib.dic.distortion import Array
+from calib.dic.follow import State, next_state
+from calib.dic.interpolation import spline_of
 from calib.dic.pose_check import check_belongs, refine_pose
+from calib.dic.prepared import BoolArray, Reference, as_image, prepare
 from calib.dic.settings import CorrelationSettings
 from calib.dic.triangulate import Triangulated, triangulate
 
-BoolArray = npt.NDArray[np.bool_]
 IntArray = npt.NDArray[np.int64]
-LEAST_FOUND = 0.3
-"""share of the points that has to be found again for a guess to be a good one"""
 
 
 class StereoReason(IntEnum):
@@ -78,8 +79,8 @@ class StereoReference:
 
     rig: StereoRig
     """with which the points were placed: refined if that was asked for"""
-    left_image: Array
-    right_image: Array
+    left_ready: Reference
+    right_ready: Reference
     left: Array
     """(n, 2) px, as chosen"""
     right: Array
@@ -121,10 +122,10 @@ class StereoFrame(NamedTuple):
 
 
 class Tracked(NamedTuple):
-    """What both cameras found in one pair of images; a start for the next."""
+    """Where both cameras are in their series of images: a start for the next pair."""
 
-    left: Correlation
-    right: Correlation
+    left: State
+    right: State
 
 
 def place_reference(
@@ -133,13 +134,19 @@ def place_reference(
     right_image: Array,
     points: Array,
     settings: StereoSettings | None = None,
+    mask: BoolArray | None = None,
 ) -> StereoReference:
     """Match points (n, 2) [px] of the left reference image with the right one and place them.
 
+    `mask` (rows, columns): pixels of the left image that count; it is carried to the right one.
     Raises ValueError when the images do not belong to the calibration or are swapped.
     """
     settings = settings or StereoSettings()
-    match = correlate(left_image, right_image, points, settings.correlation)
+    options = settings.correlation
+    left_grey, right_grey = as_image(left_image, "left"), as_image(right_image, "right")
+    left_ready = prepare(left_grey, options.degree, mask)
+    spline = spline_of(right_grey, options.degree)
+    match = correlate_prepared(left_ready, right_grey, spline, points, options)
     right = points + match.displacement
     if not match.valid.any():
         raise ValueError("right: found none of the points of the left image, expected the same view")
@@ -151,72 +158,54 @@ def place_reference(
     reason = np.where(match.valid, StereoReason.VALID, StereoReason.NO_PARTNER)
     reason[match.valid & ~(np.abs(distance) <= settings.max_epipolar)] = StereoReason.OFF_LINE
     kept = np.where((reason == StereoReason.VALID)[:, None], right, np.nan)
+    space = triangulate(rig, points, kept)
+    # lines of sight that meet behind the cameras
+    lost = (reason == StereoReason.VALID) & ~np.isfinite(space.points).all(axis=1)
+    reason[lost], kept[lost] = StereoReason.OFF_LINE, np.nan
+    there = None
+    if mask is not None and not mask.all():
+        shape = (right_grey.shape[0], right_grey.shape[1])
+        there = carried_mask(mask, points, kept, shape)
     return StereoReference(
-        rig, left_image, right_image, points, kept, match.sigma, triangulate(rig, points, kept),
-        distance, reason.astype(np.int64), turned,
+        rig, left_ready, prepare(right_grey, options.degree, there), points, kept, match.sigma,
+        space, distance, reason.astype(np.int64), turned,
     )  # fmt: skip
 
 
-def follow(
+def follow_pair(
     reference: StereoReference,
     left_image: Array,
     right_image: Array,
     settings: StereoSettings | None = None,
-    before: tuple[Tracked, ...] = (),
+    before: Tracked | None = None,
 ) -> tuple[StereoFrame, Tracked]:
-    """Displacements in a later pair of images; `before`: what earlier pairs gave, the last last.
+    """Displacements in a later pair of images; `before`: where the pair before it left off.
 
     Points without a partner are not followed. Raises ValueError for images of another size.
     """
     settings = settings or StereoSettings()
     placed = np.flatnonzero(reference.reason == StereoReason.VALID)
-    found = []
-    for side, (first, now, start) in enumerate(
-        (
-            (reference.left_image, left_image, reference.left),
-            (reference.right_image, right_image, reference.right),
-        )
+    start = before or Tracked(State(), State())
+    states = []
+    for side, ready, image, points, state in (
+        ("left", reference.left_ready, left_image, reference.left, start.left),
+        ("right", reference.right_ready, right_image, reference.right, start.right),
     ):
-        if first.shape != now.shape:
+        if ready.image.shape != image.shape:
             raise ValueError(
-                f"{('left', 'right')[side]}: expected an image of {first.shape} px (rows, "
-                f"columns) as the reference, found {now.shape}"
+                f"{side}: expected an image of {ready.image.shape} px (rows, columns) as the "
+                f"reference, found {image.shape}"
             )
-        guess = _guess(tuple(one[side] for one in before))
-        found.append(_followed(first, now, start[placed], settings.correlation, guess))
-    tracked = Tracked(*found)
+        states.append(next_state(ready, image, points[placed], settings.correlation, state))
+    tracked = Tracked(*states)
     return _frame(reference, placed, tracked, settings), tracked
-
-
-def _guess(before: tuple[Correlation, ...]) -> Array | None:
-    """Parameters gone on evenly from the last two images."""
-    if not before:
-        return None
-    last = before[-1].parameters
-    if len(before) == 1:
-        return last
-    step = last - before[-2].parameters
-    return np.where(np.isfinite(step), last + step, last)
-
-
-def _followed(
-    first: Array, now: Array, points: Array, settings: CorrelationSettings, guess: Array | None
-) -> Correlation:
-    """A guess is tried first; what it loses is reached from neighbours, or all anew."""
-    if guess is None:
-        return correlate(first, now, points, settings)
-    found = correlate(first, now, points, settings, guess)
-    if found.valid.all():
-        return found
-    if np.count_nonzero(found.valid) < LEAST_FOUND * np.isfinite(guess).all(axis=1).sum():
-        return correlate(first, now, points, settings)
-    return correlate(first, now, points, settings, found.parameters)
 
 
 def _frame(
     reference: StereoReference, placed: IntArray, tracked: Tracked, settings: StereoSettings
 ) -> StereoFrame:
-    left, right = tracked
+    assert tracked.left.last is not None and tracked.right.last is not None
+    left, right = tracked.left.last.found, tracked.right.last.found
     n = len(reference.left)
     now_left = reference.left[placed] + left.displacement
     now_right = reference.right[placed] + right.displacement

@@ -15,7 +15,7 @@ import numpy as np
 from calib.data.readers import PointFrame, read_dic, write_points
 from calib.dic.camera import Camera, project
 from calib.dic.settings import CorrelationSettings
-from calib.dic.stereo import StereoSettings, Tracked, follow, place_reference
+from calib.dic.stereo import StereoSettings, Tracked, follow_pair, place_reference
 from calib.stereo_points import point_frame, reference_frame
 from calib.virtual.cameras import CameraPair
 from calib.virtual.laboratory import SampleTruth
@@ -113,7 +113,7 @@ def dic_series(
     grid, points = face_points(faces[0], studio)
     rig = studio.cameras.rig
     reference = None
-    before: tuple[Tracked, ...] = ()
+    before: Tracked | None = None
     frames = []
     for number, (face, depth, at) in enumerate(zip(faces, travel, time, strict=True), start=1):
         pin = None
@@ -127,8 +127,7 @@ def dic_series(
             reference = place_reference(rig, images[0], images[1], points, studio.stereo)
             frames.append(reference_frame(reference, name, float(at), grid))
             continue
-        found, tracked = follow(reference, images[0], images[1], studio.stereo, before[-2:])
-        before = (*before, tracked)
+        found, before = follow_pair(reference, images[0], images[1], studio.stereo, before)
         frames.append(point_frame(found, name, float(at), grid))
     return tuple(frames)
 
