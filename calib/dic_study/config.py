@@ -13,7 +13,7 @@ from pydantic import ConfigDict, Field
 from pydantic.dataclasses import dataclass
 
 from calib.dic import CorrelationSettings
-from calib.toml_file import Contradiction, FileRefused, read_document, read_file
+from calib.toml_file import Contradiction, Document, FileRefused, read_document, read_file
 
 STRICT = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False, use_attribute_docstrings=True)
 Positive = Annotated[float, Field(gt=0, lt=1e6)]
@@ -124,12 +124,16 @@ class DicStudy:
     """a section [strain]"""
 
 
-def load_study(path: Path) -> DicStudy:
-    """Read and check a study. Raises FileRefused, with the line."""
+def read_study(path: Path) -> Document:
+    """Read a study of images, of one camera or two. Raises FileRefused."""
     if not path.is_file():
         raise FileRefused(f"{path}: found no such file, expected a study of images (TOML)")
-    document = read_document(read_file(path, "study of images"), str(path), "study of images")
-    return document.checked(DicStudy)
+    return read_document(read_file(path, "study of images"), str(path), "study of images")
+
+
+def load_study(path: Path) -> DicStudy:
+    """Read and check a study of one camera. Raises FileRefused, with the line."""
+    return read_study(path).checked(DicStudy)
 
 
 def image_paths(study: DicStudy, folder: Path) -> tuple[Path, ...]:

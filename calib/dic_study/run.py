@@ -20,20 +20,21 @@ from calib.dic import (
     State,
     grid_points,
     next_state,
-    polygon_mask,
     prepare,
     quality,
     read_image,
-    rectangle_mask,
     strain,
 )
 from calib.dic.follow import Base
 from calib.dic.images import check_sizes
-from calib.dic.prepared import BoolArray
 from calib.dic_study import frame_store
-from calib.dic_study.config import DicStudy, image_paths, load_study
-from calib.dic_study.pictures import lost_points, overlay, save_png
+from calib.dic_study.config import DicStudy, image_paths, read_study
+from calib.dic_study.pictures import lost_points, overlay
 from calib.dic_study.point_frame import point_frame
+from calib.dic_study.region_mask import region_mask
+from calib.dic_study.stereo_config import StereoStudy, has_stereo
+from calib.dic_study.stereo_run import run_stereo
+from calib.study.figure_style import save_png
 from fe.atomic_file import replacing
 from fe.response import Array
 
@@ -61,10 +62,13 @@ def run(path: Path, out: Path | None, say: Say) -> Path:
     Frames that are done, from the same images with the same settings, are not done again.
     Raises ValueError, in one sentence, for wrong input.
     """
-    study, folder = load_study(path), path.parent
+    document, folder = read_study(path), path.parent
     out = out or folder / f"{path.stem}-dic"
     if out.exists() and not out.is_dir():
         raise ValueError(f"--out: found the file {out}, expected a folder or a new name")
+    if has_stereo(document):
+        return run_stereo(document.checked(StereoStudy), folder, out, say)
+    study = document.checked(DicStudy)
     paths = image_paths(study, folder)
     ready = _prepare(study, folder)
     _check_all(ready.reference, paths)
@@ -95,7 +99,7 @@ def run(path: Path, out: Path | None, say: Say) -> Path:
 
 def _prepare(study: DicStudy, folder: Path) -> Prepared:
     reference = read_image(folder / study.images.reference)
-    mask = _mask(study, folder, reference)
+    mask = region_mask(study.region, folder, reference)
     values = reference.grey[mask]
     if np.mean(values >= reference.full_scale) > MOST_SATURATED:
         raise ValueError(
@@ -118,23 +122,6 @@ def _prepare(study: DicStudy, folder: Path) -> Prepared:
     return Prepared(
         reference, prepare(reference.grey, settings.degree, mask), points, grid, judged, key
     )
-
-
-def _mask(study: DicStudy, folder: Path, reference: GreyImage) -> BoolArray:
-    shape = (reference.grey.shape[0], reference.grey.shape[1])
-    mask = np.ones(shape, dtype=np.bool_)
-    region = study.region
-    if region.rectangle_px is not None:
-        mask &= rectangle_mask(shape, region.rectangle_px)
-    if region.polygon_px is not None:
-        mask &= polygon_mask(shape, region.polygon_px)
-    if region.mask is not None:
-        image = read_image(folder / region.mask)
-        check_sizes([reference, image])
-        mask &= image.grey > 0
-    if not mask.any():
-        raise ValueError("region: expected a place in the image that all of it shares, found none")
-    return mask
 
 
 def _check_all(reference: GreyImage, paths: tuple[Path, ...]) -> None:

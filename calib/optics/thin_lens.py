@@ -83,3 +83,16 @@ def effective_f_stop(f_stop: Values, magnification: Values) -> Values:
 def airy_diameter(effective_f_stop: Values, wavelength: Values) -> Values:
     """Diameter of the first dark ring of diffraction, 2.44 lambda N, mm on the sensor."""
     return 2.44 * wavelength * effective_f_stop
+
+
+def blur_circle(
+    focal_length: Values, f_stop: Values, focus: Values, object_distance: Values
+) -> Values:
+    """Diameter of the image of a point at `object_distance` when `focus` is sharp, mm.
+
+    f / N times the magnification at the focus times |u - u0| / u; at the limits of Eqs. A.3 and
+    A.4 it is the circle of confusion, to the f by which Eq. A.1 is short.
+    """
+    aperture = focal_length / f_stop
+    off = abs(object_distance - focus) / object_distance
+    return aperture * magnification(focal_length, focus) * off

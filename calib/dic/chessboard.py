@@ -1,0 +1,78 @@
+"""Inner corners of a chessboard in an image, found and refined by OpenCV.
+
+Source: A. Duda, U. Frese, "Accurate detection and localization of checkerboard corners for
+calibration", BMVC 2018 (`findChessboardCornersSB`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from calib.dic.distortion import Array
+from calib.dic.plate_view import PlateView
+
+
+@dataclass(frozen=True)
+class Chessboard:
+    """A board. Raises ValueError when it has no one way up, or an impossible number."""
+
+    columns: int
+    """inner corners along a row"""
+    rows: int
+    square: float
+    """side of a square, mm"""
+
+    def __post_init__(self) -> None:
+        if self.columns < 3 or self.rows < 3 or not self.square > 0:
+            raise ValueError(
+                f"columns, rows, square: expected 3 or more corners each way and a side above 0, "
+                f"found {self.columns}, {self.rows}, {self.square}"
+            )
+        if (self.columns + self.rows) % 2 == 0:
+            raise ValueError(
+                f"columns, rows: found {self.columns} and {self.rows}, expected one odd and one "
+                "even, as otherwise the board looks the same upside down"
+            )
+
+
+def chessboard_view(image: Array, board: Chessboard, name: str) -> PlateView:
+    """The corners in an image (rows, columns); the first one stands next to the dark end square.
+
+    Raises ValueError when the board is not seen whole.
+    """
+    low, high = float(image.min()), float(image.max())
+    grey = np.clip(255.0 * (image - low) / max(high - low, 1e-9), 0.0, 255.0).astype(np.uint8)
+    size = (board.columns, board.rows)
+    flags = cv2.CALIB_CB_ACCURACY | cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_NORMALIZE_IMAGE
+    found, corners = cv2.findChessboardCornersSB(grey, size, flags=flags)
+    if not found:
+        raise ValueError(
+            f"{name}: found no chessboard of {board.columns} x {board.rows} inner corners, "
+            "expected one that is seen whole"
+        )
+    pixels = np.asarray(corners, dtype=np.float64).reshape(board.rows, board.columns, 2)
+    if not _is_first_dark(grey, pixels):
+        pixels = pixels[::-1, ::-1]
+    if _is_mirrored(pixels):
+        raise ValueError(f"{name}: found a mirrored chessboard, expected one seen from its front")
+    y, x = np.mgrid[: board.rows, : board.columns]
+    places = board.square * np.stack([x, y], axis=-1).reshape(-1, 2).astype(np.float64)
+    return PlateView(name, places, pixels.reshape(-1, 2).copy())
+
+
+def _is_first_dark(grey: Array | np.ndarray, pixels: Array) -> bool:
+    """Whether the square of the first four corners is darker than that of the last four."""
+    middles = [pixels[:2, :2].mean(axis=(0, 1)), pixels[-2:, -2:].mean(axis=(0, 1))]
+    levels = []
+    for x, y in middles:
+        column, row = round(float(x)), round(float(y))
+        levels.append(float(grey[row - 1 : row + 2, column - 1 : column + 2].mean()))
+    return levels[0] < levels[1]
+
+
+def _is_mirrored(pixels: Array) -> bool:
+    along, down = pixels[0, -1] - pixels[0, 0], pixels[-1, 0] - pixels[0, 0]
+    return bool(along[0] * down[1] - along[1] * down[0] <= 0.0)

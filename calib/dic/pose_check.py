@@ -1,0 +1,112 @@
+"""Whether two images belong to a calibration, and the pose of the cameras by the images alone.
+
+A rig that has moved since its calibration shows in the distances of matched points from their
+epipolar lines, and can be found again from them but for the length of the baseline. Source: R.
+Hartley, A. Zisserman, "Multiple View Geometry", 2nd ed., 2003, section 11.4 (Sampson's error).
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
+
+from calib.dic.camera import Camera, StereoRig, epipolar_distance
+from calib.dic.distortion import Array
+from calib.dic.triangulate import triangulate
+
+LEAST_POINTS = 12
+ROBUST_PX = 0.1
+MOST_BEFORE = 0.9
+"""share of the points that a right pose has before both cameras"""
+
+
+class Refined(NamedTuple):
+    """A rig whose relative pose fits matched points."""
+
+    rig: StereoRig
+    turned: float
+    """degrees by which the right camera was turned"""
+    rms: float
+    """px, of the points' epipolar distances"""
+
+
+def check_belongs(rig: StereoRig, left: Array, right: Array, limit: float) -> None:
+    """Raise ValueError unless matched pixels (n, 2) lie near their epipolar lines.
+
+    `limit` px for the median. Says so when the two cameras are swapped.
+    """
+    distance = _median(rig, left, right)
+    if distance <= limit:
+        return
+    swapped = _median(StereoRig(rig.right, rig.left), left, right)
+    if swapped <= limit:
+        raise ValueError(
+            f"left, right: the images are swapped; points lie {distance:.1f} px from their "
+            f"epipolar lines, and {swapped:.2g} px with left and right exchanged"
+        )
+    raise ValueError(
+        f"calibration: points matched between the cameras lie {distance:.1f} px from their "
+        f"epipolar lines, expected below {limit:g}; it is of another set-up, or the cameras have "
+        "moved (refine_pose finds their pose again)"
+    )
+
+
+def _median(rig: StereoRig, left: Array, right: Array) -> float:
+    found = np.abs(epipolar_distance(rig, left, right))
+    found = found[np.isfinite(found)]
+    return float(np.median(found)) if found.size else np.inf
+
+
+def refine_pose(rig: StereoRig, left: Array, right: Array) -> Refined:
+    """The relative pose that brings matched pixels (n, 2) to their epipolar lines.
+
+    Intrinsics and the length of the baseline are kept. Raises ValueError with too few points.
+    """
+    good = np.all(np.isfinite(left) & np.isfinite(right), axis=1)
+    if np.count_nonzero(good) < LEAST_POINTS:
+        raise ValueError(
+            f"refine_pose: found {np.count_nonzero(good)} matched points, expected "
+            f"{LEAST_POINTS} or more"
+        )
+    turn, shift = rig.relative
+    length = float(np.linalg.norm(shift))
+    # two directions at right angles to the baseline, along which it turns
+    across = np.linalg.svd(shift[None, :])[2][1:]
+
+    def moved(x: Array) -> StereoRig:
+        direction = shift / length + x[3:] @ across
+        right_camera = Camera(
+            rig.right.intrinsics,
+            Rotation.from_rotvec(x[:3]).as_matrix() @ turn,
+            length * direction / np.linalg.norm(direction),
+        )
+        return StereoRig(Camera(rig.left.intrinsics), right_camera)
+
+    def residual(x: Array) -> Array:
+        return epipolar_distance(moved(x), left[good], right[good])
+
+    # from far off the robust loss is flat: a plain fit brings it near
+    start = least_squares(residual, np.zeros(5), x_scale="jac", xtol=1e-12, ftol=1e-12).x
+    fit = least_squares(
+        residual, start, loss="soft_l1", f_scale=ROBUST_PX, x_scale="jac", xtol=1e-12, ftol=1e-12
+    )
+    found = moved(fit.x)
+    space = triangulate(found, left[good], right[good]).points
+    if not np.isfinite(space).all(axis=1).mean() > MOST_BEFORE:
+        raise ValueError(
+            "refine_pose: found a pose with points behind the cameras, expected all before them; "
+            "the calibration is of another set-up"
+        )
+    rms = float(np.sqrt(np.mean(residual(fit.x) ** 2)))
+    in_place = StereoRig(
+        rig.left,
+        Camera(
+            found.right.intrinsics,
+            found.right.rotation @ rig.left.rotation,
+            found.right.rotation @ rig.left.translation + found.right.translation,
+        ),
+    )
+    return Refined(in_place, float(np.degrees(np.linalg.norm(fit.x[:3]))), rms)

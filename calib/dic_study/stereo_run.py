@@ -1,0 +1,198 @@
+"""Carry out a study of the images of two cameras: `calib dic` with a section [stereo]."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import asdict
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from calib.data.readers import write_points
+from calib.dic import GreyImage, grid_points, read_image
+from calib.dic.calibration import Calibration
+from calib.dic.calibration_files import write_calibration
+from calib.dic.prepared import BoolArray
+from calib.dic.stereo import (
+    StereoFrame,
+    StereoReason,
+    StereoReference,
+    Tracked,
+    follow_pair,
+    place_reference,
+)
+from calib.dic.surface_frame import SurfaceFrame, surface_frame, unturned
+from calib.dic.surface_strain import surface_strain
+from calib.dic_study.plates import calibration_of
+from calib.dic_study.region_mask import region_mask
+from calib.dic_study.stereo_config import StereoStudy, named_files
+from calib.dic_study.stereo_pictures import stereo_overlay
+from calib.stereo_points import point_frame, reference_frame
+from calib.study.figure_style import save_png
+from fe.atomic_file import replacing
+from fe.response import Array
+
+Say = Callable[[str], None]
+POINTS, PICTURES = "points", "pictures"
+CALIBRATION = "calibration.json"
+
+
+class Prepared(NamedTuple):
+    """All that the pairs of images have in common."""
+
+    reference: StereoReference
+    left: GreyImage
+    grid: tuple[int, int]
+    axes: SurfaceFrame
+    study: StereoStudy
+
+
+def run_stereo(study: StereoStudy, folder: Path, out: Path, say: Say) -> Path:
+    """Measure all pairs of images of a study in `folder`; returns the folder of the results.
+
+    Raises ValueError, in one sentence, for wrong input: no calibration that fits, swapped cameras,
+    images of different sizes or numbers.
+    """
+    left, right = _pairs(study, folder)
+    for name in (POINTS, PICTURES):
+        (out / name).mkdir(parents=True, exist_ok=True)
+    calibration = calibration_of(study, folder, say)
+    write_calibration(out / CALIBRATION, calibration)
+    ready = _prepare(study, folder, calibration, say)
+    times = study.images.times_s
+    first = Path(study.images.reference).stem
+    write_points(
+        out / POINTS / f"{first}.csv",
+        reference_frame(ready.reference, first, None, ready.grid, ready.axes),
+    )
+    before: Tracked | None = None
+    frames = []
+    for number, paths in enumerate(zip(left, right, strict=True)):
+        images = [read_image(path) for path in paths]
+        found, before = follow_pair(
+            ready.reference, images[0].grey, images[1].grey, study.settings, before
+        )
+        frames.append(_summary(paths[0], found))
+        _write(out, paths[0].stem, found, ready, None if times is None else times[number])
+        say(f"{number + 1}/{len(left)} {paths[0].name}: {_sentence(found, ready.axes)}")
+    _report(out, ready, calibration, frames)
+    say(f"wrote {out}")
+    return out
+
+
+def _pairs(study: StereoStudy, folder: Path) -> tuple[tuple[Path, ...], tuple[Path, ...]]:
+    leave = {study.images.reference, study.stereo.right_reference}
+    if study.images.repeat is not None:
+        leave.add(study.images.repeat)
+    left = named_files(study.images.deformed, folder, "images.deformed", leave)
+    right = named_files(study.stereo.right_deformed, folder, "stereo.right_deformed", leave)
+    if len(left) != len(right):
+        raise ValueError(
+            f"stereo.right_deformed: expected {len(left)} files as images.deformed, "
+            f"found {len(right)}"
+        )
+    times = study.images.times_s
+    if times is not None and len(times) != len(left):
+        raise ValueError(f"images.times_s: expected {len(left)} times, found {len(times)}")
+    return left, right
+
+
+def _prepare(study: StereoStudy, folder: Path, calibration: Calibration, say: Say) -> Prepared:
+    left = read_image(folder / study.images.reference)
+    right = read_image(folder / study.stereo.right_reference)
+    _check_size(left, calibration)
+    mask: BoolArray = region_mask(study.region, folder, left)
+    points, grid = grid_points(mask, study.correlation.step_px)
+    reference = place_reference(
+        calibration.rig, left.grey, right.grey, points, study.settings, mask
+    )
+    if study.stereo.refine_pose:
+        say(
+            f"warning: the relative pose of the cameras was found again; it is turned by "
+            f"{reference.turned:.3f} degrees from that of the calibration"
+        )
+    axes = unturned()
+    if study.stereo.axes == "surface":
+        axes = surface_frame(reference.rig, reference.space.points)
+    found = int(np.count_nonzero(reference.reason == StereoReason.VALID))
+    say(
+        f"reference: {found} of {len(points)} points in both cameras, epipolar distance "
+        f"{np.sqrt(np.nanmean(reference.epipolar**2)):.4f} px RMS"
+    )
+    return Prepared(reference, left, grid, axes, study)
+
+
+def _check_size(image: GreyImage, calibration: Calibration) -> None:
+    size = (image.grey.shape[1], image.grey.shape[0])
+    # some files of calibrations do not say it
+    if calibration.size != (0, 0) and size != calibration.size:
+        raise ValueError(
+            f"{image.name}: found {size[0]} x {size[1]} px, expected {calibration.size[0]} x "
+            f"{calibration.size[1]} as in the calibration"
+        )
+
+
+def _summary(path: Path, found: StereoFrame) -> dict[str, object]:
+    valid = found.valid
+    lost = {r.name.lower(): int(np.sum(found.reason == r)) for r in list(StereoReason)[1:]}
+    middle = np.median(found.sigma[valid], axis=0).tolist() if valid.any() else None
+    return {
+        "image": path.name,
+        "points": int(valid.size),
+        "valid": int(valid.sum()),
+        "lost": {name: count for name, count in lost.items() if count},
+        "median_sigma_mm": middle,
+        "epipolar_rms_px": float(np.sqrt(np.nanmean(found.epipolar**2))) if valid.any() else None,
+    }
+
+
+def _sentence(found: StereoFrame, axes: SurfaceFrame) -> str:
+    valid = found.valid
+    text = f"{int(valid.sum())} of {valid.size} points"
+    if valid.any():
+        moved = np.median(axes.vectors(found.displacement[valid]), axis=0)
+        text += ", median displacement " + ", ".join(f"{value:.4f}" for value in moved) + " mm"
+    return text
+
+
+def _write(
+    out: Path, stem: str, found: StereoFrame, ready: Prepared, time: float | None
+) -> None:
+    frame = point_frame(found, stem, time, ready.grid, ready.axes)
+    with replacing(out / POINTS / f"{stem}.csv") as temporary:
+        write_points(temporary, frame)
+    picture = stereo_overlay(ready.left, ready.reference.left, frame.displacement)
+    save_png(picture, out / PICTURES / f"{stem}.png")
+    radius = ready.study.stereo.strain_radius_mm
+    if radius is not None:
+        _write_strain(out / f"{stem}-strain.csv", frame.position, frame.displacement, radius)
+
+
+def _write_strain(path: Path, position: Array, displacement: Array, radius: float) -> None:
+    strain = surface_strain(position, displacement, radius)
+    columns = np.column_stack([position, strain.xx, strain.yy, strain.xy])
+    head = "x_mm,y_mm,z_mm,green_xx,green_yy,green_xy"
+    with replacing(path) as temporary:
+        np.savetxt(temporary, columns, delimiter=",", header=head, comments="", fmt="%.9g")
+
+
+def _report(
+    out: Path, ready: Prepared, calibration: Calibration, frames: list[dict[str, object]]
+) -> None:
+    rig = ready.reference.rig
+    content = {
+        "reference": ready.left.name,
+        "stereo_angle_deg": rig.angle,
+        "baseline_mm": rig.baseline,
+        "pose_turned_deg": ready.reference.turned,
+        "reprojection_px": None if np.isnan(calibration.rms) else calibration.rms,
+        "axes": {"rotation": ready.axes.rotation.tolist(), "origin_mm": ready.axes.origin.tolist()},
+        "stereo": asdict(ready.study.stereo),
+        "correlation": asdict(ready.study.correlation),
+        "reasons": {reason.name.lower(): reason.text for reason in StereoReason},
+        "frames": frames,
+    }
+    with replacing(out / "dic.json") as temporary:
+        temporary.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
