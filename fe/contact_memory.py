@@ -44,12 +44,13 @@ def initial_memory(
     """Memory at travel 0: points where `glued` (n_face, n_q) are tied to the pin in place.
 
     `slopes` are those of the parameters that sensitivities are taken in, none when not given;
-    `at_rest` those of the places from which slip is counted, if they differ.
+    `at_rest` those of the surfaces at travel 0, if they differ.
     """
     slopes = no_slopes(faces, 0) if slopes is None else slopes
+    start = slopes if at_rest is None else at_rest
     return ContactMemory(
-        ties.at_rest(faces, glued, slopes),
-        rest(faces, pin, slopes if at_rest is None else at_rest),
+        ties.at_rest(faces, glued, slopes, start),
+        rest(faces, pin, start),
     )
 
 

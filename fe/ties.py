@@ -66,10 +66,17 @@ class Step(NamedTuple):
     """(n_p,) mm"""
 
 
-def at_rest(faces: Faces, glued: npt.NDArray[np.bool_], slopes: SurfaceSlopes) -> Ties:
-    """Ties at travel 0: points where `glued` (n_face, n_q) hang on their springs in place."""
+def at_rest(
+    faces: Faces, glued: npt.NDArray[np.bool_], slopes: SurfaceSlopes, start: SurfaceSlopes
+) -> Ties:
+    """Ties at travel 0: points where `glued` (n_face, n_q) hang on their springs in place.
+
+    `start` are the slopes of the surfaces at travel 0, wherever the pin's travel begins.
+    """
     anchor_gradient = slopes.points.copy()
     anchor_gradient[glued, 1] = slopes.height  # on the pin, wherever that starts
+    before_gradient = np.repeat(slopes.points[:, :, None], 2, axis=2)
+    before_gradient[:, :, PIN, 1] += slopes.height - start.height
     return Ties(
         kind=np.where(glued, TIED_TO_PIN, FREE).astype(np.int64),
         hold=np.where(glued, 1.0, 0.0),
@@ -77,7 +84,7 @@ def at_rest(faces: Faces, glued: npt.NDArray[np.bool_], slopes: SurfaceSlopes) -
         before=np.repeat(faces.points[:, :, None], 2, axis=2),
         hold_gradient=np.zeros(slopes.weights.shape),
         anchor_gradient=anchor_gradient,
-        before_gradient=np.repeat(slopes.points[:, :, None], 2, axis=2),
+        before_gradient=before_gradient,
     )
 
 
