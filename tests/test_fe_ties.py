@@ -10,7 +10,7 @@ import pytest
 from benchmarks.taylor import model as small
 from benchmarks.taylor import rubber
 from fe import BlockPin, BlockPinModel, Contact
-from fe.contact import FREE, TIED_TO_FLOOR, TIED_TO_PIN
+from fe.contact import FREE, TIED_TO_FLOOR, TIED_TO_PIN, penalty
 from fe.contact_memory import initial_memory, tie_touching
 from fe.pin_surface import BAR, ROUND, RigidPin, pin_point
 from fe.steps import StepOptions
@@ -57,23 +57,37 @@ def gaps(places, kind, pin):
     )
 
 
-def test_points_are_anchored_on_the_surface_where_they_passed_it():
+def test_points_meet_the_surface_on_their_straight_way_through_the_step():
     faces, pin, states = pressed()
     ties, _ = after(1, faces, pin, states)
     tied = ties.kind != FREE
     side = np.where(ties.kind[tied] == TIED_TO_PIN, 0, 1)
     was = np.repeat(faces.points[:, :, None], 2, axis=2)[tied, side]
-    now = ties.before[tied, side]
-    part = np.linalg.norm(ties.anchor[tied] - was, axis=1) / np.linalg.norm(now - was, axis=1)
-    np.testing.assert_allclose(ties.anchor[tied], was + part[:, None] * (now - was), atol=1e-12)
+    now, met = ties.before[tied, side], ties.touch[tied]
+    part = np.linalg.norm(met - was, axis=1) / np.linalg.norm(now - was, axis=1)
+    np.testing.assert_allclose(met, was + part[:, None] * (now - was), atol=1e-12)
     assert np.all((part > 0.0) & (part < 1.0))
-    at, end = (gaps(x, ties.kind[tied], pin) for x in (ties.anchor[tied], now))
-    flat = ties.anchor[tied][:, 0] < 1.7
-    flat |= ties.kind[tied] == TIED_TO_FLOOR
+    at, end = (gaps(x, ties.kind[tied], pin) for x in (met, now))
+    flat = (met[:, 0] < 1.65) | (ties.kind[tied] == TIED_TO_FLOOR)
     assert 50 < np.count_nonzero(flat) < flat.size
     np.testing.assert_allclose(at[flat], 0.0, atol=1e-12)
     # on the fillet a straight way passes a little deeper
     assert np.all(np.abs(at) < 0.1 * np.abs(end).max())
+
+
+def test_no_pressure_jumps_where_a_point_is_tied():
+    """The spring's force along the normal is the penalty's, on the flat and on the floor."""
+    faces, pin, states = pressed()
+    ties, _ = after(1, faces, pin, states)
+    flat = (ties.before[..., 0, 0] < 1.65) & (ties.touch[..., 0] < 1.65)
+    for kind, side, up, least in ((TIED_TO_PIN, 0, -1.0, 20), (TIED_TO_FLOOR, 1, 1.0, 1)):
+        tied = (ties.kind == kind) & (flat | (side == 1))
+        now = ties.before[tied, side]
+        spring = -up * pin.stiffness * (now - ties.anchor[tied])[:, 1]
+        gap = gaps(now, ties.kind[tied], pin)
+        pressure = [-penalty(g, pin.stiffness, pin.ramp)[1] for g in gap]
+        assert len(gap) >= least
+        np.testing.assert_allclose(spring, pressure, rtol=1e-9)
 
 
 def test_a_point_that_touches_just_before_or_just_after_the_end_of_a_step_is_tied_alike():
