@@ -175,6 +175,7 @@ def contact_system(
     u: Array,
     faces: Faces,
     tied: IntArray,
+    hold: Array,
     anchor: Array,
     travel: float,
     pin: RigidPin,
@@ -183,8 +184,8 @@ def contact_system(
 ) -> tuple[float, float]:
     """Contact of all faces: returns (energy N mm, vertical pin force N of the modelled part).
 
-    u (n_node, 3) mm; tied (n_face, n_q) and anchor (n_face, n_q, 3) mm as in `ContactMemory`;
-    travel in mm.  `system` is filled when `with_derivatives`.
+    u (n_node, 3) mm; tied, hold (n_face, n_q) and anchor (n_face, n_q, 3) mm as kind, hold and
+    anchor of `fe.ties.Ties`; travel in mm.  `system` is filled when `with_derivatives`.
     """
     n_face, n_quad, _ = faces.shape.shape
     x = np.empty(3)
@@ -201,21 +202,27 @@ def contact_system(
         for q in range(n_quad):
             position(u, faces, c, q, x)
             w = faces.weights[c, q]
-            on_floor = 0.0
             if faces.base[c]:
                 e = _base_point(x, pin.base_stiffness, f, h)
-                moves = fy = 0.0
-            elif tied[c, q] == FREE:
+                energy += w * e
+                if with_derivatives and e != 0.0:
+                    _add_point(c, faces.shape[c, q], w, f, h, 0.0, 0.0, system)
+                continue
+            held = 0.0 if tied[c, q] == FREE else hold[c, q]
+            if held < 1.0:
                 e, fy, on_floor = _free_point(x, faces.floor[c], travel, pin, f, h)
-                moves = 1.0
-            else:
+                energy += w * (1.0 - held) * e
+                pin_force += w * (1.0 - held) * fy
+                if with_derivatives and e != 0.0:
+                    free = w * (1.0 - held)
+                    _add_point(c, faces.shape[c, q], free, f, h, 1.0, on_floor, system)
+            if held > 0.0:
                 moves = 1.0 if tied[c, q] == TIED_TO_PIN else 0.0
                 e = _tied_point(x, anchor[c, q], -moves * travel, pin.stiffness, f, h)
-                fy = moves * f[1]
-            energy += w * e
-            pin_force += w * fy
-            if with_derivatives and e != 0.0:
-                _add_point(c, faces.shape[c, q], w, f, h, moves, on_floor, system)
+                energy += w * held * e
+                pin_force += w * held * moves * f[1]
+                if with_derivatives and e != 0.0:
+                    _add_point(c, faces.shape[c, q], w * held, f, h, moves, 0.0, system)
     return energy, pin_force
 
 

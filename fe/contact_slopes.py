@@ -21,6 +21,7 @@ from fe.surface_slopes import (
     penalty_slope,
     relative_motion,
 )
+from fe.ties import Ties
 from fe.touch import PIN, Chart, FrictionLaw, empty_chart, touch
 
 Array = npt.NDArray[np.float64]
@@ -31,9 +32,7 @@ IntArray = npt.NDArray[np.int64]
 def contact_pull(
     u: Array,
     faces: Faces,
-    tied: IntArray,
-    anchor: Array,
-    anchor_gradient: Array,
+    ties: Ties,
     slip: SlipAnchors,
     travel: float,
     pin: RigidPin,
@@ -43,8 +42,7 @@ def contact_pull(
 ) -> Array:
     """Fill `pull` (n_face, n_q, 3, n_p) with the derivative of each point's force, N.
 
-    Returns that of the pin force (n_p,) N.  u (n_node, 3), travel, and the memory's anchor
-    (n_face, n_q, 3) and anchor_gradient (n_face, n_q, 3, n_p), mm.
+    Returns that of the pin force (n_p,) N.  u (n_node, 3) and travel in mm.
     """
     n_p = pull.shape[3]
     on_pin = np.zeros(n_p)
@@ -57,11 +55,8 @@ def contact_pull(
             at, motion, w = pull[c, q], slopes.points[c, q], faces.weights[c, q]
             dw = slopes.weights[c, q]
             at[:, :] = 0.0
-            if tied[c, q] != FREE and not faces.base[c]:
-                moves = 1.0 if tied[c, q] == TIED_TO_PIN else 0.0
-                x[1] += moves * travel
-                _tied_pull(x, anchor[c, q], anchor_gradient[c, q], motion, w, dw, pin, slopes, at)
-                on_pin += moves * at[1]
+            if ties.kind[c, q] != FREE and not faces.base[c]:
+                on_pin += _held_pull(x, ties, c, q, faces, travel, pin, slopes, seen, at)
                 continue
             if faces.base[c]:
                 for j in range(n_p):
@@ -105,6 +100,38 @@ def contact_pull(
             if surface == PIN:
                 on_pin += at[1] - before
     return on_pin
+
+
+@njit(cache=True)
+def _held_pull(
+    x: Array,
+    ties: Ties,
+    c: int,
+    q: int,
+    faces: Faces,
+    travel: float,
+    pin: RigidPin,
+    slopes: SurfaceSlopes,
+    seen: Array,
+    pull: Array,
+) -> Array:
+    """What holds a tied point: spring and penalty; returns what of it is the pin's (n_p,)."""
+    motion, w, dw = slopes.points[c, q], faces.weights[c, q], slopes.weights[c, q]
+    held, d_held = ties.hold[c, q], ties.hold_gradient[c, q]
+    on_pin = np.zeros(dw.size)
+    if held < 1.0:
+        free, d_free = w * (1.0 - held), dw * (1.0 - held) - w * d_held
+        _pin_pull(x, motion, travel, free, d_free, pin, slopes, seen, pull)
+        on_pin += pull[1]
+        if faces.floor[c] and x[1] < 0.0:
+            _floor_pull(x, motion, free, d_free, pin, slopes, pull)
+    moves = 1.0 if ties.kind[c, q] == TIED_TO_PIN else 0.0
+    x[1] += moves * travel
+    before = pull[1].copy()
+    anchor, d_anchor = ties.anchor[c, q], ties.anchor_gradient[c, q]
+    d_area = dw * held + w * d_held
+    _tied_pull(x, anchor, d_anchor, motion, w * held, d_area, pin, slopes, pull)
+    return on_pin + moves * (pull[1] - before)
 
 
 @njit(cache=True)

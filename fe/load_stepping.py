@@ -8,8 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from fe.contact import TIED_TO_PIN
-from fe.contact_memory import ContactMemory, slide_anchors, tie_touching, touches
+from fe.contact_memory import ContactMemory, slide_anchors, tie_touching
 from fe.force_control import (
     FALL,
     Control,
@@ -27,6 +26,7 @@ from fe.potential import Potential
 from fe.sensitivity import Gradient, Objective, Tangent, adjoint, direct, partials
 from fe.steps import March, StepOptions, stride
 from fe.surface_slopes import SurfaceSlopes
+from fe.ties import Stick
 
 Array = npt.NDArray[np.float64]
 
@@ -66,8 +66,7 @@ def march(
     outcome: March,
     *,
     parameters: Parameters[SurfaceSlopes],
-    stick_to_pin: bool,
-    stick_to_floor: bool,
+    stick: Stick,
     steps: StepOptions,
     newton: NewtonOptions,
     control: Control = "travel",
@@ -78,11 +77,10 @@ def march(
     Targets are travels, mm, or with `control` "force" forces of the modelled part, N.
     Sensitivities are in `parameters`, of all displacements or, by the adjoint, of an `objective`
     at asked travels; they are taken where the memory of contact or the caller needs them.
-    `stick_to_pin` and `stick_to_floor` tie points to what they touch at the end of each step.  What
-    happened is left in `outcome`: the travel reached and, when the march stopped early, why.
+    What happened is left in `outcome`: the travel reached and, when the march stopped early, why.
     """
     tangent = Tangent(potential, solver)
-    history = History(memory, parameters, (stick_to_pin, stick_to_floor), control, objective)
+    history = History(memory, parameters, stick, control, objective)
     yield from _march(potential, solver, tangent, history, targets, outcome, steps, newton)
 
 
@@ -92,8 +90,7 @@ class History:
 
     memory: ContactMemory
     parameters: Parameters[SurfaceSlopes]
-    stick: tuple[bool, bool]
-    """whether points that touch pin and floor are tied to them from then on"""
+    stick: Stick
     control: Control
     objective: Objective | None
 
@@ -161,8 +158,8 @@ def _accept(
     problem, memory = potential.problem, history.memory
     u, travel, assembly = found.equilibrium.u, found.travel, found.equilibrium.assembly
     slopes = history.parameters.surface
-    touching = touches(u, problem.faces, memory.tied, travel, problem.pin, *history.stick)
-    remembers = potential.has_friction or touching.any()
+    sticks = any(history.stick)
+    remembers = potential.has_friction or sticks
     moved = np.zeros(slopes.height.size) if before is None else before.travel_gradient
     gradient = Gradient(np.zeros((*u.shape, 0)), np.zeros(0))
     by_objective = np.zeros(0)
@@ -182,9 +179,8 @@ def _accept(
     friction_work = 0.0 if before is None else before.friction_work
     if potential.has_friction:
         friction_work += slide_anchors(*state, problem.friction, seen)
-    if touching.any():
-        tie_touching(*state, touching, seen)
-        memory.anchor_gradient[touching == TIED_TO_PIN, 1] += moved  # from the pin at travel 0
+    if sticks:
+        tie_touching(*state, history.stick, slopes, moved)
     return TravelState(
         travel,
         u,

@@ -168,9 +168,7 @@ class Potential:
         on_pin = contact_pull(
             u,
             faces,
-            memory.tied,
-            memory.anchor,
-            memory.anchor_gradient,
+            memory.ties,
             memory.slip,
             travel,
             problem.pin,
@@ -200,7 +198,7 @@ class Potential:
     ) -> tuple[Frame, float, float]:
         """Add friction to the contact system: (its frame at u, energy N mm, pin force N)."""
         faces, pin, law = self.problem.faces, self.problem.pin, self.problem.friction
-        frame = friction.freeze(u, faces, memory.tied, memory.slip.place, travel, pin, law)
+        frame = friction.freeze(u, faces, memory.ties.kind, memory.slip.place, travel, pin, law)
         energy, pin_force = friction.friction_system(
             u, faces, frame, travel, pin, law, self._contact_system, self._coupling
         )
@@ -212,8 +210,9 @@ class Potential:
         energy, pin_force = contact.contact_system(
             u,
             self.problem.faces,
-            memory.tied,
-            memory.anchor,
+            memory.ties.kind,
+            memory.ties.hold,
+            memory.ties.anchor,
             travel,
             self.problem.pin,
             with_derivatives,

@@ -18,6 +18,7 @@ from fe.progress import Progress
 from fe.sensitivity import Objective
 from fe.steps import March, StepOptions
 from fe.surface_slopes import SurfaceSlopes
+from fe.ties import Stick
 
 
 class Pressed(NamedTuple):
@@ -26,8 +27,7 @@ class Pressed(NamedTuple):
     problem: Problem
     glued: npt.NDArray[np.bool_]
     """(n_face, n_q) points that are tied to the pin from the start"""
-    stick: tuple[bool, bool]
-    """whether points that touch pin and floor are tied to them from then on"""
+    stick: Stick
     targets: tuple[float, ...]
     """travels, mm, or forces of the modelled part, N"""
     control: Control
@@ -58,8 +58,7 @@ def press(
                 pressed.targets,
                 outcome,
                 parameters=along,
-                stick_to_pin=pressed.stick[0],
-                stick_to_floor=pressed.stick[1],
+                stick=pressed.stick,
                 steps=pressed.steps,
                 newton=pressed.newton,
                 control=pressed.control,

@@ -6,17 +6,15 @@ import numpy as np
 import pytest
 
 from fe.contact import (
-    FREE,
     TIED_TO_FLOOR,
     TIED_TO_PIN,
     contact_system,
     empty_system,
     penalty,
 )
-from fe.contact_memory import initial_memory, tie_touching, touches
+from fe.contact_memory import initial_memory
 from fe.pin_surface import RigidPin, bar_distance
 from fe.specimens.block_pin import BlockPin, BlockPinModel, Contact
-from fe.surface_slopes import no_slopes
 
 PIN = RigidPin(height=2.5, half_width=2.0, fillet=0.3, stiffness=500.0, ramp=0.1)
 
@@ -32,17 +30,19 @@ def patch():
 
 def evaluate(discrete, u, memory, travel):
     system = empty_system(discrete.faces)
-    energy, force = contact_system(
-        u, discrete.faces, memory.tied, memory.anchor, travel, PIN, True, system
-    )
+    ties = memory.ties
+    tied = ties.kind, ties.hold, ties.anchor
+    energy, force = contact_system(u, discrete.faces, *tied, travel, PIN, True, system)
     return energy, force, system
 
 
 def mixed_memory(discrete):
     memory = initial_memory(discrete.faces, np.zeros(discrete.faces.weights.shape, bool), PIN)
-    memory.tied[::3, ::2] = TIED_TO_PIN
-    memory.tied[1::3, ::3] = TIED_TO_FLOOR
-    memory.anchor += 0.05
+    memory.ties.kind[::3, ::2] = TIED_TO_PIN
+    memory.ties.kind[1::3, ::3] = TIED_TO_FLOOR
+    memory.ties.hold[...] = np.random.default_rng(6).uniform(0.0, 1.0, memory.ties.hold.shape)
+    memory.ties.hold[::2] = 1.0
+    memory.ties.anchor[...] += 0.05
     return memory
 
 
@@ -115,56 +115,3 @@ def test_pin_force_is_the_derivative_of_the_energy_in_the_travel():
     assert evaluate(discrete, u, memory, 0.4)[1] == pytest.approx(
         (plus - minus) / (2 * h), rel=1e-6
     )
-
-
-def untied(faces):
-    """Memory of points that touch nothing yet, with two parameters."""
-    return initial_memory(faces, np.zeros(faces.weights.shape, bool), PIN, no_slopes(faces, 2))
-
-
-def test_no_force_jumps_where_points_that_touch_are_tied():
-    discrete, u = patch()
-    memory = untied(discrete.faces)
-    gradient = np.random.default_rng(2).standard_normal((*u.shape, 2))
-    travel = 0.4
-    free = evaluate(discrete, u, memory, travel)
-    count = tie_touching(memory, discrete.faces, u, gradient, travel, PIN)
-    assert count == np.count_nonzero(memory.tied) > 0
-    tied = evaluate(discrete, u, memory, travel)
-    assert tied[1] == pytest.approx(free[1], rel=1e-12)
-    largest = np.abs(free[2].force).max()
-    np.testing.assert_allclose(tied[2].force, free[2].force, atol=1e-12 * largest)
-    for anchor in memory.anchor[memory.tied == TIED_TO_PIN]:
-        gap = bar_distance(anchor[0], anchor[1], PIN.half_width, PIN.fillet, PIN.height)[0]
-        assert gap < 0.0
-    before = memory.copy()
-    assert tie_touching(memory, discrete.faces, u, gradient, travel, PIN) == 0
-    np.testing.assert_array_equal(memory.anchor, before.anchor)
-
-
-@pytest.mark.parametrize(("side", "kind"), [("to_pin", TIED_TO_PIN), ("to_floor", TIED_TO_FLOOR)])
-def test_only_a_surface_that_sticks_ties_points(side, kind):
-    discrete, u = patch()
-    memory = untied(discrete.faces)
-    touching = touches(
-        u, discrete.faces, memory.tied, 0.4, PIN, side == "to_pin", side == "to_floor"
-    )
-    count = tie_touching(memory, discrete.faces, u, np.zeros((*u.shape, 2)), 0.4, PIN, touching)
-    assert count == np.count_nonzero(memory.tied) > 0
-    assert set(np.unique(memory.tied)) == {FREE, kind}
-
-
-def test_anchor_sensitivity_is_the_derivative_of_the_projection():
-    discrete, u = patch()
-    direction = 0.1 * np.random.default_rng(3).standard_normal((*u.shape, 2))
-    h = 1e-6
-
-    def anchors(shift: float) -> np.ndarray:
-        memory = untied(discrete.faces)
-        tie_touching(memory, discrete.faces, u + shift * direction[..., 0], direction, 0.4, PIN)
-        return memory
-
-    base, plus, minus = anchors(0.0), anchors(h), anchors(-h)
-    same = (base.tied != FREE) & (plus.tied == base.tied) & (minus.tied == base.tied)
-    expected = (plus.anchor - minus.anchor)[same] / (2 * h)
-    np.testing.assert_allclose(base.anchor_gradient[same][..., 0], expected, atol=1e-6)

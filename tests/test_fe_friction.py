@@ -31,6 +31,7 @@ from fe.potential import Potential
 from fe.specimens.block_pin_mesh import block_mesh
 from fe.steps import March
 from fe.surface_slopes import no_slopes
+from fe.ties import Stick
 from fe.touch import FLOOR, PIN, FrictionLaw, bar_arc
 
 RIGID = RigidPin(2.5, 2.0, 0.3, stiffness=500.0, ramp=0.1, base_stiffness=2e4)
@@ -85,14 +86,14 @@ def evaluate(faces, u, memory, travel, law=LAW):
     """Friction alone: (energy, pin force, system, coupling)."""
     system = empty_system(faces)
     coupling = np.zeros_like(system.tangent)
-    frame = freeze(u, faces, memory.tied, memory.slip.place, travel, RIGID, law)
+    frame = freeze(u, faces, memory.ties.kind, memory.slip.place, travel, RIGID, law)
     energy, force = friction_system(u, faces, frame, travel, RIGID, law, system, coupling)
     return energy, force, system, coupling
 
 
 def tractions(faces, u, memory, travel, law=LAW):
     """(n_face, n_q) size of the friction traction and its limit mu p, MPa."""
-    frame = freeze(u, faces, memory.tied, memory.slip.place, travel, RIGID, law)
+    frame = freeze(u, faces, memory.ties.kind, memory.slip.place, travel, RIGID, law)
     x = faces.points + np.einsum("cqa,cai->cqi", faces.shape, u[faces.nodes])
     x[..., 1] += frame.moves * travel
     slip = frame.offset + np.einsum("cqai,cqi->cqa", frame.tangent, x)
@@ -124,7 +125,7 @@ def test_tangent_with_coupling_is_the_derivative_of_the_forces(slipped):
 @STATES
 def test_frozen_potential_has_the_true_forces_and_its_own_hessian(slipped):
     faces, u, memory = patch(slipped)
-    frame = freeze(u, faces, memory.tied, memory.slip.place, TRAVEL, RIGID, LAW)
+    frame = freeze(u, faces, memory.ties.kind, memory.slip.place, TRAVEL, RIGID, LAW)
     energy, _, system, _ = evaluate(faces, u, memory, TRAVEL)
     assert frozen_energy(u, faces, frame, TRAVEL, LAW.slip) == pytest.approx(energy, rel=1e-12)
     du = np.random.default_rng(2).standard_normal(u.shape)
@@ -142,8 +143,7 @@ def test_frozen_potential_has_the_true_forces_and_its_own_hessian(slipped):
 def test_pull_of_anchors_and_coefficients_is_the_derivative_of_the_forces(slipped):
     faces, u, memory = patch(slipped)
     pull = np.zeros((*faces.points.shape, 4))
-    memory.anchor_gradient[...] = 0.0
-    remembered = (memory.tied, memory.anchor, memory.anchor_gradient, memory.slip)
+    remembered = (memory.ties, memory.slip)
     on_pin = contact_pull(u, faces, *remembered, TRAVEL, RIGID, LAW, coefficients(faces), pull)
     nodal = np.einsum("cqa,cqij->caij", faces.shape, pull)
     h = 1e-7
@@ -216,8 +216,18 @@ def sheared_element(mu: float, shear: float):
     for k in range(1, 6):
         u[:, 0] = shear * k / 5
         system = empty_system(discrete.faces)
-        contact_system(u, discrete.faces, memory.tied, memory.anchor, travel, pin, True, system)
-        frame = freeze(u, discrete.faces, memory.tied, memory.slip.place, travel, pin, law)
+        contact_system(
+            u,
+            discrete.faces,
+            memory.ties.kind,
+            memory.ties.hold,
+            memory.ties.anchor,
+            travel,
+            pin,
+            True,
+            system,
+        )
+        frame = freeze(u, discrete.faces, memory.ties.kind, memory.slip.place, travel, pin, law)
         friction_system(
             u, discrete.faces, frame, travel, pin, law, system, np.zeros_like(system.tangent)
         )
@@ -310,7 +320,7 @@ def test_at_equilibrium_no_traction_passes_mu_p_and_the_base_carries_the_pin():
     along = m.parameters(known.names, known, problem, shear=2.0)
     memory = initial_memory(discrete.faces, discrete.glued, problem.pin, along.surface)
     solver = SymmetricSolver(discrete.pattern.indptr, discrete.pattern.indices)
-    keys = {"stick_to_pin": False, "stick_to_floor": False, "steps": m.steps, "newton": m.newton}
+    keys = {"stick": Stick(pin=False, floor=False), "steps": m.steps, "newton": m.newton}
     keys["parameters"] = along
     states = list(march(Potential(problem), solver, memory, m.travel, March(), **keys))
     solver.close()
@@ -341,7 +351,7 @@ def test_a_base_with_friction_does_not_move_up_or_down(rubbing):
 
 def test_tied_points_have_no_friction():
     faces, u, memory = patch(0.2)
-    memory.tied[:] = TIED_TO_PIN
+    memory.ties.kind[:] = TIED_TO_PIN
     energy, force, system, _ = evaluate(faces, u, memory, TRAVEL)
     assert energy == force == 0.0
     assert not system.force.any()

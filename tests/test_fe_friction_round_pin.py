@@ -56,7 +56,7 @@ def evaluate(faces, u, memory, travel, law=LAW):
     """Friction alone: (energy, pin force, system, coupling)."""
     system = empty_system(faces)
     coupling = np.zeros_like(system.tangent)
-    frame = freeze(u, faces, memory.tied, memory.slip.place, travel, RIGID, law)
+    frame = freeze(u, faces, memory.ties.kind, memory.slip.place, travel, RIGID, law)
     energy, force = friction_system(u, faces, frame, travel, RIGID, law, system, coupling)
     return energy, force, system, coupling
 
@@ -112,7 +112,7 @@ def test_tangent_with_coupling_is_the_derivative_of_the_forces(slipped):
 @STATES
 def test_frozen_potential_has_the_true_forces(slipped):
     faces, u, memory = patch(slipped)
-    frame = freeze(u, faces, memory.tied, memory.slip.place, TRAVEL, RIGID, LAW)
+    frame = freeze(u, faces, memory.ties.kind, memory.slip.place, TRAVEL, RIGID, LAW)
     energy, _, system, _ = evaluate(faces, u, memory, TRAVEL)
     assert frozen_energy(u, faces, frame, TRAVEL, LAW.slip) == pytest.approx(energy, rel=1e-12)
     du = np.random.default_rng(2).standard_normal(u.shape)
@@ -126,8 +126,7 @@ def test_frozen_potential_has_the_true_forces(slipped):
 def test_pull_of_anchors_and_coefficients_is_the_derivative_of_the_forces(slipped):
     faces, u, memory = patch(slipped)
     pull = np.zeros((*faces.points.shape, 4))
-    memory.anchor_gradient[...] = 0.0
-    remembered = (memory.tied, memory.anchor, memory.anchor_gradient, memory.slip)
+    remembered = (memory.ties, memory.slip)
     law = np.eye(4)[[2, 3]]
     slopes = no_slopes(faces, 4)._replace(friction_pin=law[PIN], friction_base=law[FLOOR])
     on_pin = contact_pull(u, faces, *remembered, TRAVEL, RIGID, LAW, slopes, pull)

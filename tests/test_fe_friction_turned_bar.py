@@ -48,7 +48,7 @@ def evaluate(faces, u, memory, travel, law=LAW, pin=TURNED):
     """Friction alone: (pin force, system, coupling)."""
     system = empty_system(faces)
     coupling = np.zeros_like(system.tangent)
-    frame = freeze(u, faces, memory.tied, memory.slip.place, travel, pin, law)
+    frame = freeze(u, faces, memory.ties.kind, memory.slip.place, travel, pin, law)
     _, force = friction_system(u, faces, frame, travel, pin, law, system, coupling)
     return force, system, coupling
 
@@ -106,8 +106,7 @@ def test_tangent_with_coupling_is_the_derivative_of_the_forces(slipped):
 def test_pull_of_anchors_and_coefficients_is_the_derivative_of_the_forces(slipped):
     faces, u, memory = patch(slipped)
     pull = np.zeros((*faces.points.shape, 4))
-    memory.anchor_gradient[...] = 0.0
-    remembered = (memory.tied, memory.anchor, memory.anchor_gradient, memory.slip)
+    remembered = (memory.ties, memory.slip)
     law = np.eye(4)[[2, 3]]
     slopes = no_slopes(faces, 4)._replace(friction_pin=law[PIN], friction_base=law[FLOOR])
     on_pin = contact_pull(u, faces, *remembered, TRAVEL, TURNED, LAW, slopes, pull)

@@ -20,6 +20,7 @@ from fe.parameters import Parameters
 from fe.potential import Potential
 from fe.steps import March, StepOptions
 from fe.surface_slopes import no_slopes
+from fe.ties import Stick
 
 RATIOS = np.array([0.4, 0.1])
 CONTACTS = pytest.mark.parametrize(
@@ -81,8 +82,7 @@ def between_walls(m: BlockPinModel, nz: int) -> list[TravelState]:
                 parameters=Parameters(
                     (), np.zeros((0, 3)), np.zeros(0), np.zeros((0, 1, 3)), no_slopes(faces, 0)
                 ),
-                stick_to_pin=m.contact.pin == "stick",
-                stick_to_floor=m.contact.base == "stick",
+                stick=Stick(m.contact.pin == "stick", m.contact.base == "stick"),
                 steps=m.steps,
                 newton=m.newton,
             )

@@ -83,18 +83,22 @@ def pressed(shape, rubs):
     u[:, 1] -= 0.15
     memory = initial_memory(faces, np.zeros(faces.weights.shape, bool), pin)
     if not rubs:
-        memory.tied[::3, ::2] = TIED_TO_PIN
-        memory.tied[1::3, ::3] = TIED_TO_FLOOR
-        memory.tied[faces.base] = FREE
-    memory.anchor[...] += 0.05 * rng.standard_normal(memory.anchor.shape)
+        ties = memory.ties
+        ties.kind[::3, ::2] = TIED_TO_PIN
+        ties.kind[1::3, ::3] = TIED_TO_FLOOR
+        ties.kind[faces.base] = FREE
+        ties.hold[...] = np.minimum(rng.uniform(0.1, 1.9, ties.hold.shape), 1.0)
+        ties.anchor[...] += 0.05 * rng.standard_normal(ties.anchor.shape)
     return faces, u, pin, memory
 
 
 def forces_of(faces, u, pin, memory, law):
     """Forces of the face nodes and, last, that of the pin."""
     system = empty_system(faces)
-    on_pin = contact_system(u, faces, memory.tied, memory.anchor, TRAVEL, pin, True, system)[1]
-    frame = freeze(u, faces, memory.tied, memory.slip.place, TRAVEL, pin, law)
+    ties = memory.ties
+    tied = ties.kind, ties.hold, ties.anchor
+    on_pin = contact_system(u, faces, *tied, TRAVEL, pin, True, system)[1]
+    frame = freeze(u, faces, ties.kind, memory.slip.place, TRAVEL, pin, law)
     coupling = np.zeros_like(system.tangent)
     on_pin += friction_system(u, faces, frame, TRAVEL, pin, law, system, coupling)[1]
     return np.append(system.force.ravel(), on_pin)
@@ -137,11 +141,13 @@ def test_contact_forces_follow_pin_law_and_points(shape, rubs):
     for j, field in enumerate([*fields, *turned]):
         getattr(slopes, field)[j] = 1.0
     slopes.points[..., -1], slopes.weights[..., -1] = points, weights
-    memory = replace(memory, anchor_gradient=np.zeros((*memory.anchor.shape, n_p)))
+    ties = memory.ties._replace(
+        anchor_gradient=np.zeros((*memory.ties.anchor.shape, n_p)),
+        hold_gradient=np.zeros((*memory.ties.hold.shape, n_p)),
+    )
     still = memory.slip._replace(gradient=np.zeros((*memory.slip.place.shape, n_p)))
     pull = np.zeros((*faces.points.shape, n_p))
-    remembered = (memory.tied, memory.anchor, memory.anchor_gradient, still)
-    on_pin = contact_pull(u, faces, *remembered, TRAVEL, pin, law, slopes, pull)
+    on_pin = contact_pull(u, faces, ties, still, TRAVEL, pin, law, slopes, pull)
     nodal = np.einsum("cqa,cqij->caij", faces.shape, pull).reshape(-1, n_p)
     for j, change in enumerate(changes):
 
@@ -183,7 +189,8 @@ def assert_derivatives(block, name, h, rtol=1e-5):
 @pytest.mark.parametrize("name", ["height", "width", "pin_width", "contact_ramp", "travel_zero"])
 def test_derivatives_are_central_differences_of_whole_solutions(contact, name):
     block = small(contact)
-    assert_derivatives(block, name, 1e-5)
+    # what sticks depends on the zero of the travel with a large third derivative
+    assert_derivatives(block, name, 3e-6 if name == "travel_zero" else 1e-5)
 
 
 @pytest.mark.parametrize("name", ["friction_pin", "friction_base", "contact_slip"])

@@ -45,6 +45,7 @@ from fe.specimens.block_pin_part import SYMMETRY_FACTOR, check_part, modelled_pa
 from fe.specimens.checks import check_bulk_ratio, check_counts, check_travel
 from fe.steps import March, StepOptions
 from fe.surface_slopes import SurfaceSlopes
+from fe.ties import Stick
 
 __all__ = ["BlockPin", "BlockPinModel", "Contact", "Discretisation", "Interface"]
 
@@ -225,7 +226,7 @@ class BlockPinModel:
         pressed = Pressed(
             problem=problem,
             glued=discrete.glued,
-            stick=(self.contact.pin == "stick", self.contact.base == "stick"),
+            stick=Stick(self.contact.pin == "stick", self.contact.base == "stick"),
             targets=self.travel or tuple(f / factor for f in self.force),
             control=self.control,
             steps=self.steps,

@@ -41,6 +41,7 @@ from fe.specimens.block_pin_mesh import Discretisation, block_mesh
 from fe.specimens.block_pin_parameters import by_geometry, known_names, mesh_motion, parameters
 from fe.specimens.checks import check_bulk_ratio, check_counts, check_lengths, check_travel
 from fe.steps import March, StepOptions
+from fe.ties import Stick
 
 Array = npt.NDArray[np.float64]
 
@@ -243,7 +244,7 @@ class DiscPinModel:
         pressed = Pressed(
             problem=problem,
             glued=discrete.glued,
-            stick=(self.contact.pin == "stick", self.contact.base == "stick"),
+            stick=Stick(self.contact.pin == "stick", self.contact.base == "stick"),
             targets=self.travel or self.force,
             control=self.control,
             steps=self.steps,
