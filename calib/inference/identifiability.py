@@ -21,9 +21,9 @@ class SensitivityRow:
     travel_zero_sd: float
     """mm"""
     constants_mean: Array
-    """(4,) posterior mean of (C10, C01, C11, mu), MPa"""
+    """posterior mean of the law's constants and mu, MPa"""
     constants_sd: Array
-    """(4,) posterior SD of (C10, C01, C11, mu), MPa"""
+    """posterior SD of the law's constants and mu, MPa"""
     log_evidence: float
     log_evidence_error: float
     p_value: float

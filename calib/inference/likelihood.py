@@ -32,12 +32,16 @@ class Likelihood:
     field: FieldLikelihood | None = None
 
     def log_prob(self, theta: Array) -> Array:
-        """(m,) log-likelihood at theta (m, 3); -inf where the forward model failed."""
-        prediction = self.forward.predict(theta)
+        """(m,) log-likelihood at theta (m, n); -inf where the forward model failed."""
+        prediction = self.predict(theta)
         parts = [self._force_along(prediction, np.arange(self.force.size))]
         if self.field is not None:
             parts.append(self._field(self.field).along(prediction))
         return marginal(parts)
+
+    def predict(self, theta: Array) -> Prediction:
+        """What the forward model says at theta (m, n), whose last columns may be of the errors."""
+        return self.forward.predict(theta)
 
     def pointwise(self, theta: Array) -> Array:
         """(m, n_step) log density of each increment given all others, for leave-one-out scores.
@@ -46,7 +50,7 @@ class Likelihood:
         they were independent evidence (Buerkner, Gabry, Vehtari 2021). With a field, an
         increment is its force and its field together: log p(y) - log p(y without i).
         """
-        prediction = self.forward.predict(theta)
+        prediction = self.predict(theta)
         if self.field is None:
             return conditional_log_densities(
                 self.force_covariance(prediction), self.force - prediction.force
@@ -78,8 +82,8 @@ class Likelihood:
         )
 
     def force_misfit(self, theta: Array) -> Array:
-        """(m,) chi-square (y - f)^T Sigma^-1 (y - f) of the forces at theta (m, 3)."""
-        prediction = self.forward.predict(theta)
+        """(m,) chi-square (y - f)^T Sigma^-1 (y - f) of the forces at theta (m, n)."""
+        prediction = self.predict(theta)
         residual = self.force - prediction.force
         solved = np.linalg.solve(self.force_covariance(prediction), residual[:, :, None])
         misfit: Array = np.einsum("mi,mi->m", residual, solved[:, :, 0])
