@@ -14,6 +14,11 @@ STRIP = 0.25
 SMALL = float(np.exp(-2.0))
 """density over its maximum below which a bound is not felt: that of a normal two SDs out"""
 
+UNITS = {
+    "kappa": "MPa",
+    **dict.fromkeys(("height", "fillet", "pin_width", "pin_shift", "field_discrepancy"), "mm"),
+}
+"""units of the parameters that have one"""
 CONVENTIONS = {
     ("r", "low"): "C01 is not negative",
     ("r", "high"): "C10 is not negative",
@@ -34,7 +39,6 @@ class AtBound:
     """the bound, in the unit of the parameter"""
     density_ratio: float
     """marginal density with respect to x next to the bound over its maximum"""
-    unit: str = "1"
 
     def __post_init__(self) -> None:
         if self.side not in ("low", "high"):
@@ -43,7 +47,7 @@ class AtBound:
     @property
     def text(self) -> str:
         """The bound in words, with the convention behind it."""
-        unit = "" if self.unit == "1" else f" {self.unit}"
+        unit = f" {UNITS[self.parameter]}" if self.parameter in UNITS else ""
         natural = {"low": 0.0, "high": 1.0}[self.side] == self.value
         meaning = CONVENTIONS.get((self.parameter, self.side)) if natural else None
         return f"{self.parameter} = {self.value:g}{unit}" + (f" ({meaning})" if meaning else "")
@@ -70,7 +74,7 @@ def at_bound(draws: Array, bounds: Array, space: Space | None = None) -> tuple[A
             ratio = float(np.sum(strips <= 0) / counts.max())
             if ratio > SMALL:
                 value = float(unknown.value(bound))
-                found.append(AtBound(unknown.name, side, value, ratio, unknown.unit))
+                found.append(AtBound(unknown.name, side, value, ratio))
     return tuple(found)
 
 

@@ -7,7 +7,7 @@ alone stands in theta as itself, since the force is proportional to it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -81,7 +81,7 @@ KAPPA = Unknown("kappa", "MPa", "half the small-strain shear modulus", log=True)
 class Space:
     """What is unknown: kappa, the ratios of the law, then the others in order."""
 
-    law: LawCoordinates = LawCoordinates()
+    law: LawCoordinates = field(default_factory=LawCoordinates)
     inputs: tuple[Unknown, ...] = ()
     """further unknowns of the forward model"""
     errors: tuple[Unknown, ...] = ()

@@ -250,5 +250,7 @@ class DirectForward:
         by_x = np.concatenate([force[:, :, None], gradient], axis=2) * kappa[:, :, None]
         if not self._with_field:
             return Jacobian(by_x)
-        slopes = np.array([run.displacement_gradient.reshape(-1, theta.shape[1] - 1) for run in runs])
+        slopes = np.array(
+            [run.displacement_gradient.reshape(-1, theta.shape[1] - 1) for run in runs]
+        )
         return Jacobian(by_x, np.concatenate([np.zeros_like(slopes[:, :, :1]), slopes], axis=2))

@@ -159,7 +159,7 @@ def _kernels(y: Array, weights: Array, rng: np.random.Generator) -> _Kernels:
     off = y - mean
     covariance = (weights[:, None] * off).T @ off
     covariance += 1e-10 * np.trace(covariance) / d * np.eye(d) + 1e-12 * np.eye(d)
-    factor = np.linalg.cholesky(covariance)
+    factor: Array = np.asarray(np.linalg.cholesky(covariance), dtype=np.float64)
     width = (4.0 / (N_KERNELS * (d + 2.0))) ** (1.0 / (d + 4.0))
     centres = y[rng.choice(len(y), N_KERNELS, p=weights)]
     return _Kernels(centres, width * factor, mean, 1.5 * factor)

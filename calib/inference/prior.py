@@ -236,14 +236,14 @@ class Prior:
         constants = self.space.constants(theta_of(x[:, :n]))
         low, high = self.bounds[:n].T
         inside = np.all((x[:, :n] >= low) & (x[:, :n] <= high), axis=1)
-        total = n * x[:, 0] - self._log_mass
+        total = n * x[:, 0] - self.log_mass
         for column, marginal in enumerate(self.of):
             total = total + marginal.log_density(constants[:, column])
         kept: Array = np.where(inside, total, -np.inf)
         return kept
 
     @cached_property
-    def _log_mass(self) -> float:
+    def log_mass(self) -> float:
         """Ln of the share of the constants' prior that lies in the box.
 
         By 2^16 points of a Sobol sequence, to some 1e-4.
@@ -273,7 +273,7 @@ class Prior:
         Raises ValueError where the constants have the priors and the box cuts some of them off.
         """
         if self.of:
-            if self._log_mass < -1e-12:
+            if self.log_mass < -1e-12:
                 raise ValueError(
                     "quantile: not known where a box of kappa and ratios cuts off priors of the "
                     "constants; use sample"
@@ -293,18 +293,15 @@ class Prior:
 
     def sample(self, rng: np.random.Generator, n: int) -> Array:
         """(n, d) independent draws of x."""
-        if not self.of or self._log_mass >= -1e-12:
+        if not self.of or self.log_mass >= -1e-12:
             return self.quantile(rng.random((n, self.space.size)))
-        whole = replace(self, **self._hull())
+        box = (*hull_of(self.of), None)
+        whole = replace(self, kappa=box[0] or self.kappa, r=box[1], s=box[2])
         kept = np.zeros((0, self.space.size))
         while len(kept) < n:
             drawn = whole.quantile(rng.random((n, self.space.size)))
             kept = np.concatenate([kept, drawn[self._in_box(drawn[:, : len(self.of)])]])
         return kept[:n]
-
-    def _hull(self) -> dict[str, Marginal]:
-        hull = hull_of(self.of)
-        return dict(zip(("kappa", "r", "s"), hull, strict=False))
 
 
 def hull_of(constants: tuple[Marginal, ...]) -> tuple[Marginal, ...]:

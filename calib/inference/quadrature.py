@@ -8,7 +8,7 @@ coordinates has too many nodes; there importance sampling gives weighed draws in
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property, reduce
 
 import numpy as np
@@ -41,7 +41,7 @@ class Quadrature:
     """ln of the integral of prior times likelihood over the prior's box"""
     log_evidence_error: float
     """difference from the same integral with two thirds of the nodes; of draws, an SD"""
-    space: Space = Space()
+    space: Space = field(default_factory=Space)
     """what the coordinates are"""
 
     def expect(self, values: Array) -> Array:

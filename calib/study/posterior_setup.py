@@ -7,13 +7,14 @@ from calib.inference.forward import EmulatorForward
 from calib.inference.likelihood import build_likelihood
 from calib.inference.noise import NoiseSettings
 from calib.inference.posterior import Posterior
-from calib.inference.prior import Marginal, Prior
+from calib.inference.prior import Marginal
 from calib.study.config import Study
 from calib.study.context import Context
 from calib.study.data_stage import load_data
 from calib.study.mesh_error import MeshError, load_mesh_error
 from calib.study.sections import Hypothesis, ParameterPrior
 from calib.study.train_stage import load_emulator
+from calib.study.unknowns import prior_of
 from surrogate import ScaledEmulator
 
 
@@ -25,6 +26,7 @@ def emulator_posterior(context: Context, hypothesis: Hypothesis) -> Posterior:
         ScaledEmulator(load_emulator(context.out, hypothesis)),
         load_mesh_error(context.out, hypothesis),
         noise_of(context.study),
+        hypothesis,
     )
 
 
@@ -34,6 +36,7 @@ def posterior_of(
     emulator: ScaledEmulator,
     mesh: MeshError,
     noise: NoiseSettings,
+    hypothesis: Hypothesis,
 ) -> Posterior:
     """Prior of the study times the likelihood of the data under a corrected emulator.
 
@@ -50,7 +53,8 @@ def posterior_of(
         field_floor=mesh.field_floor,
         field_patterns=mesh.field_patterns,
     )
-    return Posterior(prior_of(study), likelihood)
+    prior = prior_of(study, hypothesis, with_field=dataset.field is not None)
+    return Posterior(prior, likelihood)
 
 
 def noise_of(study: Study) -> NoiseSettings:
@@ -62,11 +66,6 @@ def noise_of(study: Study) -> NoiseSettings:
     )
 
 
-def prior_of(study: Study) -> Prior:
-    """The study's prior of (kappa, r, s)."""
-    return Prior(marginal(study.prior.kappa), marginal(study.prior.r), marginal(study.prior.s))
-
-
 def marginal(prior: ParameterPrior) -> Marginal:
     """One parameter's prior; mean and SD are those of the parameter before it is cut off."""
-    return Marginal(prior.distribution, prior.low, prior.high, prior.mean, prior.sd)
+    return prior.marginal()

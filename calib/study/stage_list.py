@@ -25,6 +25,8 @@ from calib.study.artifacts import hash_of_file, plain
 from calib.study.config import Study, StudyError
 from calib.study.context import Context
 from calib.study.sections import Compute
+from calib.study.unknowns import by_constants, design_box, parameters_of
+from fe.campaign_parameters import RATIOS
 from fe.fingerprint import fingerprint
 
 Settings = Callable[[Context], dict[str, object]]
@@ -93,7 +95,16 @@ def _whole_study(context: Context) -> dict[str, object]:
     return {**_models()(context), "study": plain(replace(context.study, compute=Compute()))}
 
 
-_DESIGN = ("prior.r", "prior.s", "design", "seed")
+def _design(context: Context) -> dict[str, object]:
+    """The forward models, the design and the box that it is in."""
+    found = _models("prior.r", "prior.s", "design", "seed")(context)
+    boxes = {
+        h.name: plain(design_box(context.study, h))
+        for h in context.study.hypotheses
+        if parameters_of(context.study, h) != RATIOS or by_constants(context.study, h)
+    }
+    return {**found, "box": boxes} if boxes else found
+
 
 STAGES = (
     Stage(
@@ -104,7 +115,7 @@ STAGES = (
         virtual_stage.run,
     ),
     Stage("data", "read the data", ("virtual",), _data, virtual_stage.run_data),
-    Stage("simulate", "run the FE model", (), _models(*_DESIGN), simulate_stage.run_design),
+    Stage("simulate", "run the FE model", (), _design, simulate_stage.run_design),
     Stage(
         "train",
         "train the emulators",
