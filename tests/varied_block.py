@@ -1,4 +1,4 @@
-"""A block in uniaxial compression of any law, with further unknowns: a stand-in for the FE model."""
+"""A block in uniaxial compression of any law, with further unknowns, for tests."""
 
 from __future__ import annotations
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from calib.data.dataset import Dataset
 from calib.inference.comparison import predictive_p_value
 from calib.inference.noise import NoiseSettings, force_errors
@@ -63,7 +65,7 @@ def with_noise(dataset: Dataset, posterior: Posterior, settings: NoiseSettings) 
     errors = force_errors(dataset, settings, likelihood.errors.discretisation)
     field = likelihood.field
     if field is not None:
-        field = replace(field, shift=settings.travel_zero_sd * errors.slope)
+        field = replace(field, shifts=np.stack([error.field for error in errors.shared]))
     return replace(posterior, likelihood=replace(likelihood, errors=errors, field=field))
 
 

@@ -19,8 +19,9 @@ def predictive_forces(likelihood: Likelihood, x: Array, rng: np.random.Generator
     """
     parts = []
     for start in range(0, len(x), BATCH):
-        prediction = likelihood.predict(theta_of(x[start : start + BATCH]))
-        factor = np.linalg.cholesky(likelihood.force_covariance(prediction))
+        theta = theta_of(x[start : start + BATCH])
+        prediction = likelihood.predict(theta)
+        factor = np.linalg.cholesky(likelihood.force_covariance(prediction, theta))
         noise = rng.standard_normal(prediction.force.shape)
         parts.append(prediction.force + np.einsum("mij,mj->mi", factor, noise))
     return np.concatenate(parts)
