@@ -72,6 +72,8 @@ class VariedStandIn:
         depth = travel / (1.08 * height)
         factor = 40.0 * (1.0 + 0.1 / min(self.cells) ** 2) * (1.0 - 5.0 / bulk)
         force = factor * (1.0 + (friction - 0.8) * depth**2) * self._stress(1.0 - depth, constants)
+        # Not linear in the ratios, as no force of the FE model is.
+        force = force * (1.0 + 0.02 * np.sin(3.0 * row[:n].sum() + travel))
         x, y = self.points().T
         unit = np.stack([0.1 * x, -0.4 * y, 0.3 * y * (2.5 - y)], axis=1)
         shape = travel[:, None, None] * unit * (1.0 + 0.1 * travel[:, None, None])

@@ -42,7 +42,8 @@ def gradient(log_prob: LogProb, x: Array, bounds: Array, sd: Array) -> Array:
 def _slope(places: Array, values: Array) -> float:
     """Derivative at 0 of the quartic through five values."""
     powers = np.vander(places, increasing=True)
-    slope: float = np.linalg.solve(powers, values - values[0])[1]
+    with np.errstate(invalid="ignore"):  # where the density is zero at a point, no slope is known
+        slope: float = np.linalg.solve(powers, values - values[0])[1]
     return float(slope)
 
 

@@ -83,12 +83,13 @@ def integrate(posterior: Posterior, n_nodes: int | None = None) -> Quadrature:
 
     Intended for posteriors with one peak in ln kappa for given others, which the scale symmetry
     gives; read `log_evidence_error` before use. With three outer coordinates 18 nodes are the most;
-    with more, `n_nodes` is not used: see `calib.inference.importance`. Raises ValueError when the
+    with more, and where the constants have the priors, whose support is no box, `n_nodes` is not
+    used: see `calib.inference.importance`. Raises ValueError when the
     posterior is zero everywhere in the box.
     """
     space = posterior.prior.space
     n_outer = space.size - 1
-    if n_outer > MOST_OUTER:
+    if n_outer > MOST_OUTER or posterior.prior.of:
         return _by_draws(posterior)
     if n_nodes is not None and n_nodes < 6:
         raise ValueError(f"n_nodes: expected at least 6, got {n_nodes}")

@@ -34,7 +34,8 @@ class SharedError:
 class AlongError:
     """Log density of some data along shared errors of z SDs.
 
-    It is value + slope z - z curvature z / 2, a parabola, since all is normal and the errors enter linearly.
+    It is the parabola value + slope z - z curvature z / 2, since all is normal and the errors enter
+    linearly.
     """
 
     value: Array

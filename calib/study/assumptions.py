@@ -38,6 +38,7 @@ def assumptions_table(study: Study) -> Table:
     rows += [
         *_force_rows(study),
         ("zero of the travel, SD", f"{noise.travel_zero_sd:g}", "mm"),
+        *_nuisance_rows(study),
         *_prior_rows(study),
     ]
     for hypothesis in study.hypotheses:
@@ -69,6 +70,19 @@ def assumptions_table(study: Study) -> Table:
         "pins, heights and laws are not part of this study. A number that has a prior too is used "
         "for the truth of a synthetic experiment alone.",
     )
+
+
+def _nuisance_rows(study: Study) -> list[tuple[str, str, str]]:
+    """Nuisances of the test that the study allows for."""
+    noise = study.noise
+    known = (
+        ("compliance of the machine, SD", noise.compliance_sd, "mm/N"),
+        ("gain of the load cell, relative SD", noise.gain_sd, "-"),
+        ("scale of the field, relative SD", noise.field_scale_sd, "-"),
+        ("rigid translation of the field at each increment, SD", noise.translation_sd, "mm"),
+        ("rigid rotation of the field at each increment, SD", noise.rotation_sd, "degrees"),
+    )
+    return [(name, f"{value:g}", unit) for name, value, unit in known if value > 0]
 
 
 _MEANINGS = {

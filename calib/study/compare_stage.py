@@ -20,6 +20,7 @@ from calib.study.artifacts import write_json
 from calib.study.config import Study
 from calib.study.context import Context
 from calib.study.data_stage import StudyData, load_data
+from calib.study.nuisances import discrepancy_of, nuisances_of
 from calib.study.posterior_setup import emulator_posterior, noise_of
 from calib.study.progress import progress_bar
 from calib.study.sample_stage import StoredSamples, load_samples
@@ -50,6 +51,8 @@ def run(context: Context) -> list[Path]:
             "mu_sd": fits[name].mu_sd,
             "published": _published(data, posteriors[name], quadratures[name]),
             "quadrature": _against_chains(quadratures[name], samples),
+            "nuisances": nuisances_of(posteriors[name], samples.result.draws),
+            "force_discrepancy": discrepancy_of(posteriors[name], samples.result.draws),
             "at_bound": leaning,
             "at_bound_text": leaning_sentence(name, leaning),
         }

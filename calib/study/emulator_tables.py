@@ -177,11 +177,13 @@ def refinement_table(refinement: Mapping[str, Any]) -> Table:
     """Rounds of the loop: runs, how far the posterior mean may move, error at the new runs."""
     rows = []
     notes = []
-    sets = [found.get("x", PARAMETERS) for found in refinement.values()]
+    sets = [
+        entry.get("x", PARAMETERS) for found in refinement.values() for entry in found["rounds"]
+    ]
     names = list(dict.fromkeys(name for own in sets for name in own))
     for name, found in refinement.items():
         for entry in found["rounds"]:
-            shift = dict(zip(found.get("x", PARAMETERS), entry["predicted_shift"], strict=True))
+            shift = dict(zip(entry.get("x", PARAMETERS), entry["predicted_shift"], strict=True))
             error = [value for value in entry["force_error"] if value is not None]
             rows.append(
                 (

@@ -7,7 +7,7 @@ from calib.inference.forward import EmulatorForward
 from calib.inference.likelihood import build_likelihood
 from calib.inference.noise import NoiseSettings
 from calib.inference.posterior import Posterior
-from calib.inference.prior import Marginal
+from calib.inference.prior import Marginal, Prior
 from calib.study.config import Study
 from calib.study.context import Context
 from calib.study.data_stage import load_data
@@ -45,6 +45,7 @@ def posterior_of(
     forward = EmulatorForward(
         emulator, with_field=dataset.field is not None, correction=mesh.correction
     )
+    prior = prior_of(study, hypothesis, with_field=dataset.field is not None)
     likelihood = build_likelihood(
         dataset,
         forward,
@@ -52,9 +53,14 @@ def posterior_of(
         force_discretisation=mesh.force,
         field_floor=mesh.field_floor,
         field_patterns=mesh.field_patterns,
+        unknown=sizes_of(prior),
     )
-    prior = prior_of(study, hypothesis, with_field=dataset.field is not None)
     return Posterior(prior, likelihood)
+
+
+def sizes_of(prior: Prior) -> dict[str, tuple[float, float]]:
+    """Unknown sizes of the errors with their bounds, in the order of theta."""
+    return {unknown.name: (given.low, given.high) for unknown, given in prior.errors}
 
 
 def noise_of(study: Study) -> NoiseSettings:
@@ -63,6 +69,13 @@ def noise_of(study: Study) -> NoiseSettings:
         load_cell_sd=study.noise.load_cell_sd,
         sample_correlation=study.noise.sample_correlation,
         travel_zero_sd=study.noise.travel_zero_sd,
+        compliance_sd=study.noise.compliance_sd,
+        gain_sd=study.noise.gain_sd,
+        field_scale_sd=study.noise.field_scale_sd,
+        translation_sd=study.noise.translation_sd,
+        rotation_sd=study.noise.rotation_sd,
+        force_discrepancy_length=study.noise.force_discrepancy_length,
+        field_discrepancy_length=study.noise.field_discrepancy_length,
     )
 
 

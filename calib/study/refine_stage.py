@@ -22,7 +22,7 @@ from calib.study.context import Context, stream
 from calib.study.data_stage import load_data
 from calib.study.judgement import measurement_noise
 from calib.study.mesh_error import MeshError, check_folder, mesh_error
-from calib.study.posterior_setup import noise_of
+from calib.study.posterior_setup import noise_of, sizes_of
 from calib.study.progress import progress_bar
 from calib.study.refinement import Outlook, outlook
 from calib.study.sections import Hypothesis
@@ -56,6 +56,8 @@ class Round(NamedTuple):
     """(n,) how far the posterior mean of (ln kappa, r, s, ...) may move, posterior SDs"""
     n_added: int
     """runs chosen"""
+    x: tuple[str, ...]
+    """coordinates that may move: of the first look, which is by the forces, without the field's"""
 
 
 @dataclass(frozen=True)
@@ -128,7 +130,8 @@ def _next_round(context: Context, hypothesis: Hypothesis, loop: Loop) -> Loop:
         proposed = found.proposals(min(BATCH, n_left), runs, noise, rng)
         last = not len(proposed)
         added = found.mean[None] if last else proposed
-    facts = Round(found.emulator.header.n_train, shift.shift, len(added))
+    names = ("ln kappa", *found.quadrature.space.x_names[1:])
+    facts = Round(found.emulator.header.n_train, shift.shift, len(added), names)
     context.echo(
         f"  {hypothesis.name}: {facts.n_train} runs, posterior mean may move by "
         f"{shift.shift.max():.2g} SD (limit {STOP_BELOW:g}), {facts.n_added} added"
@@ -223,6 +226,7 @@ def _outlook(context: Context, hypothesis: Hypothesis, loop: Loop) -> Outlook:
         with_field=dataset.field is not None,
         correction=None if mesh is None else mesh.correction,
     )
+    prior = prior_of(study, hypothesis, with_field=dataset.field is not None)
     likelihood = build_likelihood(
         dataset,
         forward,
@@ -230,9 +234,9 @@ def _outlook(context: Context, hypothesis: Hypothesis, loop: Loop) -> Outlook:
         force_discretisation=NOMINAL_FORCE_ERROR if mesh is None else mesh.force,
         field_floor=NOMINAL_FIELD_ERROR if mesh is None else mesh.field_floor,
         field_patterns=None if mesh is None else mesh.field_patterns,
+        unknown=sizes_of(prior),
     )
     rng = stream(study, f"outlook {hypothesis.name} {len(loop.rounds)}")
-    prior = prior_of(study, hypothesis, with_field=dataset.field is not None)
     return outlook(emulator, Posterior(prior, likelihood), forward, rng)
 
 
@@ -258,8 +262,6 @@ def _described(
         new = rows(added, slice(first, first + facts.n_added))
         first += facts.n_added
         rounds.append(facts._asdict() | _errors(emulator, new))
-    space = prior_of(context.study, hypothesis, with_field=False).space
-    x_names = ["ln kappa", *space.x_names[1:]]
     told = rounds[0]
     context.echo(
         f"  {hypothesis.name}: at the posterior the first emulator was off by "
@@ -273,9 +275,8 @@ def _described(
         "units": {
             "force_error": "relative, RMS over the runs added, by increment",
             "rms_z": "stated SDs",
-            "predicted_shift": "posterior SDs of " + ", ".join(x_names),
+            "predicted_shift": "posterior SDs of the coordinates x",
         },
-        "x": x_names,
     }
 
 

@@ -25,7 +25,9 @@ from calib.study.emulator_tables import (
 from calib.study.figure_style import save_png, symbol
 from calib.study.force_figures import MeasuredForce, PredictedForce, force_travel
 from calib.study.mesh_error import check_folder
+from calib.study.nuisances import nuisance_table
 from calib.study.posterior_figures import Chains, Samples, chains, marginals, pairs
+from calib.study.prior_stage import FACTS, FIGURE, prior_table
 from calib.study.refine_stage import REFINEMENT
 from calib.study.report import Picture, Section, render, versions_table
 from calib.study.sample_stage import StoredSamples, load_samples
@@ -66,6 +68,8 @@ class Findings:
     """hypothesis -> its part of refinement.json"""
     maps: dict[str, Any]
     comparison: dict[str, Any]
+    prior: dict[str, Any]
+    """hypothesis -> its part of prior_predictive.json"""
     summaries: tuple[Summary, ...]
 
     @property
@@ -85,6 +89,7 @@ def read_findings(out: Path, study: Study, summaries: Sequence[Summary]) -> Find
         refinement=read_json(out / REFINEMENT),
         maps=read_json(out / "map.json"),
         comparison=read_json(out / "comparison.json"),
+        prior=read_json(out / FACTS),
         summaries=tuple(summaries),
     )
 
@@ -105,7 +110,8 @@ def run(context: Context) -> list[Path]:
         study_text=study_text(study),
     )
     write_bytes(out / "report.html", html.encode())
-    return [*(picture.path for picture in pictures.values()), out / "report.html"]
+    drawn = [picture.path for name, picture in pictures.items() if name != "prior"]
+    return [*drawn, out / "report.html"]
 
 
 def closing_lines(out: Path, study: Study, summaries: Sequence[Summary]) -> list[str]:
@@ -159,6 +165,8 @@ def _all_tables(findings: Findings, study: Study) -> list[Table | None]:
         published_table(findings.comparison),
         comparison_table(findings.comparison),
         correlation_table(findings.comparison),
+        nuisance_table(findings.comparison),
+        prior_table(findings.prior),
     ]
 
 
@@ -166,7 +174,8 @@ def _sections(findings: Findings, pictures: dict[str, Picture], study: Study) ->
     tables = _all_tables(findings, study)
     n = 3 * len(findings.summaries)
     constants = tables[:n]
-    mesh, _, _, refinement, maximum, starts, published, compared, correlated = tables[n:]
+    mesh, _, _, refinement, maximum, starts, published, compared, correlated = tables[n : n + 9]
+    nuisances, before = tables[n + 9 :]
 
     def kept(*found: Table | None) -> list[Table]:
         return [table for table in found if table is not None]
@@ -179,6 +188,7 @@ def _sections(findings: Findings, pictures: dict[str, Picture], study: Study) ->
             (pictures["marginals"], pictures["pairs"]),
         ),
         Section("Forces", (), kept(data_table(findings.data)), (pictures["forces"],)),
+        Section("Before the data", (), kept(before), (pictures["prior"],)),
         Section("Hypotheses", (), kept(compared, starts, published)),
         Section(
             "Emulator against the FE model",
@@ -188,7 +198,7 @@ def _sections(findings: Findings, pictures: dict[str, Picture], study: Study) ->
         ),
         Section("Refinement", (), kept(refinement), (pictures["refinement"],)),
         Section("Mesh", (), kept(mesh)),
-        Section("Assumptions", (), kept(assumptions_table(study), correlated)),
+        Section("Assumptions", (), kept(assumptions_table(study), nuisances, correlated)),
         Section("Chains", (), (), (pictures["chains"],)),
         Section("Versions", (), (versions_table(),)),
     ]
@@ -236,6 +246,11 @@ def _draw(
     for name, (figure, caption) in drawn.items():
         save_png(figure, out / "figures" / f"{name}.png")
         pictures[name] = Picture(out / "figures" / f"{name}.png", caption)
+    pictures["prior"] = Picture(
+        out / FIGURE,
+        "Forces that the priors expect, with all errors, before the data were looked at: bands "
+        "hold 50 % and 94 % of the draws.",
+    )
     return pictures
 
 

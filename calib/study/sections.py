@@ -20,6 +20,7 @@ __all__ = ["STRICT", "ParameterPrior", "Prior"]
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]*$", max_length=60)]
 Positive = Annotated[float, Field(gt=0)]
 NotNegative = Annotated[float, Field(ge=0)]
+Share = Annotated[float, Field(ge=0, lt=1)]
 Correlation = Annotated[float, Field(ge=0, lt=1)]
 Count = Annotated[int, Field(ge=1)]
 Cells = tuple[Count, Count, Count]
@@ -224,6 +225,20 @@ class Noise:
     """correlations for which the posterior is computed for comparison"""
     travel_zero_sd: NotNegative
     """standard deviation of the zero of the travel, mm"""
+    compliance_sd: NotNegative = 0.0
+    """standard deviation of the compliance of the machine that is left in the travel, mm/N"""
+    gain_sd: Share = 0.0
+    """relative standard deviation of the load cell's calibration, below 1"""
+    field_scale_sd: Share = 0.0
+    """relative standard deviation of the scale of the measured field, below 1"""
+    translation_sd: NotNegative = 0.0
+    """standard deviation of a rigid translation of the field at each increment, mm"""
+    rotation_sd: Annotated[float, Field(ge=0, le=10)] = 0.0
+    """standard deviation of a small rotation of the field at each increment, degrees (0 to 10)"""
+    force_discrepancy_length: Positive = 0.8
+    """travel over which discrepancies are correlated, mm"""
+    field_discrepancy_length: Positive = 1.5
+    """distance over which a discrepancy of the field is correlated, mm"""
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)

@@ -14,6 +14,7 @@ from calib.study import (
     compare_stage,
     map_stage,
     posterior_stage,
+    prior_stage,
     refine_stage,
     report_stage,
     sample_stage,
@@ -124,6 +125,13 @@ STAGES = (
         train_stage.run,
     ),
     Stage(
+        "prior",
+        "say what the priors expect of the forces",
+        ("data", "train"),
+        _sections("hypotheses", "noise", "prior", "material", "geometry", "seed"),
+        prior_stage.run,
+    ),
+    Stage(
         "refine",
         "add FE runs where the posterior is",
         ("data", "simulate", "train"),
@@ -168,7 +176,7 @@ STAGES = (
     Stage(
         "report",
         "draw the figures and write the report",
-        ("posterior", "compare", "check", "refine", "map"),
+        ("posterior", "compare", "check", "refine", "map", "prior"),
         _whole_study,
         report_stage.run,
     ),

@@ -12,6 +12,7 @@ from calib.study.unknowns import (
     ERRORS,
     FRICTION,
     INPUTS,
+    OF_FIELD,
     allowed,
     by_constants,
     given,
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
     from calib.study.sections import Hypothesis
 
 LARGEST_S = 10.0  # C11 / kappa, far beyond any published for a silicone or tissue
+WIDEST = 1e4
 SHARPEST = 0.05  # mm, as of geometry.pin_fillet
 _NEGATIVE = {"r": ("C01", "C10"), "s": ("C11", None), "c20": ("C20", None), "c30": ("C30", None)}
 """constants that are negative below and above the interval of a ratio"""
@@ -41,6 +43,7 @@ def check_unknowns(study: Study) -> None:
         _check_stated(study, index, hypothesis)
         _check_law(study, index, hypothesis)
         _check_inputs(study, index, hypothesis)
+        _check_errors(study, index, hypothesis)
         _check_size(study, index, hypothesis)
     _check_used(study)
 
@@ -176,6 +179,23 @@ def _check_inputs(study: Study, index: int, hypothesis: Hypothesis) -> None:
     if _used(study, hypothesis, "pin_shift") and loose:
         key = _key(index, hypothesis, "pin_shift")
         raise Contradiction(key, {}, "none where nothing keeps the sample from sliding away")
+
+
+def _check_errors(study: Study, index: int, hypothesis: Hypothesis) -> None:
+    """Sizes of errors are positive and not spread over more than a table of them can hold."""
+    for name in ERRORS:
+        prior = given(study, hypothesis, name)
+        if prior is None:
+            continue
+        key = _key(index, hypothesis, name)
+        if prior.low <= 0:
+            expected = "greater than 0: it is a size, of which the logarithm is inferred"
+            raise Contradiction(f"{key}.low", prior.low, expected)
+        if prior.high > WIDEST * prior.low:
+            expected = f"at most {WIDEST:g} times low ({prior.low:g})"
+            raise Contradiction(f"{key}.high", prior.high, expected)
+        if name in OF_FIELD and study.virtual is None and not study.data.is_experiment:
+            raise Contradiction(key, {}, "none: the data of this study have no field")
 
 
 def _limits(study: Study, hypothesis: Hypothesis, name: str) -> tuple[float, float, str]:

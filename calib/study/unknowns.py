@@ -39,8 +39,8 @@ ERRORS = {
     for unknown in (
         Unknown("force_noise", "1", "factor of the SD of the force's errors", log=True),
         Unknown("field_noise", "1", "factor of the SD of the field's noise", log=True),
-        Unknown("force_discrepancy", "1", "SD of what no constants explain over the force"),
-        Unknown("field_discrepancy", "mm", "SD of what no constants explain in the field"),
+        Unknown("force_discrepancy", "1", "relative SD of what no constants explain", log=True),
+        Unknown("field_discrepancy", "mm", "SD of what no constants explain", log=True),
     )
 }
 """unknowns of the errors"""
