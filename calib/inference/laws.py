@@ -121,7 +121,7 @@ class LawCoordinates:
             elif ratio.name == "r":
                 slopes[row, :2] = -1.0, 1.0
             else:  # C11, C20 and C30 are ratios times kappa
-                slopes[row, row + (self.name == "yeoh")] = 1.0
+                slopes[row, row + 1] = 1.0
         return slopes
 
 
