@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from varied_block import varied_stand_in
 
+from calib.cli import main
 from calib.inference.inference_data import load_inference_data
 from calib.study.artifacts import read_json
 from calib.study.config import Study, StudyError, load_study, read_study
@@ -216,6 +217,19 @@ def test_priors_that_make_no_sense_are_refused_in_one_sentence(text: str, expect
     assert "\n" not in message
 
 
+def test_a_wrong_prior_stops_the_command_with_file_line_and_key(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "study.toml"
+    path.write_text(text_of(more=uniform("prior.fillet", 0.01, 0.4)))
+    line = path.read_text().splitlines().index("low = 0.01") + 1
+    assert main(["run", str(path), "--out", str(tmp_path / "out")]) == 2
+    assert capsys.readouterr().err == (
+        f"calib: {path}:{line}: prior.fillet.low: found 0.01, expected 0.05 or more: no sharp "
+        "edge, and less than half of the pin's width\n"
+    )
+
+
 def by_constants(low: float = 0.0, more: str = "") -> str:
     text = text_of()
     start, end = text.index("[prior.kappa]"), text.index("[design]")
@@ -297,3 +311,33 @@ def test_priors_of_constants_with_unknown_noise_go_from_data_to_report(tmp_path:
     assert all(entry["sd"] <= entry["prior_sd"] * 1.001 for entry in found["nuisances"])
     assert (tmp_path / "prior" / "prior_predictive.png").is_file()
     assert "Nuisances of the test" in (tmp_path / "report.html").read_text()
+
+
+@pytest.mark.slow  # some fifty runs of the FE model on a tiny mesh
+def test_bulk_ratio_and_height_are_inferred_with_the_fe_model(tmp_path: Path) -> None:
+    text = TEXT.replace(HYPOTHESES, HYPOTHESES[HYPOTHESES.index("[[hypothesis]]", 5) :])
+    text = text.replace("increments = [0.6, 0.8, 1.0, 1.2, 1.4]", "increments = [0.1, 0.2, 0.3]")
+    text = text.replace("cells = [20, 8, 4]", "cells = [8, 4, 2]").replace(
+        "n_samples = 23", "n_samples = 9"
+    )
+    text = text.replace("sampling = [12, 4, 2]", "sampling = [4, 2, 1]")
+    text = text.replace("check = [16, 6, 3]", "check = [6, 3, 2]")
+    text = text.replace("load_cell_sd = 0.0722", "load_cell_sd = 0.001")
+    text = text.replace("n_runs = 20", "n_runs = 24").replace(
+        "max_steps = 20000", "max_steps = 3000"
+    )
+    text = text.replace("max_force_error = 0.02", "max_force_error = 0.2")
+    text = text.replace("n_ensembles = 4", "n_ensembles = 2")
+    more = uniform("prior.height", 2.4, 2.6) + uniform("prior.bulk_ratio", 100.0, 400.0)
+    study = study_of(text + more)
+    result = run_study(
+        study, tmp_path, workers=1, show_progress=False, echo=lambda _: None, map_fn=serial_map
+    )
+    [summary] = load_summary(result.posterior)
+    assert set(summary.further) == {"bulk_ratio", "height"}
+    assert 2.4 < summary.further["height"].mean < 2.6
+    [maximum] = read_json(tmp_path / "map.json").values()
+    assert maximum["fe_x"] is not None and len(maximum["fe_x"]) == 5
+    diagnostics = read_json(tmp_path / "diagnostics.json")["sliding"]
+    assert diagnostics["inputs"] == ["r [-]", "s [-]", "ln bulk_ratio [-]", "height [mm]"]
+    assert diagnostics["n_with_gradients"] > 0

@@ -8,6 +8,7 @@ alone stands in theta as itself, since the force is proportional to it.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
@@ -87,7 +88,7 @@ class Space:
     errors: tuple[Unknown, ...] = ()
     """unknowns of the errors; no forward model depends on them"""
 
-    @property
+    @cached_property
     def unknowns(self) -> tuple[Unknown, ...]:
         """All coordinates of x in order."""
         ratios = (Unknown(ratio.name, "1", ratio.meaning) for ratio in self.law.ratios)

@@ -190,7 +190,7 @@ class Prior:
         marginals = (*self._ratios, *(m for _, m in (*self.inputs, *self.errors)))
         return tuple(zip(self.space.unknowns[1:], marginals, strict=True))
 
-    @property
+    @cached_property
     def bounds(self) -> Array:
         """(n, 2) lower and upper bound of each coordinate of x."""
         low_high = [(m.low, m.high) for m in (self.kappa, *(m for _, m in self._columns))]

@@ -22,7 +22,8 @@ BURN_TIMES = 5  # and must be at least this many autocorrelation times
 START_DRAWS = 4096
 STRAY = 20.0
 """log-probability below the best at which a walker counts as lost in a secondary mode: with three
-parameters a draw of the main mode lies that low with probability 1e-8 (chi-square of 3, 40)"""
+parameters a draw of the main mode lies that low with probability 1e-8 (chi-square of 3, 40), with
+ten with 2e-5"""
 
 
 class SamplingStatus(StrEnum):
