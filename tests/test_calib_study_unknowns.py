@@ -206,6 +206,10 @@ def test_the_varied_block_is_the_block_where_nothing_varies() -> None:
             "prior.bulk: found an unknown key, expected one of positive, kappa, r, s",
         ),
         (
+            text_of(HYPOTHESES.replace('"sliding"\n', '"sliding"\nlaw = "mooney-rivlin-2"\n')),
+            "virtual.C11: found 0.0024, expected 0: the law of sliding, mooney-rivlin-2, has no",
+        ),
+        (
             text_of(more=uniform("prior.C10", 0.001, 0.01)),
             "prior.C01: found nothing, expected a section [prior.C01]",
         ),

@@ -39,7 +39,7 @@ from calib.study.sections import (
     refinement,
     shows_error,
 )
-from calib.study.unknown_checks import check_unknowns
+from calib.study.unknown_checks import check_unknowns, section_of
 from calib.study.unknowns import least_height
 from calib.toml_file import (
     Contradiction,
@@ -279,7 +279,10 @@ def _check_places(study: Study, points: Array) -> None:
         expected = f"{2 * right:g} mm or more, as wide as the points that were measured"
         raise Contradiction("geometry.width", study.geometry.width, expected)
     for index, hypothesis in enumerate(study.hypotheses):
-        if top > study.height(hypothesis):
+        lowest = least_height(study, hypothesis)
+        if top > lowest:
             key = "geometry.height" if hypothesis.height is None else f"hypothesis.{index}.height"
+            if lowest != study.height(hypothesis):
+                key = f"{section_of(study, index, 'height')}.low"
             expected = f"{top:g} mm or more, as high as the points that were measured"
-            raise Contradiction(key, study.height(hypothesis), expected)
+            raise Contradiction(key, lowest, expected)

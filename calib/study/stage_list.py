@@ -135,7 +135,7 @@ STAGES = (
         "refine",
         "add FE runs where the posterior is",
         ("data", "simulate", "train"),
-        _models("design", "emulator", "noise", "prior", "seed"),
+        _models("design", "emulator", "hypotheses", "noise", "prior", "seed"),
         refine_stage.run,
     ),
     Stage(
@@ -149,14 +149,14 @@ STAGES = (
         "sample",
         "sample the posterior",
         ("data", "check", "refine"),
-        _sections("noise", "prior", "sampler", "seed"),
+        _sections("hypotheses", "noise", "prior", "sampler", "seed"),
         sample_stage.run,
     ),
     Stage(
         "map",
         "find the maximum with emulator and FE model",
         ("data", "check", "refine", "sample"),
-        _models("noise", "prior", "seed"),
+        _models("hypotheses", "noise", "prior", "seed"),
         map_stage.run,
     ),
     Stage(

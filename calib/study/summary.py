@@ -23,6 +23,7 @@ from calib.inference.inference_data import (
     load_inference_data,
     provenance_of,
 )
+from calib.inference.laws import DEFAULT_LAW
 from calib.study.artifacts import plain
 from calib.study.figure_style import INTERVAL, Array, hdi
 from calib.study.sample_stage import space_of
@@ -118,9 +119,9 @@ def summarise(
     The draws may hold more than the constants of the hypothesis.
     """
     facts = provenance["hypotheses"][hypothesis]
-    published = provenance["published"] or {}
     space = _space(facts)
     law = space.law
+    published = (provenance["published"] or {}) if law.name == DEFAULT_LAW else {}
     constants = {
         name: _constant(unit, draws[name], found[name], _maxima(name, facts), published.get(name))
         for name, unit in zip(law.constants, law.units, strict=True)

@@ -28,7 +28,8 @@ if TYPE_CHECKING:
     from calib.study.sections import Hypothesis
 
 LARGEST_S = 10.0  # C11 / kappa, far beyond any published for a silicone or tissue
-WIDEST = 1e4
+WIDEST = 1e4  # range of a size of the errors, whose table grows with the logarithm of it
+OF_TRUTH = ("neo-hookean", "mooney-rivlin-2", "mooney-rivlin-3")  # each has a constant more
 SHARPEST = 0.05  # mm, as of geometry.pin_fillet
 _NEGATIVE = {"r": ("C01", "C10"), "s": ("C11", None), "c20": ("C20", None), "c30": ("C30", None)}
 """constants that are negative below and above the interval of a ratio"""
@@ -46,6 +47,7 @@ def check_unknowns(study: Study) -> None:
         _check_errors(study, index, hypothesis)
         _check_size(study, index, hypothesis)
     _check_used(study)
+    _check_truth(study)
 
 
 def is_positive(study: Study) -> bool:
@@ -53,8 +55,12 @@ def is_positive(study: Study) -> bool:
     return study.prior.positive is not False
 
 
+def section_of(study: Study, index: int, name: str) -> str:
+    """Where the prior of this name under a hypothesis stands in the file."""
+    return _key(index, study.hypotheses[index], name)
+
+
 def _key(index: int, hypothesis: Hypothesis, name: str) -> str:
-    """Where the prior of this name stands in the file."""
     own = hypothesis.prior is not None and getattr(hypothesis.prior, name) is not None
     return f"hypothesis.{index}.prior.{name}" if own else f"prior.{name}"
 
@@ -217,6 +223,22 @@ def _limits(study: Study, hypothesis: Hypothesis, name: str) -> tuple[float, flo
         return 2.0 * geometry.pin_fillet * (1 + 1e-9), geometry.width, ": narrower than the sample"
     room = 0.5 * (geometry.width - geometry.pin_width)
     return -room, room, ": the pin stands on the sample"
+
+
+def _check_truth(study: Study) -> None:
+    """The constants behind synthetic data are some that the true hypothesis' law has."""
+    virtual = study.virtual
+    true = [h for h in study.hypotheses if virtual is not None and h.name == virtual.hypothesis]
+    if virtual is None or not true:
+        return
+    law = law_of(study, true[0]).name
+    if law not in OF_TRUTH:
+        expected = f"a hypothesis with one of the laws {', '.join(OF_TRUTH)} (it has {law})"
+        raise Contradiction("virtual.hypothesis", virtual.hypothesis, expected)
+    for name in ("C01", "C11")[OF_TRUTH.index(law) :]:
+        if getattr(virtual, name) != 0:
+            expected = f"0: the law of {virtual.hypothesis}, {law}, has no such constant"
+            raise Contradiction(f"virtual.{name}", getattr(virtual, name), expected)
 
 
 def _check_size(study: Study, index: int, hypothesis: Hypothesis) -> None:
