@@ -47,7 +47,9 @@ def z_scores(out: Path, n: int) -> Array:
         dataset = virtual_experiment(lambda _: response, theta, noise(study), rng, points=points)
         if dataset.force_sd.min() <= settings.load_cell_sd:
             continue
-        posterior = integrate(posterior_of(study, dataset, emulator, mesh, settings), 18)
+        posterior = integrate(
+            posterior_of(study, dataset, emulator, mesh, settings, hypothesis), 18
+        )
         found.append((posterior.constants_mean - truth) / posterior.constants_sd)
         print(len(found), np.round(found[-1], 2), flush=True)
     return np.array(found)

@@ -26,15 +26,15 @@ from calib.study.data_stage import load_data
 from calib.study.emulator_figures import refinement_loop, worst_errors
 from calib.study.emulator_tables import coverage_table, partial_table, refinement_table
 from calib.study.figure_style import png_bytes
-from calib.study.posterior_setup import emulator_posterior, noise_of, prior_of
+from calib.study.posterior_setup import emulator_posterior, noise_of
 from calib.study.refine_stage import REFINEMENT, load_refinement
 from calib.study.refinement import outlook
 from calib.study.sections import Cells, Hypothesis
-from calib.study.simulate_stage import design_ratios
 from calib.study.stages import run_stages
 from calib.study.train_report import WORST, EmulatorRefused
 from calib.study.train_stage import FIRST, load_diagnostics, load_emulator, load_maps
 from calib.study.training_runs import training_set
+from calib.study.unknowns import design_points, prior_of
 from fe.campaign import CampaignFailed
 from fe.campaign_result import Campaign
 from fe.executors import serial_map
@@ -123,7 +123,9 @@ def _posterior(context: Context, emulator: Emulator) -> Posterior:
         noise_of(context.study),
         force_discretisation=0.02,
     )
-    return Posterior(prior_of(context.study), likelihood)
+    return Posterior(
+        prior_of(context.study, context.study.hypotheses[0], with_field=False), likelihood
+    )
 
 
 def an_outlook(context: Context, emulator: Emulator) -> Array:
@@ -136,7 +138,7 @@ def test_the_shift_foretold_falls_with_the_emulators_error(refined: Context) -> 
     """By an emulator of 4 runs without derivatives against one of 8 with them."""
     study, hypothesis = refined.study, refined.study.hypotheses[0]
     model = analytic_block(study, hypothesis, study.mesh.sampling)
-    theta = design_ratios(study)
+    theta = design_points(study, study.hypotheses[0])
     runs = Campaign(theta, tuple(model(row) for row in theta), n_reused=0)
     few = Campaign(theta[:4], runs.responses[:4], n_reused=0)
     poor = Emulator.fit(training_set([few], gradients=False), 1)
@@ -184,7 +186,7 @@ def test_runs_at_the_posterior_that_end_early_stop_the_study_beyond_the_rate(
     tmp_path: Path,
 ) -> None:
     study = small(max_failure_rate=0.05)
-    design = tuple((float(r), float(s)) for r, s in design_ratios(study))
+    design = tuple((float(r), float(s)) for r, s in design_points(study, study.hypotheses[0]))
 
     def factory(study: Study, hypothesis: Hypothesis, cells: Cells) -> OffDesign:
         return OffDesign(analytic_block(study, hypothesis, cells), design)

@@ -15,10 +15,10 @@ from calib.study.config import Study, load_study
 from calib.study.context import Context
 from calib.study.judgement import measurement_noise
 from calib.study.sections import Cells, Hypothesis
-from calib.study.simulate_stage import design_ratios
 from calib.study.stages import run_stages
 from calib.study.train_stage import FIRST, load_diagnostics, load_emulator, load_maps
 from calib.study.training_runs import SAME_POINT, held_out_set, partial_runs, rows, training_set
+from calib.study.unknowns import design_points
 from fe.campaign_result import Campaign
 from fe.executors import serial_map
 from fe.response import Array, Response
@@ -45,7 +45,7 @@ def altered(found: Campaign, row: int, change: dict[str, object]) -> Campaign:
 
 
 def ratios(n: int = 12) -> Array:
-    return design_ratios(STUDY)[:n]
+    return design_points(STUDY, STUDY.hypotheses[0])[:n]
 
 
 def test_the_derivatives_of_every_run_reach_the_emulator() -> None:

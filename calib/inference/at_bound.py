@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.inference.coordinates import PARAMETERS
+from calib.inference.coordinates import Space
 from fe.response import Array
 
 STRIP = 0.25
@@ -14,6 +14,11 @@ STRIP = 0.25
 SMALL = float(np.exp(-2.0))
 """density over its maximum below which a bound is not felt: that of a normal two SDs out"""
 
+UNITS = {
+    "kappa": "MPa",
+    **dict.fromkeys(("height", "fillet", "pin_width", "pin_shift", "field_discrepancy"), "mm"),
+}
+"""units of the parameters that have one"""
 CONVENTIONS = {
     ("r", "low"): "C01 is not negative",
     ("r", "high"): "C10 is not negative",
@@ -27,11 +32,11 @@ class AtBound:
     """One parameter whose marginal posterior does not fade before a bound of its prior."""
 
     parameter: str
-    """kappa, r or s"""
+    """name of the parameter"""
     side: str
     """low or high"""
     value: float
-    """the bound, MPa for kappa"""
+    """the bound, in the unit of the parameter"""
     density_ratio: float
     """marginal density with respect to x next to the bound over its maximum"""
 
@@ -42,21 +47,21 @@ class AtBound:
     @property
     def text(self) -> str:
         """The bound in words, with the convention behind it."""
-        unit = " MPa" if self.parameter == "kappa" else ""
+        unit = f" {UNITS[self.parameter]}" if self.parameter in UNITS else ""
         natural = {"low": 0.0, "high": 1.0}[self.side] == self.value
         meaning = CONVENTIONS.get((self.parameter, self.side)) if natural else None
         return f"{self.parameter} = {self.value:g}{unit}" + (f" ({meaning})" if meaning else "")
 
 
-def at_bound(draws: Array, bounds: Array) -> tuple[AtBound, ...]:
-    """Bounds (3, 2) of x = (ln kappa, r, s) on which posterior draws (n, 3) lean.
+def at_bound(draws: Array, bounds: Array, space: Space | None = None) -> tuple[AtBound, ...]:
+    """Bounds (d, 2) of x = (ln kappa, r, s, ...) on which posterior draws (n, d) lean.
 
     The marginal density is taken in strips of a quarter of the posterior SD, counted from the
     bound: the posterior leans on the bound when the first strip holds more than exp(-2) times
     what the fullest one holds. A bound further out than all draws has an empty first strip.
     """
     found = []
-    for index, name in enumerate(PARAMETERS):
+    for index, unknown in enumerate((space or Space()).unknowns):
         values = draws[:, index]
         width = STRIP * float(values.std())
         for side, bound, distance in (
@@ -68,8 +73,8 @@ def at_bound(draws: Array, bounds: Array) -> tuple[AtBound, ...]:
             counts = np.unique(strips, return_counts=True)[1]
             ratio = float(np.sum(strips <= 0) / counts.max())
             if ratio > SMALL:
-                value = float(np.exp(bound) if name == "kappa" else bound)
-                found.append(AtBound(name, side, value, ratio))
+                value = float(unknown.value(bound))
+                found.append(AtBound(unknown.name, side, value, ratio))
     return tuple(found)
 
 

@@ -76,7 +76,7 @@ def best_fit(posterior: Posterior, quadrature: Quadrature) -> tuple[float, float
 
 def fit_of(name: str, posterior: Posterior, quadrature: Quadrature) -> HypothesisFit:
     """Evidence, fit and stiffness of one hypothesis."""
-    mu = CONSTANTS.index("mu")
+    mu = -1  # the last of every law's constants
     max_log_likelihood, best_misfit = best_fit(posterior, quadrature)
     return HypothesisFit(
         name=name,
@@ -111,7 +111,7 @@ class PublishedCheck:
     z: dict[str, float]
     """(published - posterior mean) / posterior SD of each constant"""
     mahalanobis: float
-    """distance of (ln kappa, r, s) from the posterior mean in the posterior's own metric"""
+    """distance of (ln kappa, r, s) from the posterior mean in the metric of their posterior"""
     force: Array
     """(n_step,) force predicted by the published constants, N"""
     force_misfit: float
@@ -124,22 +124,26 @@ class PublishedCheck:
 def check_published(
     published: Mapping[str, float], posterior: Posterior, quadrature: Quadrature
 ) -> PublishedCheck:
-    """How far out published C10, C01, C11 [MPa] lie, and what they predict."""
+    """How far out published C10, C01, C11 [MPa] lie, and what they predict.
+
+    Of the three-parameter Mooney-Rivlin law; what else is unknown is at its posterior mean.
+    """
     theta = theta_of_constants(published["C10"], published["C01"], published["C11"])
     constants = constants_of(theta)
     z = (constants - quadrature.constants_mean) / quadrature.constants_sd
     x = theta.copy()
     x[0] = np.log(x[0])
-    off = x - quadrature.mean
-    distance = np.sqrt(off @ np.linalg.solve(quadrature.covariance, off))
+    off = x - quadrature.mean[:3]
+    distance = np.sqrt(off @ np.linalg.solve(quadrature.covariance[:3, :3], off))
     likelihood: Likelihood = posterior.likelihood
-    low, high = posterior.prior.bounds.T
+    low, high = posterior.prior.bounds[:3].T
+    at = np.concatenate([theta, quadrature.mean[3:]])[None]
     return PublishedCheck(
         constants=dict(zip(CONSTANTS, constants.tolist(), strict=True)),
         z=dict(zip(CONSTANTS, z.tolist(), strict=True)),
         mahalanobis=float(distance),
-        force=likelihood.forward.predict(theta[None]).force[0],
-        force_misfit=float(likelihood.force_misfit(theta[None])[0]),
+        force=likelihood.predict(at).force[0],
+        force_misfit=float(likelihood.force_misfit(at)[0]),
         # kappa scales exactly, so only the ratios can leave what the model was trained on.
         extrapolated=bool(np.any((x < low)[1:] | (x > high)[1:])),
     )

@@ -27,13 +27,13 @@ class CorrectedForward:
 
     emulator: ForwardModel
     centre: Array
-    """(3,) x at which value and gradient agree with the direct model"""
+    """(n,) x at which value and gradient agree with the direct model"""
     log_offset: Array
     """(n_step,) ln(direct / emulator) at the centre"""
     log_slope: Array
-    """(n_step, 3) its derivative by x"""
+    """(n_step, n) its derivative by x"""
     basis: FieldBasis | None
-    """the emulator's modes and the correction's four fields"""
+    """the emulator's modes and the correction's n + 1 fields"""
 
     @property
     def field_basis(self) -> FieldBasis | None:
@@ -41,7 +41,7 @@ class CorrectedForward:
         return self.basis
 
     def predict(self, theta: Array) -> Prediction:
-        """Corrected means at theta (m, 3)."""
+        """Corrected means at theta (m, n)."""
         mean = self.emulator.predict(theta)
         off = x_of(theta) - self.centre
         factor = np.exp(self.log_offset + off @ self.log_slope.T)
@@ -50,8 +50,9 @@ class CorrectedForward:
         weights = np.column_stack([mean.weights, np.ones(len(off)), off])
         variance = mean.weight_variance
         if variance is not None:
-            # The four fields of the correction are known.
-            variance = np.column_stack([variance, np.zeros((len(off), 4))])
+            # The fields of the correction are known.
+            known = np.zeros((len(off), 1 + off.shape[1]))
+            variance = np.column_stack([variance, known])
         return Prediction(mean.force * factor, mean.force_covariance, weights, variance)
 
     def jacobian(self, theta: Array) -> Jacobian:
@@ -61,13 +62,14 @@ class CorrectedForward:
         force = factor[:, :, None] * (slope.force + mean.force[:, :, None] * self.log_slope)
         if self.basis is None or slope.weights is None:
             return Jacobian(force)
-        extra = np.vstack([np.zeros((1, 3)), np.eye(3)])
-        extra = np.broadcast_to(extra, (len(theta), 4, 3))
+        n = theta.shape[1]
+        extra = np.vstack([np.zeros((1, n)), np.eye(n)])
+        extra = np.broadcast_to(extra, (len(theta), n + 1, n))
         return Jacobian(force, np.concatenate([slope.weights, extra], axis=1))
 
 
 def correct(emulator: ForwardModel, direct: DirectForward, x: Array) -> CorrectedForward:
-    """Correct `emulator` to `direct` at x (3,), where the direct model must have been solved.
+    """Correct `emulator` to `direct` at x (n,), where the direct model must have been solved.
 
     To its values alone where it does not know its slopes.
 
@@ -106,9 +108,9 @@ def without_slope(corrected: CorrectedForward) -> CorrectedForward:
 def with_secant(
     corrected: CorrectedForward, force: Array, x: Array, scale: Array
 ) -> CorrectedForward:
-    """The correction whose slopes are changed least so that it meets `force` (n_step,) N at x (3,).
+    """The correction whose slopes are changed least so that it meets `force` (n_step,) N at x (n,).
 
-    Broyden's update in coordinates of `scale` (3,), e.g. posterior SDs. FE forces are rough on a
+    Broyden's update in coordinates of `scale` (n,), e.g. posterior SDs. FE forces are rough on a
     small scale (contact points come and go), so a slope taken at one point may mislead over a step.
     """
     predicted = corrected.predict(theta_of(x)[None]).force[0]
@@ -140,9 +142,10 @@ def _basis(
         raise ValueError("emulator: must give its field in modes to be corrected")
     shape = basis.offset.shape
     value = exact.weights.reshape(1, *shape) - basis.fields(mean.weights)
-    difference = np.zeros((3, *shape))
+    n = slope.force.shape[-1]
+    difference = np.zeros((n, *shape))
     if exact_slope is not None and exact_slope.weights is not None:
-        by_x = exact_slope.weights[0].T.reshape(3, *shape)
+        by_x = exact_slope.weights[0].T.reshape(n, *shape)
         difference = by_x - np.tensordot(slope.weights[0].T, basis.modes, axes=1)
     modes = np.concatenate([basis.modes, value, difference])
     return FieldBasis(basis.offset, modes, basis.truncation)

@@ -132,9 +132,20 @@ class FieldCovariance:
 
     def _whiten(self, fields: Array) -> Array:
         """(q, n_obs) fields (q, n_step, n_point, 3) in units of the block noise, uncorrelated."""
-        rotated = np.einsum("qipc->qpci", self._rotate(fields, self.vectors.T))
+        return self.white_of(self.rotated(fields))
+
+    def rotated(self, fields: Array) -> Array:
+        """(q, n_point, 3, n_step) fields (q, n_step, n_point, 3) in the blocks' own directions.
+
+        These depend on the correlations over the points alone, not on sizes.
+        """
+        rotated: Array = np.einsum("qipc->qpci", self._rotate(fields, self.vectors.T))
+        return rotated
+
+    def white_of(self, rotated: Array) -> Array:
+        """(q, n_obs) what `rotated` gave, in units of the block noise, uncorrelated."""
         white: Array = np.einsum("pcij,qpcj->qpci", self._inverse_factors, rotated)
-        return white.reshape(len(fields), self.step.shape[0] * self.floor_values.size * 3)
+        return white.reshape(len(rotated), self.step.shape[0] * self.floor_values.size * 3)
 
     @staticmethod
     def _rotate(fields: Array, matrix: Array) -> Array:

@@ -1,4 +1,4 @@
-"""Forward models of the inference: theta = (kappa, r, s) -> forces and front-face field."""
+"""Forward models of the inference: theta = (kappa, r, s, ...) -> forces and front-face field."""
 
 from __future__ import annotations
 
@@ -76,12 +76,12 @@ class Prediction:
 
 @dataclass(frozen=True)
 class Jacobian:
-    """Derivatives of the means with respect to x = (ln kappa, r, s)."""
+    """Derivatives of the means with respect to x = (ln kappa, r, s, ...)."""
 
     force: Array
-    """(m, n_step, 3) N"""
+    """(m, n_step, n) N"""
     weights: Array | None = None
-    """(m, k, 3)"""
+    """(m, k, n)"""
 
 
 class ForwardModel(Protocol):
@@ -92,10 +92,10 @@ class ForwardModel(Protocol):
         """Basis of the predicted fields; None when the model gives forces only."""
 
     def predict(self, theta: Array) -> Prediction:
-        """Prediction at theta (m, 3)."""
+        """Prediction at theta (m, n)."""
 
     def jacobian(self, theta: Array) -> Jacobian:
-        """Derivatives at theta (m, 3)."""
+        """Derivatives at theta (m, n)."""
 
 
 class EmulatorForward:
@@ -123,7 +123,7 @@ class EmulatorForward:
         return self._basis
 
     def predict(self, theta: Array) -> Prediction:
-        """Prediction at theta (m, 3)."""
+        """Prediction at theta (m, n)."""
         force, covariance = self._scaled.force(theta)
         if self._factor is not None:
             force = force * self._factor
@@ -136,7 +136,7 @@ class EmulatorForward:
         """This model, mesh correction included, of an emulator that says these and has no error.
 
         `unit_force` (m, n_step) N at kappa = 1 MPa and `weights` (m, k) of the field, if any, at
-        theta (m, 3).
+        theta (m, n).
         """
         force = theta[:, :1] * unit_force
         if self._factor is not None:
@@ -146,7 +146,7 @@ class EmulatorForward:
 
     def jacobian(self, theta: Array) -> Jacobian:
         """Derivatives of the means by x; d/d ln kappa = kappa d/d kappa."""
-        by_x = np.ones((len(theta), 1, 3))
+        by_x = np.ones((len(theta), 1, theta.shape[1]))
         by_x[:, 0, 0] = theta[:, 0]
         force = self._scaled.force_jacobian(theta) * by_x
         if self._factor is not None:
@@ -164,7 +164,7 @@ class StatedForward:
     field_basis: FieldBasis | None
 
     def predict(self, theta: Array) -> Prediction:
-        """The predictions given, for theta (m, 3) of the same length.
+        """The predictions given, for theta (m, n) of the same length.
 
         Raises ValueError for another number of parameter vectors.
         """
@@ -192,7 +192,8 @@ def _emulator_basis(scaled: ScaledEmulator) -> FieldBasis:
 class DirectForward:
     """The FE model itself: exact up to its mesh, no covariance of its own; `correction` as above.
 
-    `simulate` maps ratios (2,) to the `Response` at kappa = 1 MPa. Runs are remembered by
+    `simulate` maps ratios (d,), and further unknowns of the model, to the `Response` at kappa =
+    1 MPa with its gradients in the same. Runs are remembered by
     ratios: the force is kappa times that at 1 MPa and the field does not depend on kappa, so
     one run serves every kappa. A run that did not reach every travel predicts NaN.
     """
@@ -221,7 +222,7 @@ class DirectForward:
         return self._basis
 
     def response(self, ratios: Array) -> Response:
-        """The run at ratios (r, s), from memory when it was made before."""
+        """The run at ratios (d,), from memory when it was made before."""
         key = np.ascontiguousarray(ratios, dtype=np.float64).tobytes()
         if key not in self._runs:
             run = self._simulate(np.array(ratios, dtype=np.float64))
@@ -233,7 +234,7 @@ class DirectForward:
         return response
 
     def predict(self, theta: Array) -> Prediction:
-        """Forces and, if asked for, fields at theta (m, 3); one simulation for every new (r, s)."""
+        """Forces and, if asked for, fields at theta (m, n); one simulation for all new ratios."""
         runs = [self.response(ratios) for ratios in theta[:, 1:]]
         force = theta[:, :1] * np.array([run.force for run in runs])
         if not self._with_field:
@@ -241,7 +242,7 @@ class DirectForward:
         return Prediction(force, None, np.array([run.displacement.ravel() for run in runs]))
 
     def jacobian(self, theta: Array) -> Jacobian:
-        """Exact sensitivities of the simulation, converted to x = (ln kappa, r, s)."""
+        """Exact sensitivities of the simulation, converted to x = (ln kappa, ...)."""
         runs = [self.response(ratios) for ratios in theta[:, 1:]]
         kappa = theta[:, 0, None]
         force = np.array([run.force for run in runs])
@@ -249,5 +250,7 @@ class DirectForward:
         by_x = np.concatenate([force[:, :, None], gradient], axis=2) * kappa[:, :, None]
         if not self._with_field:
             return Jacobian(by_x)
-        slopes = np.array([run.displacement_gradient.reshape(-1, 2) for run in runs])
+        slopes = np.array(
+            [run.displacement_gradient.reshape(-1, theta.shape[1] - 1) for run in runs]
+        )
         return Jacobian(by_x, np.concatenate([np.zeros_like(slopes[:, :, :1]), slopes], axis=2))

@@ -32,7 +32,7 @@ class DirectWithErrors:
         return self._basis
 
     def predict(self, theta: Array) -> Prediction:
-        """Direct means at theta (m, 3) with the emulator's covariances there."""
+        """Direct means at theta (m, n) with the emulator's covariances there."""
         mean, stated = self._direct.predict(theta), self._emulator.predict(theta)
         factor, variance = None, stated.weight_variance
         basis = self._emulator.field_basis

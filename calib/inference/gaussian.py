@@ -37,15 +37,15 @@ def _empty(vectors: Array) -> tuple[Array, Array]:
     return np.empty((k, k, m)), np.empty((n, m))
 
 
-def log_density_along(covariance: Array, residual: Array, error: Array) -> AlongError:
-    """Log normal density of residuals (n, m) when z times `error` (n, m) is taken off them.
+def log_density_along(covariance: Array, residual: Array, errors: Array) -> AlongError:
+    """Log normal density of residuals (n, m) when z times `errors` (q, n, m) is taken off them.
 
-    Covariances (n, n, m), without that error. Not finite where a solve failed or a covariance is
+    Covariances (n, n, m), without these errors. Not finite where a solve failed or a covariance is
     not positive definite.
     """
-    gram, logdet = gram_and_logdet(covariance, np.stack([residual, error]))
+    gram, logdet = gram_and_logdet(covariance, np.concatenate([residual[None], errors]))
     value = -0.5 * (gram[0, 0] + logdet + residual.shape[0] * LOG_2PI)
-    return AlongError(value, gram[0, 1], gram[1, 1])
+    return AlongError(value, gram[0, 1:], gram[1:, 1:])
 
 
 def conditional_log_densities(covariance: Array, residual: Array) -> Array:

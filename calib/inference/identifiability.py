@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from calib.data.dataset import Dataset
 from calib.inference.comparison import predictive_p_value
 from calib.inference.noise import NoiseSettings, force_errors
@@ -21,9 +23,9 @@ class SensitivityRow:
     travel_zero_sd: float
     """mm"""
     constants_mean: Array
-    """(4,) posterior mean of (C10, C01, C11, mu), MPa"""
+    """posterior mean of the law's constants and mu, MPa"""
     constants_sd: Array
-    """(4,) posterior SD of (C10, C01, C11, mu), MPa"""
+    """posterior SD of the law's constants and mu, MPa"""
     log_evidence: float
     log_evidence_error: float
     p_value: float
@@ -63,7 +65,7 @@ def with_noise(dataset: Dataset, posterior: Posterior, settings: NoiseSettings) 
     errors = force_errors(dataset, settings, likelihood.errors.discretisation)
     field = likelihood.field
     if field is not None:
-        field = replace(field, shift=settings.travel_zero_sd * errors.slope)
+        field = replace(field, shifts=np.stack([error.field for error in errors.shared]))
     return replace(posterior, likelihood=replace(likelihood, errors=errors, field=field))
 
 

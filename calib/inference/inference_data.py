@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import arviz as az
@@ -13,23 +13,21 @@ import xarray as xr
 
 from calib.data.dataset import Dataset
 from calib.inference.autocorrelation import integrated_time
-from calib.inference.coordinates import CONSTANTS, PARAMETERS, constants_of, theta_of
+from calib.inference.coordinates import Space, theta_of
 from calib.inference.likelihood import Likelihood
 from calib.inference.prediction import expected_forces, predictive_forces
 from calib.inference.sampling import SamplingResult
 from fe.atomic_file import replacing
 from fe.response import Array
 
-UNITS = {"C10": "MPa", "C01": "MPa", "C11": "MPa", "mu": "MPa", "kappa": "MPa", "r": "1", "s": "1"}
 NAMES = {
     "C10": "Mooney-Rivlin C10",
     "C01": "Mooney-Rivlin C01",
     "C11": "Mooney-Rivlin C11",
     "mu": "small-strain shear modulus 2 (C10 + C01)",
     "kappa": "C10 + C01",
-    "r": "C01 / kappa",
-    "s": "C11 / kappa",
 }
+"""what the names mean in the Mooney-Rivlin laws, which name them"""
 MAX_DRAWS = 40_000
 """largest number of kept samples of one hypothesis (all chains); more are thinned"""
 BATCH = 8192
@@ -41,6 +39,8 @@ class HypothesisSamples:
 
     likelihood: Likelihood
     samples: SamplingResult
+    space: Space = field(default_factory=Space)
+    """what was unknown under it"""
 
 
 @dataclass(frozen=True)
@@ -63,6 +63,8 @@ def build_inference_data(
 ) -> az.InferenceData:
     """Groups posterior, posterior_predictive, log_likelihood, observed_data.
 
+    A parameter that a hypothesis does not have is NaN under it.
+
     The log likelihood is called `force`, or `force_and_field` where it holds both. A measured field
     itself is not copied into observed_data; it stays in the study's data file. Acceptance and
     autocorrelation times belong to ensembles, not draws, and stand in the provenance.
@@ -80,12 +82,12 @@ def build_inference_data(
     if len(shapes) > 1:
         raise ValueError(f"hypotheses: ensembles and walkers must agree, found {sorted(shapes)}")
     n_draw = min(chain.shape[1] for chain in chains.values())
-    x = np.array([_as_chains(chain[:, -n_draw:]) for chain in chains.values()])
+    x = [_as_chains(chain[:, -n_draw:]) for chain in chains.values()]
     coords = _coords(tuple(hypotheses), chains, n_draw, dataset)
     likelihoods = [given.likelihood for given in hypotheses.values()]
     return az.InferenceData(
         attrs={"provenance": json.dumps(dict(provenance), sort_keys=True)},
-        posterior=_posterior(x, coords),
+        posterior=_posterior(x, coords, [given.space for given in hypotheses.values()]),
         posterior_predictive=_predictive(x, coords, likelihoods, rng),
         log_likelihood=_log_likelihood(x, coords, likelihoods),
         observed_data=_observed(dataset),
@@ -115,7 +117,7 @@ def provenance_of(data: az.InferenceData) -> dict[str, object]:
 
 
 def _thinned(samples: SamplingResult) -> Array:
-    """(n_ensemble, n_draw, n_walker, 3) with little more than one draw per memory length."""
+    """(n_ensemble, n_draw, n_walker, d) with little more than one draw per memory length."""
     n_ensemble, n_step, n_walker, _ = samples.chains.shape
     shortest = samples.autocorrelation_time.min()
     by_memory = int(shortest / 2) if np.isfinite(shortest) else 1
@@ -127,7 +129,7 @@ def _thinned(samples: SamplingResult) -> Array:
 
 
 def _as_chains(chain: Array) -> Array:
-    """(n_ensemble * n_walker, n_draw, 3), ensembles one after the other."""
+    """(n_ensemble * n_walker, n_draw, d), ensembles one after the other."""
     moved = chain.transpose(0, 2, 1, 3)
     return moved.reshape(-1, *moved.shape[2:])
 
@@ -145,28 +147,51 @@ def _coords(
     }
 
 
-def _posterior(x: Array, coords: Mapping[str, object]) -> xr.Dataset:
-    theta = theta_of(x)
-    values = dict(zip(CONSTANTS, np.moveaxis(constants_of(theta), -1, 0), strict=True))
-    values |= dict(zip(PARAMETERS, np.moveaxis(theta, -1, 0), strict=True))
+def _posterior(x: list[Array], coords: Mapping[str, object], spaces: list[Space]) -> xr.Dataset:
+    found = [_named(draws, space) for draws, space in zip(x, spaces, strict=True)]
+    notes = {
+        name: {"units": unit, "long_name": meaning}
+        for space in spaces
+        for name, unit, meaning in _described(space)
+    }
+    absent = np.full(x[0].shape[:2], np.nan)
     dims = ("hypothesis", "chain", "draw")
     variables = {
-        name: (dims, value, {"units": UNITS[name], "long_name": NAMES[name]})
-        for name, value in values.items()
+        name: (dims, np.array([values.get(name, absent) for values in found]), note)
+        for name, note in notes.items()
     }
     return xr.Dataset(variables, {k: v for k, v in coords.items() if k != "travel"})
 
 
+def _described(space: Space) -> list[tuple[str, str, str]]:
+    """Name, unit and meaning of the constants and the parameters under one hypothesis."""
+    law = space.law
+    constants = zip(law.constants, law.units, strict=True)
+    described = [(n, unit, NAMES.get(n, f"{law.name} {n}")) for n, unit in constants]
+    return described + [(u.name, u.unit, NAMES.get(u.name, u.meaning)) for u in space.unknowns]
+
+
+def _named(x: Array, space: Space) -> dict[str, Array]:
+    """Draws (n_chain, n_draw) of constants and parameters by name."""
+    constants = np.moveaxis(space.constants(theta_of(x)), -1, 0)
+    values = dict(zip(space.law.constants, constants, strict=True))
+    natural = np.moveaxis(space.natural(x), -1, 0)
+    return values | {n: v for n, v in zip(space.names, natural, strict=True) if n not in values}
+
+
 def _predictive(
-    x: Array, coords: Mapping[str, object], likelihoods: list[Likelihood], rng: np.random.Generator
+    x: list[Array],
+    coords: Mapping[str, object],
+    likelihoods: list[Likelihood],
+    rng: np.random.Generator,
 ) -> xr.Dataset:
     """Replicates of the measured mean force, and the model's force without any error."""
     dims = ("hypothesis", "chain", "draw", "travel")
-    flat = [draws.reshape(-1, 3) for draws in x]
+    flat = [draws.reshape(-1, draws.shape[-1]) for draws in x]
     pairs = list(zip(likelihoods, flat, strict=True))
     replicate = np.array([predictive_forces(like, draws, rng) for like, draws in pairs])
     model = np.array([expected_forces(like, draws) for like, draws in pairs])
-    shape = (*x.shape[:3], -1)
+    shape = (len(x), *x[0].shape[:2], -1)
     note = {"units": "N", "long_name": "replicated mean force of the measured number of samples"}
     bare = {"units": "N", "long_name": "force of the model without errors"}
     return xr.Dataset(
@@ -179,12 +204,12 @@ def _predictive(
 
 
 def _log_likelihood(
-    x: Array, coords: Mapping[str, object], likelihoods: list[Likelihood]
+    x: list[Array], coords: Mapping[str, object], likelihoods: list[Likelihood]
 ) -> xr.Dataset:
     """Conditional log density of each increment given the others (for leave-one-out)."""
     pointwise = []
     for likelihood, draws in zip(likelihoods, x, strict=True):
-        theta = theta_of(draws.reshape(-1, 3))
+        theta = theta_of(draws.reshape(-1, draws.shape[-1]))
         parts = [likelihood.pointwise(theta[i : i + BATCH]) for i in range(0, len(theta), BATCH)]
         pointwise.append(np.concatenate(parts).reshape(*draws.shape[:2], -1))
     dims = ("hypothesis", "chain", "draw", "travel")
@@ -205,7 +230,7 @@ def _observed(dataset: Dataset) -> xr.Dataset:
 
 
 def convergence(data: az.InferenceData, hypothesis: str) -> dict[str, Convergence]:
-    """Diagnostics of every posterior variable under one hypothesis.
+    """Diagnostics of every posterior variable that there is under one hypothesis.
 
     R-hat compares ensembles, each one chain in the order of time: walkers of an ensemble are not
     independent, so comparing them says little. For the effective size every walker is a chain
@@ -215,9 +240,11 @@ def convergence(data: az.InferenceData, hypothesis: str) -> dict[str, Convergenc
     posterior = data["posterior"].sel(hypothesis=hypothesis)
     ensemble = posterior["ensemble"].values
     result = {}
-    for name in (*CONSTANTS, *PARAMETERS):
+    for name in posterior.data_vars:
         draws = posterior[name].transpose("chain", "draw").values
-        result[name] = Convergence(
+        if not np.isfinite(draws).any():
+            continue  # not a parameter under this hypothesis
+        result[str(name)] = Convergence(
             ess_bulk=min(_ess(draws, "bulk"), _ess_by_tau(draws, ensemble)),
             ess_tail=min(_ess(draws, "tail"), _tail_by_tau(draws, ensemble)),
             r_hat=_r_hat(draws, ensemble),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,11 +11,33 @@ import numpy.typing as npt
 from calib.data.dataset import Dataset
 from calib.inference.field_likelihood import FieldLikelihood
 from calib.inference.field_noise import Kernel, field_covariance
+from calib.inference.field_scales import (
+    FieldScales,
+    FieldSizes,
+    discrepancy_patterns,
+    rigid_patterns,
+)
 from calib.inference.forward import ForwardModel, Prediction, identity_basis
 from calib.inference.gaussian import conditional_log_densities, log_density_along
-from calib.inference.noise import ForceErrors, NoiseSettings, force_errors, slope_matrix
-from calib.inference.shared_error import AlongError, marginal
+from calib.inference.noise import (
+    ForceErrors,
+    ForceSizes,
+    NoiseSettings,
+    force_errors,
+    smooth_over,
+)
+from calib.inference.shared_error import (
+    AlongError,
+    SharedPosterior,
+    marginal,
+    shared_posterior,
+)
 from fe.response import Array
+
+FORCE_NOISE, FIELD_NOISE = "force_noise", "field_noise"
+FORCE_DISCREPANCY, FIELD_DISCREPANCY = "force_discrepancy", "field_discrepancy"
+SIZES = (FORCE_NOISE, FIELD_NOISE, FORCE_DISCREPANCY, FIELD_DISCREPANCY)
+"""sizes of the errors that may be unknown"""
 
 
 @dataclass(frozen=True)
@@ -30,14 +53,53 @@ class Likelihood:
     """(n_step,) measured mean force, N"""
     errors: ForceErrors
     field: FieldLikelihood | None = None
+    unknown: tuple[str, ...] = ()
+    """names of the last columns of theta: logarithms of sizes of the errors, some of `SIZES`"""
+
+    def __post_init__(self) -> None:
+        if not set(self.unknown) <= set(SIZES):
+            raise ValueError(f"unknown: expected some of {', '.join(SIZES)}, got {self.unknown}")
 
     def log_prob(self, theta: Array) -> Array:
-        """(m,) log-likelihood at theta (m, 3); -inf where the forward model failed."""
-        prediction = self.forward.predict(theta)
-        parts = [self._force_along(prediction, np.arange(self.force.size))]
+        """(m,) log-likelihood at theta (m, n); -inf where the forward model failed."""
+        prediction = self.predict(theta)
+        return marginal(self._parts(theta, prediction))
+
+    def shared_posterior(self, theta: Array) -> SharedPosterior:
+        """Posterior of the nuisances of the test given theta (m, n), in their prior SDs."""
+        return shared_posterior(self._parts(theta, self.predict(theta)))
+
+    def _parts(self, theta: Array, prediction: Prediction) -> list[AlongError]:
+        steps = np.arange(self.force.size)
+        parts = [self._force_along(prediction, steps, self._force_sizes(theta))]
         if self.field is not None:
-            parts.append(self._field(self.field).along(prediction))
-        return marginal(parts)
+            sizes = self._field_sizes(theta)
+            parts.append(self._field(self.field).along(prediction, None, sizes))
+        return parts
+
+    def size(self, theta: Array, name: str) -> Array | None:
+        """(m,) an unknown size of the errors at theta (m, n); None where it is known."""
+        if name not in self.unknown:
+            return None
+        size: Array = np.exp(
+            theta[:, theta.shape[1] - len(self.unknown) + self.unknown.index(name)]
+        )
+        return size
+
+    def _force_sizes(self, theta: Array) -> ForceSizes | None:
+        if not self.unknown:
+            return None
+        return ForceSizes(self.size(theta, FORCE_NOISE), self.size(theta, FORCE_DISCREPANCY))
+
+    def _field_sizes(self, theta: Array) -> FieldSizes | None:
+        if not {FIELD_NOISE, FIELD_DISCREPANCY} & set(self.unknown):
+            return None
+        return FieldSizes(self.size(theta, FIELD_NOISE), self.size(theta, FIELD_DISCREPANCY))
+
+    def predict(self, theta: Array) -> Prediction:
+        """What the forward model says at theta (m, n), whose last columns may be of the errors."""
+        n = theta.shape[1] - len(self.unknown)
+        return self.forward.predict(theta[:, :n] if self.unknown else theta)
 
     def pointwise(self, theta: Array) -> Array:
         """(m, n_step) log density of each increment given all others, for leave-one-out scores.
@@ -46,46 +108,68 @@ class Likelihood:
         they were independent evidence (Buerkner, Gabry, Vehtari 2021). With a field, an
         increment is its force and its field together: log p(y) - log p(y without i).
         """
-        prediction = self.forward.predict(theta)
+        prediction = self.predict(theta)
         if self.field is None:
             return conditional_log_densities(
-                self.force_covariance(prediction), self.force - prediction.force
+                self.force_covariance(prediction, theta), self.force - prediction.force
             )
         field = self._field(self.field)
         steps = np.arange(self.force.size)
-        total = marginal([self._force_along(prediction, steps), field.along(prediction)])
+        sizes, own = self._field_sizes(theta), self._force_sizes(theta)
+        total = marginal(self._parts(theta, prediction))
         columns = []
         for index in range(steps.size):
-            force = self._force_along(prediction, np.delete(steps, index))
-            columns.append(total - marginal([force, field.along(prediction, index)]))
+            force = self._force_along(prediction, np.delete(steps, index), own)
+            columns.append(total - marginal([force, field.along(prediction, index, sizes)]))
         return np.column_stack(columns)
 
     def force_log_prob(self, theta: Array, steps: npt.NDArray[np.intp]) -> Array:
-        """(m,) ln density of the forces at some of the steps, at theta (m, 3)."""
-        return marginal([self._force_along(self.forward.predict(theta), steps)])
+        """(m,) ln density of the forces at some of the steps, at theta (m, n)."""
+        return marginal([self._force_along(self.predict(theta), steps, self._force_sizes(theta))])
 
-    def force_covariance(self, prediction: Prediction) -> Array:
-        """(m, n_step, n_step) covariance of the force residual, the travel's zero included, N^2."""
+    def force_covariance(self, prediction: Prediction, theta: Array | None = None) -> Array:
+        """(m, n_step, n_step) covariance of the force residual, nuisances included, N^2.
+
+        `theta` (m, n) where sizes of the errors are unknown.
+        """
         force = np.ascontiguousarray(prediction.force.T)
-        covariance = self.errors.covariance(force, prediction.force_covariance)
-        shift = self.errors.zero_shift(force)
-        covariance += shift[:, None] * shift[None, :]
+        sizes = None if theta is None else self._force_sizes(theta)
+        covariance = self.errors.covariance(force, prediction.force_covariance, sizes)
+        for shift in self.errors.shifts(force):
+            covariance += shift[:, None] * shift[None, :]
         return np.ascontiguousarray(covariance.transpose(2, 0, 1))
 
-    def _force_along(self, prediction: Prediction, steps: npt.NDArray[np.intp]) -> AlongError:
-        """Log density of the forces at `steps` along the travel's zero."""
+    def _force_along(
+        self, prediction: Prediction, steps: npt.NDArray[np.intp], sizes: ForceSizes | None
+    ) -> AlongError:
+        """Log density of the forces at `steps` along the nuisances of the test."""
         force = np.ascontiguousarray(prediction.force.T)
-        covariance = self.errors.covariance(force, prediction.force_covariance)
+        covariance = self.errors.covariance(force, prediction.force_covariance, sizes)
         residual = self.force[:, None] - force
         return log_density_along(
-            covariance[np.ix_(steps, steps)], residual[steps], self.errors.zero_shift(force)[steps]
+            covariance[np.ix_(steps, steps)], residual[steps], self.errors.shifts(force)[:, steps]
         )
 
+    def force_discrepancy(self, theta: Array) -> Array:
+        """(m, n_step) mean of the discrepancy of the force given theta (m, n), N.
+
+        D Sigma^-1 (y - f), with D its part of the covariance Sigma; zeros where there is none.
+        """
+        prediction, amplitude = self.predict(theta), self.size(theta, FORCE_DISCREPANCY)
+        if amplitude is None or self.errors.smoothness is None:
+            return np.zeros_like(prediction.force)
+        residual = (self.force - prediction.force)[:, :, None]
+        solved = np.linalg.solve(self.force_covariance(prediction, theta), residual)[:, :, 0]
+        own = amplitude[:, None] * prediction.force
+        mean: Array = own * ((own * solved) @ self.errors.smoothness)
+        return mean
+
     def force_misfit(self, theta: Array) -> Array:
-        """(m,) chi-square (y - f)^T Sigma^-1 (y - f) of the forces at theta (m, 3)."""
-        prediction = self.forward.predict(theta)
+        """(m,) chi-square (y - f)^T Sigma^-1 (y - f) of the forces at theta (m, n)."""
+        prediction = self.predict(theta)
         residual = self.force - prediction.force
-        solved = np.linalg.solve(self.force_covariance(prediction), residual[:, :, None])
+        covariance = self.force_covariance(prediction, theta)
+        solved = np.linalg.solve(covariance, residual[:, :, None])
         misfit: Array = np.einsum("mi,mi->m", residual, solved[:, :, 0])
         return misfit
 
@@ -115,18 +199,21 @@ def build_likelihood(
     field_floor: Array | float = 0.0,
     field_patterns: Array | None = None,
     kernel: Kernel = "exponential",
+    unknown: Mapping[str, tuple[float, float]] | None = None,
 ) -> Likelihood:
     """Likelihood of `dataset` under `forward`; the field is used when the dataset has one.
 
     `force_discretisation` (n_step,) is the relative SD of the mesh error of the force,
     `field_floor` that of the field [mm], one for all or (n_step, 3), and `field_patterns`
-    (q, n_step, n_point, 3) its parts of known shape [mm], each of one SD.
+    (q, n_step, n_point, 3) its parts of known shape [mm], each of one SD. `unknown` are sizes of
+    the errors that theta ends with, in order: name, one of `SIZES`, and its bounds.
     Raises ValueError when shapes disagree, the noise is impossible (see `noise`), or the
     forward model has no field where the data have one.
     """
     errors = force_errors(dataset, noise, force_discretisation)
+    names = tuple(unknown or {})
     if dataset.field is None:
-        return Likelihood(forward, dataset.force_mean, errors)
+        return Likelihood(forward, dataset.force_mean, errors, unknown=names)
     covariance = field_covariance(
         dataset.field, kernel=kernel, floor=field_floor, patterns=field_patterns
     )
@@ -134,6 +221,26 @@ def build_likelihood(
     if basis is None:
         # A direct model shows the shape of its field with its first run only.
         basis = identity_basis(dataset.field.displacement.shape)
-    shift = noise.travel_zero_sd * slope_matrix(dataset.travel)
-    field = FieldLikelihood(dataset.field.displacement, covariance, basis, shift)
-    return Likelihood(forward, dataset.force_mean, errors, field)
+    rigid = rigid_patterns(
+        dataset.field.points, dataset.travel.size, noise.translation_sd, noise.rotation_sd
+    )
+    covariance = covariance.with_patterns(rigid)
+    shifts = np.stack([error.field for error in errors.shared])
+    scales = _field_scales(dataset, noise, unknown or {})
+    field = FieldLikelihood(dataset.field.displacement, covariance, basis, shifts, scales)
+    return Likelihood(forward, dataset.force_mean, errors, field, names)
+
+
+def _field_scales(
+    dataset: Dataset, noise: NoiseSettings, unknown: Mapping[str, tuple[float, float]]
+) -> FieldScales | None:
+    """Ranges of the unknown sizes of the field's errors, and the shapes of its discrepancy."""
+    ranges = unknown.get(FIELD_NOISE), unknown.get(FIELD_DISCREPANCY)
+    if dataset.field is None or ranges == (None, None):
+        return None
+    patterns = np.zeros((0, *dataset.field.displacement.shape))
+    if ranges[1] is not None:
+        over_travel = smooth_over(dataset.travel, noise.force_discrepancy_length)
+        length = noise.field_discrepancy_length
+        patterns = discrepancy_patterns(dataset.field.points, over_travel, length)
+    return FieldScales(ranges[0], ranges[1], patterns)

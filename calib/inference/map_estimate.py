@@ -1,4 +1,4 @@
-"""Maximum a posteriori in x = (ln kappa, r, s): by emulator, then by the direct model.
+"""Maximum a posteriori in x = (ln kappa, r, s, ...): by emulator, then by the direct model.
 
 The refinement is first-order model management (Alexandrov & Lewis, Optim. Eng. 2 (2001) 413): the
 emulator is corrected to the value and the gradient of the direct model at the current point, the
@@ -54,16 +54,16 @@ class MapPoint:
     """A maximum of the posterior of one forward model."""
 
     x: Array
-    """(3,) (ln kappa, r, s)"""
+    """(n,) (ln kappa, r, s, ...)"""
     log_prob: float
     """unnormalised log posterior density with respect to x"""
     gradient: Array
-    """(3,) projected gradient of the negative log posterior times the posterior SD: zero at a
+    """(n,) projected gradient of the negative log posterior times the posterior SD: zero at a
     maximum, also where a bound is active; that of the model used, see `MapResult.by_secants`"""
 
     @property
     def theta(self) -> Array:
-        """(3,) (kappa [MPa], r, s)"""
+        """(n,) (kappa [MPa], r, s, ...)"""
         return theta_of(self.x)
 
 
@@ -75,9 +75,9 @@ class MapResult:
     direct: MapPoint | None
     """None when no direct solve succeeded"""
     difference_sd: Array
-    """(3,) (direct - emulator) in posterior SDs; NaN without a direct maximum"""
+    """(n,) (direct - emulator) in posterior SDs; NaN without a direct maximum"""
     sd: Array
-    """(3,) posterior SD of x used as the unit"""
+    """(n,) posterior SD of x used as the unit"""
     n_solves: int
     """direct simulations run, failed ones included"""
     status: MapStatus
@@ -91,7 +91,7 @@ class MapResult:
 def emulator_map(posterior: Posterior, sd: Array, rng: np.random.Generator) -> MapPoint:
     """Highest maximum found by bounded L-BFGS-B from the best of many prior draws.
 
-    `sd` (3,) posterior SD of x sets the scale of steps and gradients. Raises ValueError when no
+    `sd` (n,) posterior SD of x sets the scale of steps and gradients. Raises ValueError when no
     prior draw has a finite posterior.
     """
     candidates = posterior.prior.sample(rng, N_CANDIDATES)
@@ -132,7 +132,7 @@ def refine_map(
     search = _Search(posterior, direct, sd, max_solves, progress)
     status = search.run(start.x)
     point = None
-    difference = np.full(3, np.nan)
+    difference = np.full(sd.size, np.nan)
     if search.x is not None:
         gradient = projected_gradient(search.model.log_prob, search.x, posterior.prior.bounds, sd)
         point = MapPoint(search.x, search.value, gradient)
@@ -183,6 +183,7 @@ class _Search:
         progress: Callable[[int, int], None] | None,
     ) -> None:
         self._emulator: ForwardModel = posterior.likelihood.forward
+        self._n = posterior.prior.space.n_forward
         self._direct = direct
         self._exact = posterior.with_forward(DirectWithErrors(direct, self._emulator))
         self._bounds = posterior.prior.bounds
@@ -236,8 +237,8 @@ class _Search:
         return value
 
     def _accept(self, x: Array, value: float) -> None:
-        corrected = correct(self._emulator, self._direct, x)
-        self.rough |= not has_slope(self._direct.jacobian(theta_of(x)[None]))
+        corrected = correct(self._emulator, self._direct, x[: self._n])
+        self.rough |= not has_slope(self._direct.jacobian(theta_of(x[: self._n])[None]))
         if self.rough and self.x is not None:
             corrected = self._meet(without_slope(corrected), self.x)
         self.x, self.value = x, value
@@ -253,8 +254,9 @@ class _Search:
         self.model = self._exact.with_forward(self._meet(corrected, x))
 
     def _meet(self, corrected: CorrectedForward, x: Array) -> CorrectedForward:
-        force = self._direct.predict(theta_of(x)[None]).force[0]
-        return with_secant(corrected, force, x, self._sd)
+        at, sd = x[: self._n], self._sd[: self._n]
+        force = self._direct.predict(theta_of(at)[None]).force[0]
+        return with_secant(corrected, force, at, sd)
 
     def _best_within(self, x: Array, radius: float) -> tuple[Array, float]:
         """Maximum of the corrected posterior in the trust region, and the gain it promises."""

@@ -1,4 +1,4 @@
-"""Bounded maximisation of a smooth vectorised log density of three coordinates."""
+"""Bounded maximisation of a smooth vectorised log density of a few coordinates."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ DIFFERENCE_STEP = 1e-2
 
 
 def gradient(log_prob: LogProb, x: Array, bounds: Array, sd: Array) -> Array:
-    """(3,) gradient of log_prob at x with respect to x / sd, from one batch of evaluations.
+    """(n,) gradient of log_prob at x with respect to x / sd, from one batch of evaluations.
 
     Five-point (fourth-order) central differences away from the bounds (n, 2); next to a bound
     the five points are shifted inwards, so that the density is never asked outside its box.
@@ -42,12 +42,13 @@ def gradient(log_prob: LogProb, x: Array, bounds: Array, sd: Array) -> Array:
 def _slope(places: Array, values: Array) -> float:
     """Derivative at 0 of the quartic through five values."""
     powers = np.vander(places, increasing=True)
-    slope: float = np.linalg.solve(powers, values - values[0])[1]
+    with np.errstate(invalid="ignore"):  # where the density is zero at a point, no slope is known
+        slope: float = np.linalg.solve(powers, values - values[0])[1]
     return float(slope)
 
 
 def projected_gradient(log_prob: LogProb, x: Array, bounds: Array, sd: Array) -> Array:
-    """(3,) gradient of -log_prob per posterior SD, without what an active bound holds."""
+    """(n,) gradient of -log_prob per posterior SD, without what an active bound holds."""
     slope = -gradient(log_prob, x, bounds, sd)
     near = 1e-6 * sd
     held = ((x <= bounds[:, 0] + near) & (slope > 0)) | ((x >= bounds[:, 1] - near) & (slope < 0))

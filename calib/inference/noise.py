@@ -2,16 +2,29 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 
 from calib.data.dataset import Dataset
+from calib.inference.shared_error import SharedError
 from fe.response import Array
 
 LOAD_CELL_SD = 0.25 / 12**0.5
 """SD of the load-cell noise, N: 0.25 N (thesis section 5.1) read as peak to peak, uniform."""
+ZERO, COMPLIANCE = "zero of the travel", "compliance of the machine"
+GAIN, SCALE = "gain of the load cell", "scale of the field"
+
+
+class ForceSizes(NamedTuple):
+    """Unknown sizes of the force's errors, (m,) each, or None where they are known."""
+
+    noise: Array | None
+    """factor of the SD of the measured mean's errors"""
+    discrepancy: Array | None
+    """SD of what no constants explain, over the force"""
 
 
 @dataclass(frozen=True)
@@ -27,9 +40,32 @@ class NoiseSettings:
     """correlation rho of one sample's deviation between neighbouring increments, (-1, 1)"""
     travel_zero_sd: float = 0.02
     """SD of the error in the zero of the pin travel, common to all increments, mm"""
+    compliance_sd: float = 0.0
+    """SD of what is left of the machine's compliance, mm/N: the pin travels less by it times the
+    measured force"""
+    gain_sd: float = 0.0
+    """relative SD of the load cell's calibration, common to all increments"""
+    field_scale_sd: float = 0.0
+    """relative SD of the scale of the measured field, common to all of it"""
+    translation_sd: float = 0.0
+    """SD of a rigid translation of the field along each axis, at each increment, mm"""
+    rotation_sd: float = 0.0
+    """SD of a small rigid rotation of the field about each axis, at each increment, degrees"""
+    force_discrepancy_length: float = 0.8
+    """travel over which a discrepancy of the force is correlated, mm"""
+    field_discrepancy_length: float = 1.5
+    """distance over which a discrepancy of the field is correlated, mm"""
 
     def __post_init__(self) -> None:
-        for name in ("load_cell_sd", "travel_zero_sd"):
+        for name in (
+            "load_cell_sd",
+            "travel_zero_sd",
+            "compliance_sd",
+            "gain_sd",
+            "field_scale_sd",
+            "translation_sd",
+            "rotation_sd",
+        ):
             value = getattr(self, name)
             if not (np.isfinite(value) and value >= 0):
                 raise ValueError(f"{name}: expected zero or a positive number, got {value}")
@@ -96,6 +132,10 @@ class ForceErrors:
     """SD of the zero of the travel, mm"""
     slope: Array
     """(n_step, n_step) derivative matrix of `slope_matrix`, 1/mm"""
+    further: tuple[SharedError, ...] = ()
+    """nuisances of the test beyond the zero of the travel"""
+    smoothness: Array | None = None
+    """(n_step, n_step) correlation of a discrepancy of the force, relative to it, over travels"""
 
     def __post_init__(self) -> None:
         n = self.mean.shape[0]
@@ -109,16 +149,35 @@ class ForceErrors:
         shift: Array = (self.travel_zero_sd * self.slope) @ force
         return shift
 
-    def covariance(self, force: Array, emulator: Array | None = None) -> Array:
+    @property
+    def shared(self) -> tuple[SharedError, ...]:
+        """All nuisances of the test that forces and field share, the travel's zero first."""
+        shift = self.travel_zero_sd * self.slope
+        return (SharedError(ZERO, "mm", self.travel_zero_sd, shift, shift), *self.further)
+
+    def shifts(self, force: Array) -> Array:
+        """(q, n_step, m) changes of the forces (n_step, m) by one SD of each nuisance, N."""
+        return np.stack([self.zero_shift(force), *(error.force @ force for error in self.further)])
+
+    def covariance(
+        self, force: Array, emulator: Array | None = None, sizes: ForceSizes | None = None
+    ) -> Array:
         """(n_step, n_step, m) covariance of the residual without the travel's zero, N^2.
 
         The batch comes last. `force` (n_step, m) are predicted forces [N] and `emulator`
         (m, n_step, n_step) the emulator's covariance [N^2]. The discretisation error is half common
-        to all increments and half independent: e_i f_i e_j f_j (0.5 + 0.5 delta_ij).
+        to all increments and half independent: e_i f_i e_j f_j (0.5 + 0.5 delta_ij). `sizes` where
+        those of the errors are unknown.
         """
         error = np.sqrt(0.5) * self.discretisation[:, None] * force
         total: Array = error[:, None] * error[None, :]
-        total += self.mean[:, :, None]
+        if sizes is None or sizes.noise is None:
+            total += self.mean[:, :, None]
+        else:
+            total += self.mean[:, :, None] * sizes.noise**2
+        if sizes is not None and sizes.discrepancy is not None and self.smoothness is not None:
+            own = sizes.discrepancy * force
+            total += own[:, None] * own[None, :] * self.smoothness[:, :, None]
         if emulator is not None:
             total += emulator.transpose(1, 2, 0)
         diagonal = np.arange(force.shape[0])
@@ -136,4 +195,34 @@ def force_errors(
         discretisation=np.array(relative),
         travel_zero_sd=settings.travel_zero_sd,
         slope=slope_matrix(dataset.travel),
+        further=further_errors(dataset, settings),
+        smoothness=smooth_over(dataset.travel, settings.force_discrepancy_length),
+    )
+
+
+def smooth_over(travel: Array, length: float) -> Array:
+    """(n_step, n_step) squared exponential over travels (n_step,) mm."""
+    off = (travel[:, None] - travel[None, :]) / length
+    correlation: Array = np.exp(-0.5 * off**2)
+    return correlation
+
+
+def further_errors(dataset: Dataset, settings: NoiseSettings) -> tuple[SharedError, ...]:
+    """Compliance of the machine, gain of the load cell, scale of the field; those with an SD.
+
+    Compliance c: the pin travels less by c F, F the measured force, so that to first order force
+    and field change by -c F times their slope. Gain and scale multiply what is predicted.
+    """
+    n = dataset.travel.size
+    nothing, one = np.zeros((n, n)), np.eye(n)
+    by_travel = -dataset.force_mean[:, None] * slope_matrix(dataset.travel)
+    known = (
+        SharedError(COMPLIANCE, "mm/N", settings.compliance_sd, by_travel, by_travel),
+        SharedError(GAIN, "1", settings.gain_sd, one, nothing),
+        SharedError(SCALE, "1", settings.field_scale_sd, nothing, one),
+    )
+    return tuple(
+        replace(error, force=error.sd * error.force, field=error.sd * error.field)
+        for error in known
+        if error.sd > 0 and (dataset.field is not None or error.name != SCALE)
     )

@@ -1,4 +1,4 @@
-"""Log posterior in x = (ln kappa, r, s), vectorised, finite inside the prior's box."""
+"""Log posterior in x = (ln kappa, r, s, ...), vectorised, finite inside the prior's box."""
 
 from __future__ import annotations
 
@@ -24,12 +24,13 @@ class Posterior:
     likelihood: Likelihood
 
     def log_prob(self, x: Array) -> Array:
-        """(m,) unnormalised log density with respect to x (m, 3); -inf outside the prior's box.
+        """(m,) unnormalised log density with respect to x (m, n); -inf outside the prior's box.
 
         The likelihood is not evaluated outside. Raises ValueError when x has another shape.
         """
-        if x.ndim != 2 or x.shape[1] != 3:
-            raise ValueError(f"x: expected shape (m, 3), found {x.shape}")
+        n = self.prior.space.size
+        if x.ndim != 2 or x.shape[1] != n:
+            raise ValueError(f"x: expected shape (m, {n}), found {x.shape}")
         value = self.prior.log_prob(x)
         inside = np.flatnonzero(value > -np.inf)
         for start in range(0, inside.size, BATCH):

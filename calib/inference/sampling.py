@@ -22,7 +22,8 @@ Progress = Callable[[int, int], None]
 START_DRAWS = 4096
 STRAY = 20.0
 """log-probability below the best at which a walker counts as lost in a secondary mode: with three
-parameters a draw of the main mode lies that low with probability 1e-8 (chi-square of 3, 40)"""
+parameters a draw of the main mode lies that low with probability 1e-8 (chi-square of 3, 40), with
+ten with 2e-5"""
 
 
 class SamplingStatus(StrEnum):
@@ -72,11 +73,11 @@ class SamplingResult:
     """Kept part of the chains, and how they were obtained."""
 
     chains: Array
-    """(n_ensemble, n_step, n_walker, 3) x = (ln kappa, r, s) after burn-in, every step"""
+    """(n_ensemble, n_step, n_walker, n) x = (ln kappa, r, s, ...) after burn-in, every step"""
     log_prob: Array
     """(n_ensemble, n_step, n_walker) log posterior"""
     autocorrelation_time: Array
-    """(n_ensemble, 3) integrated autocorrelation time of each coordinate, steps"""
+    """(n_ensemble, n) integrated autocorrelation time of each coordinate, steps"""
     acceptance: Array
     """(n_ensemble,) accepted share of the proposals"""
     n_burn: int
@@ -87,8 +88,8 @@ class SamplingResult:
 
     @property
     def draws(self) -> Array:
-        """(n, 3) all kept x"""
-        return self.chains.reshape(-1, 3)
+        """(n_draw, n) all kept x"""
+        return self.chains.reshape(-1, self.chains.shape[-1])
 
 
 @dataclass(frozen=True)
@@ -102,13 +103,13 @@ class Box:
     posterior: Posterior
 
     def x_of(self, y: Array) -> Array:
-        """(..., 3) x in the box."""
+        """(..., n) x in the box."""
         low, high = self.posterior.prior.bounds.T
         x: Array = low + (high - low) * expit(y)
         return x
 
     def y_of(self, x: Array) -> Array:
-        """(..., 3) y; a point on a bound is moved inside by 1e-9 of the box."""
+        """(..., n) y; a point on a bound is moved inside by 1e-9 of the box."""
         low, high = self.posterior.prior.bounds.T
         y: Array = logit(np.clip((x - low) / (high - low), 1e-9, 1.0 - 1e-9))
         return y
@@ -121,7 +122,7 @@ class Box:
         return total
 
     def log_prob(self, y: Array) -> Array:
-        """(m,) unnormalised log density with respect to y (m, 3)."""
+        """(m,) unnormalised log density with respect to y (m, n)."""
         value: Array = self.posterior.log_prob(self.x_of(y)) + self.log_jacobian(y)
         return value
 
@@ -200,7 +201,9 @@ def _sampler(box: Box, n_walkers: int) -> emcee.EnsembleSampler:
     # takes half the power of the distance ratio that detailed balance needs (ter Braak & Vrugt
     # 2008: d - 1) and biases the spread (docs/inference.md; emcee 3.1.6).
     moves = [(emcee.moves.DEMove(), 0.7), (emcee.moves.StretchMove(), 0.3)]
-    return emcee.EnsembleSampler(n_walkers, 3, box.log_prob, moves=moves, vectorize=True)
+    return emcee.EnsembleSampler(
+        n_walkers, box.posterior.prior.space.size, box.log_prob, moves=moves, vectorize=True
+    )
 
 
 def _start(box: Box, n_walkers: int, child: np.random.Generator) -> emcee.State:
@@ -226,7 +229,7 @@ def _settle(
 
 
 def dispersed_starts(posterior: Posterior, n_walkers: int, rng: np.random.Generator) -> Array:
-    """(n_walkers, 3) starts far wider than the posterior but not hopeless.
+    """(n_walkers, n) starts far wider than the posterior but not hopeless.
 
     Prior draws, chosen without replacement with probability proportional to likelihood^beta;
     the power beta <= 1 is the largest that leaves an effective 4 n_walkers different draws.

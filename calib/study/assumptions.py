@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from calib.inference.field_noise import FLOOR_LENGTH, FLOOR_NUGGET
+from calib.inference.laws import RATIOS
 from calib.study.config import Study
 from calib.study.data_source import measured_dataset
 from calib.study.mesh_error import left_share
 from calib.study.sections import ParameterPrior, Virtual
 from calib.study.tables import Table
+from calib.study.unknown_checks import is_positive
+from calib.study.unknowns import ERRORS, INPUTS, law_of
 
 
 def assumptions_table(study: Study) -> Table:
@@ -26,17 +29,17 @@ def assumptions_table(study: Study) -> Table:
         contact = f"pin: {hypothesis.pin}, base: {hypothesis.base}"
         rows.append(
             (
-                f"contact under {hypothesis.name}",
-                f"{contact}, height {study.height(hypothesis):g} mm",
+                f"law and contact under {hypothesis.name}",
+                f"{law_of(study, hypothesis).name}, {contact}, "
+                f"height {study.height(hypothesis):g} mm",
                 "-",
             )
         )
     rows += [
         *_force_rows(study),
         ("zero of the travel, SD", f"{noise.travel_zero_sd:g}", "mm"),
-        ("prior of kappa = C10 + C01", _prior(study.prior.kappa), "MPa"),
-        ("prior of r = C01 / kappa", _prior(study.prior.r), "-"),
-        ("prior of s = C11 / kappa", _prior(study.prior.s), "-"),
+        *_nuisance_rows(study),
+        *_prior_rows(study),
     ]
     for hypothesis in study.hypotheses:
         sampling, check = study.sampling_cells(hypothesis), study.check_cells(hypothesis)
@@ -64,8 +67,50 @@ def assumptions_table(study: Study) -> Table:
         ("assumption", "value", "unit"),
         tuple(rows),
         "Contact: stick, slide (no friction) or a coefficient of Coulomb friction. Other contact, "
-        "pins, heights, and laws other than Mooney-Rivlin are not part of this study.",
+        "pins, heights and laws are not part of this study. A number that has a prior too is used "
+        "for the truth of a synthetic experiment alone.",
     )
+
+
+def _nuisance_rows(study: Study) -> list[tuple[str, str, str]]:
+    """Nuisances of the test that the study allows for."""
+    noise = study.noise
+    known = (
+        ("compliance of the machine, SD", noise.compliance_sd, "mm/N"),
+        ("gain of the load cell, relative SD", noise.gain_sd, "-"),
+        ("scale of the field, relative SD", noise.field_scale_sd, "-"),
+        ("rigid translation of the field at each increment, SD", noise.translation_sd, "mm"),
+        ("rigid rotation of the field at each increment, SD", noise.rotation_sd, "degrees"),
+    )
+    return [(name, f"{value:g}", unit) for name, value, unit in known if value > 0]
+
+
+_MEANINGS = {
+    "kappa": ("kappa = mu / 2", "MPa"),
+    **{name: (name, "MPa") for name in ("C10", "C01", "C11")},
+    **{
+        ratio.name: (f"{ratio.name} = {ratio.meaning}", "-")
+        for ratios in RATIOS.values()
+        for ratio in ratios
+    },
+    **{
+        u.name: (f"{u.name}, {u.meaning}", "-" if u.unit == "1" else u.unit)
+        for u in (*(u for u, _ in INPUTS.values()), *ERRORS.values())
+    },
+}
+
+
+def _prior_rows(study: Study) -> list[tuple[str, str, str]]:
+    """Every prior of the study and of its hypotheses, and whether constants may be negative."""
+    rows = []
+    sections = [("", study.prior), *((f" under {h.name}", h.prior) for h in study.hypotheses)]
+    for where, section in sections:
+        for name, (meaning, unit) in _MEANINGS.items():
+            prior = None if section is None else getattr(section, name)
+            if prior is not None:
+                rows.append((f"prior of {meaning}{where}", _prior(prior), unit))
+    word = "not allowed, by convention" if is_positive(study) else "allowed"
+    return [*rows, ("negative constants", word, "-")]
 
 
 def _force_rows(study: Study) -> list[tuple[str, str, str]]:

@@ -68,7 +68,7 @@ def failures_table(name: str, manifest: Mapping[str, Any]) -> Table | None:
         return None
     return Table(
         f"{name}: {len(rows)} of {len(manifest['runs'])} runs did not reach the last increment",
-        ("run", *(_label(p) for p in parameters), "reached [mm]", "why"),
+        ("run", *(label_of(p) for p in parameters), "reached [mm]", "why"),
         tuple(rows),
     )
 
@@ -125,11 +125,12 @@ def _draw_design(axis: Axes, manifest: Mapping[str, Any]) -> None:
                 fontsize=7,
                 color=COLOURS[1],
             )
-    axis.set_xlabel(_label(parameters[0]))
-    axis.set_ylabel(_label(parameters[1]) if len(parameters) > 1 else "")
+    axis.set_xlabel(label_of(parameters[0]))
+    axis.set_ylabel(label_of(parameters[1]) if len(parameters) > 1 else "")
 
 
-def _label(parameter: Parameter) -> str:
+def label_of(parameter: Parameter) -> str:
+    """Name and unit of a column of a design."""
     unit = "-" if parameter.unit == "1" else parameter.unit
     return f"{parameter.name} [{unit}]"
 

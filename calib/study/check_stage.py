@@ -25,9 +25,10 @@ def run(context: Context) -> list[Path]:
     for hypothesis, campaign in zip(context.study.hypotheses, fine, strict=True):
         runs = load_refinement(context, hypothesis)
         kept = tuple(runs.responses[i] for i in CHECKED)
-        coarse = Campaign(runs.theta[CHECKED], kept, n_reused=len(kept))
+        coarse = Campaign(runs.theta[CHECKED], kept, n_reused=len(kept), parameters=runs.parameters)
         refinement = context.study.refinement(hypothesis)
         error = mesh_error(campaign, coarse, refinement, hypothesis.name)
-        paths += save_mesh_error(context.out, hypothesis, context.study, error)
+        names = [parameter.name for parameter in runs.parameters]
+        paths += save_mesh_error(context.out, hypothesis, context.study, error, names)
         paths += manifest_files(check_folder(context.out, hypothesis))
     return paths

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -10,8 +11,8 @@ import numpy as np
 from calib.data import Dataset
 from calib.inference.at_bound import at_bound, leaning_sentence
 from calib.inference.comparison import check_published, compare, fit_of
-from calib.inference.coordinates import CONSTANTS
 from calib.inference.identifiability import SensitivityRow, assumption_study
+from calib.inference.laws import DEFAULT_LAW
 from calib.inference.posterior import Posterior
 from calib.inference.quadrature import Quadrature, integrate
 from calib.inference.verdict import HypothesisFit
@@ -19,6 +20,7 @@ from calib.study.artifacts import write_json
 from calib.study.config import Study
 from calib.study.context import Context
 from calib.study.data_stage import StudyData, load_data
+from calib.study.nuisances import discrepancy_of, nuisances_of
 from calib.study.posterior_setup import emulator_posterior, noise_of
 from calib.study.progress import progress_bar
 from calib.study.sample_stage import StoredSamples, load_samples
@@ -36,7 +38,8 @@ def run(context: Context) -> list[Path]:
     for hypothesis in study.hypotheses:
         name = hypothesis.name
         samples = load_samples(context.out, hypothesis)
-        leaning = at_bound(samples.result.draws, posteriors[name].prior.bounds)
+        prior = posteriors[name].prior
+        leaning = at_bound(samples.result.draws, prior.bounds, prior.space)
         found[name] = {
             "log_evidence": fits[name].log_evidence,
             "log_evidence_error": fits[name].log_evidence_error,
@@ -48,6 +51,8 @@ def run(context: Context) -> list[Path]:
             "mu_sd": fits[name].mu_sd,
             "published": _published(data, posteriors[name], quadratures[name]),
             "quadrature": _against_chains(quadratures[name], samples),
+            "nuisances": nuisances_of(posteriors[name], samples.result.draws),
+            "force_discrepancy": discrepancy_of(posteriors[name], samples.result.draws),
             "at_bound": leaning,
             "at_bound_text": leaning_sentence(name, leaning),
         }
@@ -71,10 +76,11 @@ def _best(fits: dict[str, HypothesisFit]) -> float:
 def _published(
     data: StudyData, posterior: Posterior, quadrature: Quadrature
 ) -> dict[str, object] | None:
-    if data.published is None:
+    law = posterior.prior.space.law
+    if data.published is None or law.name != DEFAULT_LAW:
         return None
     check = check_published(data.published, posterior, quadrature)
-    mean = dict(zip(CONSTANTS, quadrature.constants_mean.tolist(), strict=True))
+    mean = dict(zip(law.constants, quadrature.constants_mean.tolist(), strict=True))
     return {
         "constants": check.constants,
         "posterior_mean": mean,
@@ -90,7 +96,7 @@ def _against_chains(quadrature: Quadrature, samples: StoredSamples) -> dict[str,
     """Posterior moments without a sampler, and how far those of the chains are from them."""
     draws = samples.result.draws
     return {
-        "x": ["ln kappa [MPa]", "r", "s"],
+        "x": quadrature.space.x_names,
         "mean": quadrature.mean,
         "sd": quadrature.sd,
         "chains_mean_difference_sd": (draws.mean(axis=0) - quadrature.mean) / quadrature.sd,
@@ -146,7 +152,8 @@ def _assumptions(
             study_rows = assumption_study(
                 dataset, posterior, noise_of(study), correlations, zeros, progress=report
             )
-            rows += [_row(name, row) for row in study_rows]
+            names = posterior.prior.space.law.constants
+            rows += [_row(name, names, row) for row in study_rows]
     return rows
 
 
@@ -156,13 +163,13 @@ def other_travel_zeros(study: Study) -> tuple[float, ...]:
     return (0.0, 2.0 * own) if own > 0 else ()
 
 
-def _row(hypothesis: str, row: SensitivityRow) -> dict[str, object]:
+def _row(hypothesis: str, names: Sequence[str], row: SensitivityRow) -> dict[str, object]:
     return {
         "hypothesis": hypothesis,
         "sample_correlation": row.sample_correlation,
         "travel_zero_sd": row.travel_zero_sd,
-        "mean": dict(zip(CONSTANTS, row.constants_mean.tolist(), strict=True)),
-        "sd": dict(zip(CONSTANTS, row.constants_sd.tolist(), strict=True)),
+        "mean": dict(zip(names, row.constants_mean.tolist(), strict=True)),
+        "sd": dict(zip(names, row.constants_sd.tolist(), strict=True)),
         "log_evidence": row.log_evidence,
         "predictive_p": row.p_value,
     }

@@ -15,6 +15,7 @@ from pydantic import AliasChoices, Field
 from pydantic.dataclasses import dataclass
 
 from calib.study.data_source import measured_dataset
+from calib.study.prior_sections import Prior
 from calib.study.sections import (
     MIN_REFINEMENT,
     STRICT,
@@ -31,7 +32,6 @@ from calib.study.sections import (
     Name,
     Noise,
     Positive,
-    Prior,
     Sampler,
     Virtual,
     finer_than,
@@ -39,6 +39,8 @@ from calib.study.sections import (
     refinement,
     shows_error,
 )
+from calib.study.unknown_checks import check_unknowns, section_of
+from calib.study.unknowns import least_height
 from calib.toml_file import (
     Contradiction,
     Document,
@@ -86,7 +88,7 @@ class Study:
     noise: Noise
     """a section [noise]"""
     prior: Prior
-    """sections [prior.kappa], [prior.r], [prior.s]"""
+    """sections [prior.kappa], [prior.r], [prior.s] and those of further unknowns"""
     design: Design = Design()
     """a section [design]"""
     emulator: EmulatorLimits = EmulatorLimits()
@@ -100,6 +102,7 @@ class Study:
         self._check_increments()
         self._check_hypotheses()
         self._check_virtual()
+        check_unknowns(self)
 
     def sampling_cells(self, hypothesis: Hypothesis) -> Cells:
         """Mesh of the runs that train the emulator under a hypothesis."""
@@ -119,7 +122,7 @@ class Study:
 
     def _check_increments(self) -> None:
         previous = 0.0
-        lowest = min(self.height(hypothesis) for hypothesis in self.hypotheses)
+        lowest = min(least_height(self, hypothesis) for hypothesis in self.hypotheses)
         for index, travel in enumerate(self.increments):
             key = f"increments.{index}"
             if travel <= previous:
@@ -276,7 +279,10 @@ def _check_places(study: Study, points: Array) -> None:
         expected = f"{2 * right:g} mm or more, as wide as the points that were measured"
         raise Contradiction("geometry.width", study.geometry.width, expected)
     for index, hypothesis in enumerate(study.hypotheses):
-        if top > study.height(hypothesis):
+        lowest = least_height(study, hypothesis)
+        if top > lowest:
             key = "geometry.height" if hypothesis.height is None else f"hypothesis.{index}.height"
+            if lowest != study.height(hypothesis):
+                key = f"{section_of(study, index, 'height')}.low"
             expected = f"{top:g} mm or more, as high as the points that were measured"
-            raise Contradiction(key, study.height(hypothesis), expected)
+            raise Contradiction(key, lowest, expected)

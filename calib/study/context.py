@@ -10,9 +10,12 @@ from typing import Protocol
 
 import numpy as np
 
+from calib.inference.laws import DEFAULT_LAW
 from calib.study.config import Study
 from calib.study.data_source import measured_dataset
 from calib.study.sections import Cells, Hypothesis
+from calib.study.unknowns import inputs_of, law_of, least_height
+from calib.study.varied_block import VariedBlock
 from fe.executors import MapFn
 from fe.response import Array, Response
 from fe.specimens.block_pin import BlockPin, BlockPinModel, Contact
@@ -23,7 +26,7 @@ class Simulate(Protocol):
     """A forward model at kappa = 1 MPa: a picklable frozen dataclass, named by its fields."""
 
     def __call__(self, ratios: Array) -> Response:
-        """Response for ratios (2,)."""
+        """Response for ratios and further unknowns (d,)."""
         ...
 
     def points(self) -> Array:
@@ -57,8 +60,9 @@ class Context:
 
 
 def block_pin_model(study: Study, hypothesis: Hypothesis, cells: Cells) -> Simulate:
-    """The FE model of the study's block under its bar pin, for one contact hypothesis."""
-    geometry = study.geometry
+    """The FE model of the study's block under its bar pin, for one hypothesis."""
+    geometry, inputs = study.geometry, inputs_of(study, hypothesis)
+    law = law_of(study, hypothesis).name
     specimen = BlockPin(
         width=geometry.width,
         depth=geometry.depth,
@@ -66,20 +70,32 @@ def block_pin_model(study: Study, hypothesis: Hypothesis, cells: Cells) -> Simul
         pin_width=geometry.pin_width,
         pin_fillet=geometry.pin_fillet,
     )
-    return BlockPinModel(
+    model = BlockPinModel(
         specimen=specimen,
         contact=Contact(pin=hypothesis.pin, base=hypothesis.base),
         cells=cells,
         travel=study.increments,
         bulk_ratio=study.material.bulk_ratio,
         field_grid=_field_grid(study),
+        symmetry="half" if "pin_shift" in inputs else "auto",
     )
+    if not inputs and law == DEFAULT_LAW:
+        return model
+    return VariedBlock(model, law, inputs)
 
 
 def _field_grid(study: Study) -> FieldGrid:
-    """The points of a measured field, at which shape functions give that of the model."""
+    """The points of a measured field, at which shape functions give that of the model.
+
+    Where the height is unknown, points stay at their places, inside the lowest block that there is.
+    """
     if not study.data.is_experiment:
-        return (35, 24)
+        if not any("height" in inputs_of(study, h) for h in study.hypotheses):
+            return (35, 24)
+        lowest = min(least_height(study, h) for h in study.hypotheses)
+        x = (np.arange(35) + 0.5) * study.geometry.width / 70.0
+        y = (np.arange(24) + 0.5) * lowest / 24.0
+        return tuple((float(a), float(b)) for a in x for b in y)
     field = measured_dataset(study.data).field
     assert field is not None  # that of an experiment has one
     return tuple((float(x), float(y)) for x, y in field.points)

@@ -79,6 +79,8 @@ def _draw_runs(figure: Figure, axis: Axes, name: str, found: Mapping[str, Any]) 
     for kind, marker in zip(KINDS, ("o", "s"), strict=True):
         if kind in error:
             ratios = np.array(found["runs"][kind]["ratios"])
+            if ratios.shape[1] == 1:
+                ratios = np.column_stack([ratios, np.zeros(len(ratios))])
             drawn = axis.scatter(
                 ratios[:, 0],
                 ratios[:, 1],
@@ -94,8 +96,9 @@ def _draw_runs(figure: Figure, axis: Axes, name: str, found: Mapping[str, Any]) 
             )
     figure.colorbar(drawn, ax=axis, label="largest force error [%]")
     axis.set_title(name, fontsize=10, loc="right")
-    axis.set_xlabel("r [-]")
-    axis.set_ylabel("s [-]")
+    labels = [*found.get("inputs", ("r [-]", "s [-]")), ""]
+    axis.set_xlabel(labels[0])
+    axis.set_ylabel(labels[1])
     axis.margins(0.08)
     # Beside the axes: the corners of a design are runs too.
     axis.legend(fontsize=7, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, frameon=False)

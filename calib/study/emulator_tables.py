@@ -15,6 +15,7 @@ from calib.study.tables import Table, number, percent
 
 KINDS = {"leave_one_out": "leave-one-out", "held_out": "held-out"}
 PARAMETERS = ("ln kappa", "r", "s")
+INPUTS = ("r [-]", "s [-]")
 
 
 def emulator_tables(
@@ -125,7 +126,14 @@ def runs_table(name: str, found: Mapping[str, Any]) -> Table:
     ordered = sorted(rows, key=lambda row: (-row[0], row[1]))
     return Table(
         f"{name}: runs left out or held out, worst first",
-        ("run", "r [-]", "s [-]", "force [%]", "at increment", "largest z [-]", "field [mm]"),
+        (
+            "run",
+            *found.get("inputs", INPUTS),
+            "force [%]",
+            "at increment",
+            "largest z [-]",
+            "field [mm]",
+        ),
         tuple(row for _, row in ordered),
         "force: largest error of the run, emulator over FE; field: RMS at its worst increment.",
     )
@@ -142,7 +150,7 @@ def partial_table(diagnostics: Mapping[str, Any]) -> Table | None:
             rows.append(
                 (
                     name,
-                    *(f"{value:.4g}" for value in ratios),
+                    ", ".join(f"{value:.4g}" for value in ratios),
                     f"{runs['reached'][index]:.4g}",
                     str(len(relative)),
                     percent(max(relative, key=abs), 3) if relative else "-",
@@ -153,10 +161,15 @@ def partial_table(diagnostics: Mapping[str, Any]) -> Table | None:
         return None
     return Table(
         "Runs that ended before the last increment, against the emulator up to where they are good",
-        ("hypothesis", "r [-]", "s [-]", "good to [mm]", "increments", "force [%]", "largest z"),
+        ("hypothesis", "at", "good to [mm]", "increments", "force [%]", "largest z"),
         tuple(rows),
         "The emulator was trained on complete runs alone; force: largest error up to the travel "
-        "reached, beyond the complete runs an extrapolation.",
+        "reached, beyond the complete runs an extrapolation. At: "
+        + "; ".join(
+            f"{name}: {', '.join(found.get('inputs', INPUTS))}"
+            for name, found in diagnostics.items()
+        )
+        + ".",
     )
 
 
@@ -164,14 +177,19 @@ def refinement_table(refinement: Mapping[str, Any]) -> Table:
     """Rounds of the loop: runs, how far the posterior mean may move, error at the new runs."""
     rows = []
     notes = []
+    sets = [
+        entry.get("x", PARAMETERS) for found in refinement.values() for entry in found["rounds"]
+    ]
+    names = list(dict.fromkeys(name for own in sets for name in own))
     for name, found in refinement.items():
         for entry in found["rounds"]:
+            shift = dict(zip(entry.get("x", PARAMETERS), entry["predicted_shift"], strict=True))
             error = [value for value in entry["force_error"] if value is not None]
             rows.append(
                 (
                     name,
                     str(entry["n_train"]),
-                    *(number(value, 2) for value in entry["predicted_shift"]),
+                    *(number(shift.get(column), 2) for column in names),
                     str(entry["n_added"]),
                     f"{100 * max(error):.3f}" if error else "-",
                     number(entry["rms_z"], 2),
@@ -189,7 +207,7 @@ def refinement_table(refinement: Mapping[str, Any]) -> Table:
         (
             "hypothesis",
             "trained on [runs]",
-            *(f"{name} may move [SD]" for name in PARAMETERS),
+            *(f"{column} may move [SD]" for column in names),
             "added [runs]",
             "force there [%]",
             "z [-]",

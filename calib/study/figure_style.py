@@ -64,4 +64,12 @@ def tidy(axis: Axes) -> None:
 
 def symbol(name: str) -> str:
     """A constant's name as it is set in formulas."""
-    return {"mu": "$\\mu$", "kappa": "$\\kappa$"}.get(name, f"${name[0]}_{{{name[1:]}}}$")
+    known = {"mu": "$\\mu$", "kappa": "$\\kappa$", "r": "$r$", "s": "$s$"}
+    if name in known:
+        return known[name]
+    letters, digits = name.rstrip("0123456789"), name[len(name.rstrip("0123456789")) :]
+    if letters in ("mu", "alpha"):
+        return f"$\\{letters}_{{{digits}}}$"
+    if len(letters) > 1:
+        return name.replace("_", " ")
+    return f"${name[0]}_{{{name[1:]}}}$"

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from calib.inference.coordinates import CONSTANTS, constants_of
 from calib.inference.forward import DirectForward, MeshCorrection
 from calib.inference.map_estimate import MapPoint, MapResult, MapStatus, emulator_map, refine_map
 from calib.inference.posterior import Posterior
@@ -21,6 +21,7 @@ from calib.study.sample_stage import StoredSamples, load_samples
 from calib.study.sections import Hypothesis
 from calib.study.simulate_stage import campaign_folder, load_design, manifest_files
 from calib.study.simulations import StoredSimulate
+from calib.study.unknowns import parameters_of
 from fe.response import Array
 
 
@@ -33,7 +34,7 @@ class MapTask:
     with_field: bool
     correction: MeshCorrection
     sd: Array
-    """(3,) posterior SD of x"""
+    """(n,) posterior SD of x"""
     start: MapPoint
     """the emulator's maximum"""
 
@@ -58,6 +59,7 @@ def run(context: Context) -> list[Path]:
             # A worker elsewhere on the same file system may have another current folder.
             map_folder(out, hypothesis.name),
             (campaign_folder(out, hypothesis), refine_folder(out, hypothesis)),
+            parameters_of(context.study, hypothesis),
         )
         start = emulator_map(posterior, stored.sd, rng)
         with_field = posterior.likelihood.field is not None
@@ -84,18 +86,22 @@ def run(context: Context) -> list[Path]:
 
 def describe(result: MapResult, samples: StoredSamples) -> dict[str, object]:
     """Both maxima as constants [MPa], their difference in posterior SDs, and how it went."""
-    emulator = _named(constants_of(result.emulator.theta))
+    space = samples.space
+    names = space.law.constants
+    emulator = _named(names, space.constants(result.emulator.theta))
     direct, difference = None, None
     if result.direct is not None:
-        direct = _named(constants_of(result.direct.theta))
-        off = constants_of(result.direct.theta) - constants_of(result.emulator.theta)
-        difference = _named(off / samples.constants_sd)
+        direct = _named(names, space.constants(result.direct.theta))
+        off = space.constants(result.direct.theta) - space.constants(result.emulator.theta)
+        # A constant that the law fixes has no SD and no difference.
+        sd = samples.constants_sd
+        difference = _named(names, np.divide(off, sd, out=np.zeros_like(off), where=sd > 0))
     return {
         "units": "MPa",
         "emulator": emulator,
         "fe": direct,
         "difference_sd": difference,
-        "x": ["ln kappa [MPa]", "r", "s"],
+        "x": space.x_names,
         "emulator_x": result.emulator.x,
         "fe_x": None if result.direct is None else result.direct.x,
         "difference_sd_x": result.difference_sd,
@@ -118,7 +124,8 @@ def is_training_run(context: Context, hypothesis: Hypothesis, result: MapResult)
     ratios = np.concatenate(
         [runs[0].theta[: context.study.design.n_runs], *(run.theta for run in runs[1:])]
     )
-    return bool(np.isclose(ratios, result.direct.x[1:], rtol=0.0, atol=1e-9).all(axis=1).any())
+    at = result.direct.x[1 : 1 + ratios.shape[1]]
+    return bool(np.isclose(ratios, at, rtol=0.0, atol=1e-9).all(axis=1).any())
 
 
 def map_folder(out: Path, hypothesis: str) -> Path:
@@ -126,5 +133,5 @@ def map_folder(out: Path, hypothesis: str) -> Path:
     return out / "map" / hypothesis
 
 
-def _named(values: Array) -> dict[str, float]:
-    return dict(zip(CONSTANTS, np.asarray(values).tolist(), strict=True))
+def _named(names: Sequence[str], values: Array) -> dict[str, float]:
+    return dict(zip(names, np.asarray(values).tolist(), strict=True))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -35,7 +36,7 @@ class MeshError:
     refinement: float
     """edge of the coarse mesh's elements over that of the fine one's"""
     ratios: Array
-    """(n_check, 2) ratios (r, s) at which both meshes were solved"""
+    """(n_check, d) ratios and further unknowns at which both meshes were solved"""
     signed_force: Array
     """(n_check, n_step) coarse over fine force minus one"""
     field: Array
@@ -135,9 +136,12 @@ def load_mesh_error(out: Path, hypothesis: Hypothesis) -> MeshError:
 
 
 def save_mesh_error(
-    out: Path, hypothesis: Hypothesis, study: Study, error: MeshError
+    out: Path, hypothesis: Hypothesis, study: Study, error: MeshError, names: Sequence[str]
 ) -> list[Path]:
-    """Keep the error of one hypothesis' mesh as json and npz; returns the files."""
+    """Keep the error of one hypothesis' mesh as json and npz; returns the files.
+
+    `names` are those of the ratios' columns.
+    """
     folder = check_folder(out, hypothesis)
     facts = {
         "coarse_cells": study.sampling_cells(hypothesis),
@@ -146,6 +150,7 @@ def save_mesh_error(
         "refinement": error.refinement,
         "left_share": left_share(error.refinement),
         "ratios": error.ratios,
+        "names": names,
         "force": error.force,
         "signed_force": error.signed_force,
         "field_rms": np.sqrt(np.mean(error.field**2, axis=(2, 3))),

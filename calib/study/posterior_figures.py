@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import combinations
 
 import numpy as np
@@ -25,6 +25,12 @@ class Samples:
     """constant -> (n_draw,), MPa"""
     map_emulator: Mapping[str, float]
     map_fe: Mapping[str, float]
+    units: Mapping[str, str] = field(default_factory=dict)
+    """of constants that are not in MPa"""
+
+    def label(self, name: str) -> str:
+        """A constant and its unit."""
+        return f"{symbol(name)} [{self.units.get(name, 'MPa')}]"
 
 
 @dataclass(frozen=True)
@@ -42,19 +48,21 @@ def marginals(
     truth: Mapping[str, float] | None = None,
 ) -> Figure:
     """Marginal posterior of every constant, hypotheses in rows with axes of their own."""
-    names = list(samples[0].constants)
+    names = list(dict.fromkeys(name for sample in samples for name in sample.constants))
     figure = Figure(figsize=(2.9 * len(names), 1.2 + 1.75 * len(samples)), layout="constrained")
     grid = figure.subplots(len(samples), len(names), squeeze=False)
     for column, name in enumerate(names):
         for row, sample in enumerate(samples):
-            _draw_marginal(grid[row, column], sample, name, row)
-        for row, sample in enumerate(samples):
             axis = grid[row, column]
+            if name not in sample.constants:
+                axis.set_axis_off()
+                continue
+            _draw_marginal(axis, sample, name, row)
+            axis.set_xlabel(sample.label(name) if _is_last(samples, row, name) else "")
             axis.set_xlim(*_span(sample.constants[name], name, truth))
             _mark(axis, name, published, truth)
             axis.ticklabel_format(axis="x", style="sci", scilimits=(-3, 3))
             axis.xaxis.set_major_locator(MaxNLocator(4))
-        grid[-1, column].set_xlabel(f"{symbol(name)} [MPa]")
     for row, sample in enumerate(samples):
         grid[row, 0].set_ylabel(sample.name, color=COLOURS[row % len(COLOURS)], weight="bold")
     found: dict[str, Artist] = {}
@@ -69,17 +77,19 @@ def pairs(samples: Sequence[Samples], truth: Mapping[str, float] | None = None) 
 
     A row for each hypothesis with axes of its own: one posterior may be a dot on another's axes.
     """
-    names = list(samples[0].constants)
-    couples = list(combinations(names, 2))
-    figure = Figure(figsize=(3.4 * len(couples), 0.6 + 2.7 * len(samples)), layout="constrained")
-    grid = figure.subplots(len(samples), len(couples), squeeze=False)
+    couples = [list(combinations(sample.constants, 2)) for sample in samples]
+    most = max(1, *(len(own) for own in couples))
+    figure = Figure(figsize=(3.4 * most, 0.6 + 2.7 * len(samples)), layout="constrained")
+    grid = figure.subplots(len(samples), most, squeeze=False)
     for row, sample in enumerate(samples):
-        for axis, (x_name, y_name) in zip(grid[row], couples, strict=True):
+        for axis in grid[row, len(couples[row]) :]:
+            axis.set_axis_off()
+        for axis, (x_name, y_name) in zip(grid[row], couples[row], strict=False):
             _draw_pair(axis, sample, x_name, y_name, row)
-            if truth:
+            if truth and x_name in truth and y_name in truth:
                 _mark_truth(axis, truth[x_name], truth[y_name])
-            axis.set_xlabel(f"{symbol(x_name)} [MPa]")
-            axis.set_ylabel(f"{symbol(y_name)} [MPa]")
+            axis.set_xlabel(sample.label(x_name))
+            axis.set_ylabel(sample.label(y_name))
             axis.ticklabel_format(style="sci", scilimits=(-3, 3))
             axis.xaxis.set_major_locator(MaxNLocator(4))
             axis.yaxis.set_major_locator(MaxNLocator(4))
@@ -93,12 +103,17 @@ def pairs(samples: Sequence[Samples], truth: Mapping[str, float] | None = None) 
 
 def chains(chain_sets: Sequence[Chains]) -> Figure:
     """Median and 10-90 % range over the walkers of every ensemble, draw by draw."""
-    labels = list(chain_sets[0].parameters)
+    labels = list(
+        dict.fromkeys(label for chain_set in chain_sets for label in chain_set.parameters)
+    )
     figure = Figure(figsize=(11.0, 1.0 + 1.6 * len(labels)), layout="constrained")
     grid = figure.subplots(len(labels), len(chain_sets), squeeze=False, sharex="col")
     for column, chain_set in enumerate(chain_sets):
         for row, label in enumerate(labels):
             axis = grid[row, column]
+            if label not in chain_set.parameters:
+                axis.set_axis_off()
+                continue
             for order, walkers in enumerate(chain_set.parameters[label]):
                 low, middle, high = np.quantile(walkers, [0.1, 0.5, 0.9], axis=0)
                 draw = np.arange(middle.size)
@@ -118,6 +133,11 @@ def chains(chain_sets: Sequence[Chains]) -> Figure:
         title="median (line) and 10-90 % range (band) over the walkers of each ensemble",
     )
     return figure
+
+
+def _is_last(samples: Sequence[Samples], row: int, name: str) -> bool:
+    """Whether no sample below this row has a constant of this name."""
+    return not any(name in sample.constants for sample in samples[row + 1 :])
 
 
 def _draw_marginal(axis: Axes, sample: Samples, name: str, order: int) -> None:

@@ -14,6 +14,7 @@ from calib.study.data_stage import load_data
 from calib.study.mesh_error import MeshError, load_mesh_error
 from calib.study.sections import Hypothesis, ParameterPrior
 from calib.study.train_stage import load_emulator
+from calib.study.unknowns import prior_of
 from surrogate import ScaledEmulator
 
 
@@ -25,6 +26,7 @@ def emulator_posterior(context: Context, hypothesis: Hypothesis) -> Posterior:
         ScaledEmulator(load_emulator(context.out, hypothesis)),
         load_mesh_error(context.out, hypothesis),
         noise_of(context.study),
+        hypothesis,
     )
 
 
@@ -34,6 +36,7 @@ def posterior_of(
     emulator: ScaledEmulator,
     mesh: MeshError,
     noise: NoiseSettings,
+    hypothesis: Hypothesis,
 ) -> Posterior:
     """Prior of the study times the likelihood of the data under a corrected emulator.
 
@@ -42,6 +45,7 @@ def posterior_of(
     forward = EmulatorForward(
         emulator, with_field=dataset.field is not None, correction=mesh.correction
     )
+    prior = prior_of(study, hypothesis, with_field=dataset.field is not None)
     likelihood = build_likelihood(
         dataset,
         forward,
@@ -49,8 +53,14 @@ def posterior_of(
         force_discretisation=mesh.force,
         field_floor=mesh.field_floor,
         field_patterns=mesh.field_patterns,
+        unknown=sizes_of(prior),
     )
-    return Posterior(prior_of(study), likelihood)
+    return Posterior(prior, likelihood)
+
+
+def sizes_of(prior: Prior) -> dict[str, tuple[float, float]]:
+    """Unknown sizes of the errors with their bounds, in the order of theta."""
+    return {unknown.name: (given.low, given.high) for unknown, given in prior.errors}
 
 
 def noise_of(study: Study) -> NoiseSettings:
@@ -59,14 +69,16 @@ def noise_of(study: Study) -> NoiseSettings:
         load_cell_sd=study.noise.load_cell_sd,
         sample_correlation=study.noise.sample_correlation,
         travel_zero_sd=study.noise.travel_zero_sd,
+        compliance_sd=study.noise.compliance_sd,
+        gain_sd=study.noise.gain_sd,
+        field_scale_sd=study.noise.field_scale_sd,
+        translation_sd=study.noise.translation_sd,
+        rotation_sd=study.noise.rotation_sd,
+        force_discrepancy_length=study.noise.force_discrepancy_length,
+        field_discrepancy_length=study.noise.field_discrepancy_length,
     )
-
-
-def prior_of(study: Study) -> Prior:
-    """The study's prior of (kappa, r, s)."""
-    return Prior(marginal(study.prior.kappa), marginal(study.prior.r), marginal(study.prior.s))
 
 
 def marginal(prior: ParameterPrior) -> Marginal:
     """One parameter's prior; mean and SD are those of the parameter before it is cut off."""
-    return Marginal(prior.distribution, prior.low, prior.high, prior.mean, prior.sd)
+    return prior.marginal()

@@ -19,6 +19,7 @@ from calib.study.posterior_setup import emulator_posterior
 from calib.study.sample_stage import load_samples, samples_path
 from calib.study.sections import Hypothesis
 from calib.study.train_stage import emulator_path, load_diagnostics
+from calib.study.unknowns import prior_of
 
 
 def run(context: Context) -> list[Path]:
@@ -27,9 +28,10 @@ def run(context: Context) -> list[Path]:
     data = load_data(out)
     hypotheses = {
         h.name: HypothesisSamples(
-            emulator_posterior(context, h).likelihood, load_samples(out, h).result
+            posterior.likelihood, load_samples(out, h).result, posterior.prior.space
         )
         for h in study.hypotheses
+        for posterior in [emulator_posterior(context, h)]
     }
     found = build_inference_data(
         hypotheses, data.dataset, provenance(out, study, data), stream(study, "predictive")
@@ -54,7 +56,10 @@ def provenance(out: Path, study: Study, data: StudyData) -> dict[str, object]:
         "truth_hypothesis": data.truth_hypothesis,
         "limits": {"max_r_hat": sampler.max_r_hat, "min_ess": sampler.min_ess},
         "hypotheses": {
-            h.name: _hypothesis(out, h, maps[h.name], diagnostics[h.name]) for h in study.hypotheses
+            h.name: _hypothesis(
+                out, study, h, maps[h.name], diagnostics[h.name], data.dataset.field is not None
+            )
+            for h in study.hypotheses
         },
         "study_file": plain(study),
         "input_hashes": _hashes(out, study),
@@ -64,11 +69,18 @@ def provenance(out: Path, study: Study, data: StudyData) -> dict[str, object]:
 
 
 def _hypothesis(
-    out: Path, hypothesis: Hypothesis, maximum: Any, diagnostics: dict[str, Any]
+    out: Path,
+    study: Study,
+    hypothesis: Hypothesis,
+    maximum: Any,
+    diagnostics: dict[str, Any],
+    with_field: bool,
 ) -> dict[str, object]:
     result = load_samples(out, hypothesis).result
     return {
         "contact": hypothesis,
+        "space": load_samples(out, hypothesis).space,
+        "bounds": prior_of(study, hypothesis, with_field=with_field).bounds,
         "map": maximum,
         "emulator": {
             key: diagnostics[key] for key in ("n_train", "n_excluded", "leave_one_out", "held_out")

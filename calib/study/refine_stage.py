@@ -22,13 +22,14 @@ from calib.study.context import Context, stream
 from calib.study.data_stage import load_data
 from calib.study.judgement import measurement_noise
 from calib.study.mesh_error import MeshError, check_folder, mesh_error
-from calib.study.posterior_setup import noise_of, prior_of
+from calib.study.posterior_setup import noise_of, sizes_of
 from calib.study.progress import progress_bar
 from calib.study.refinement import Outlook, outlook
 from calib.study.sections import Hypothesis
 from calib.study.simulate_stage import load_design, manifest_files
 from calib.study.train_stage import FIRST, design_runs, fit_and_judge, load_emulator
 from calib.study.training_runs import rows
+from calib.study.unknowns import parameters_of, prior_of
 from fe.campaign import CampaignFailed, CampaignPlan, load_campaign, run_campaigns
 from fe.campaign_result import Campaign
 from fe.response import Array
@@ -52,9 +53,11 @@ class Round(NamedTuple):
     n_train: int
     """runs that had trained the emulator"""
     predicted_shift: Array
-    """(3,) how far the posterior mean of (ln kappa, r, s) may move, posterior SDs"""
+    """(n,) how far the posterior mean of (ln kappa, r, s, ...) may move, posterior SDs"""
     n_added: int
     """runs chosen"""
+    x: tuple[str, ...]
+    """coordinates that may move: of the first look, which is by the forces, without the field's"""
 
 
 @dataclass(frozen=True)
@@ -62,7 +65,7 @@ class Loop:
     """What the rounds so far chose for one hypothesis."""
 
     ratios: Array
-    """(k, 2) runs added, in the order of choosing"""
+    """(k, d) runs added, in the order of choosing"""
     rounds: tuple[Round, ...] = ()
     emulators: tuple[Emulator, ...] = ()
     """by which each round looked"""
@@ -76,7 +79,7 @@ def run(context: Context) -> list[Path]:
     Raises CampaignFailed when more of a hypothesis' runs end early than the study allows.
     """
     hypotheses = context.study.hypotheses
-    loops = {h.name: Loop(np.zeros((0, 2))) for h in hypotheses}
+    loops = {h.name: Loop(np.zeros((0, len(parameters_of(context.study, h))))) for h in hypotheses}
     while not all(loop.done for loop in loops.values()):
         before = loops
         loops = {h.name: _next_round(context, h, loops[h.name]) for h in hypotheses}
@@ -127,7 +130,8 @@ def _next_round(context: Context, hypothesis: Hypothesis, loop: Loop) -> Loop:
         proposed = found.proposals(min(BATCH, n_left), runs, noise, rng)
         last = not len(proposed)
         added = found.mean[None] if last else proposed
-    facts = Round(found.emulator.header.n_train, shift.shift, len(added))
+    names = ("ln kappa", *found.quadrature.space.x_names[1:])
+    facts = Round(found.emulator.header.n_train, shift.shift, len(added), names)
     context.echo(
         f"  {hypothesis.name}: {facts.n_train} runs, posterior mean may move by "
         f"{shift.shift.max():.2g} SD (limit {STOP_BELOW:g}), {facts.n_added} added"
@@ -181,7 +185,13 @@ def _stop_beyond_rate(context: Context, hypothesis: Hypothesis, loop: Loop) -> N
 def _check_plan(context: Context, hypothesis: Hypothesis, ratios: Array) -> CampaignPlan:
     model = context.model(hypothesis, context.study.check_cells(hypothesis))
     folder = check_folder(context.out, hypothesis)
-    return CampaignPlan(model, ratios, folder, max_failure_rate=1.0)
+    return CampaignPlan(
+        model,
+        ratios,
+        folder,
+        parameters=parameters_of(context.study, hypothesis),
+        max_failure_rate=1.0,
+    )
 
 
 def _plan(context: Context, hypothesis: Hypothesis, ratios: Array) -> CampaignPlan:
@@ -189,6 +199,7 @@ def _plan(context: Context, hypothesis: Hypothesis, ratios: Array) -> CampaignPl
         context.sampling_model(hypothesis),
         ratios,
         refine_folder(context.out, hypothesis),
+        parameters=parameters_of(context.study, hypothesis),
         design={"kind": "posterior", "seed": context.study.seed},
         max_failure_rate=1.0,  # held against the rate of all runs by `_stop_beyond_rate`
     )
@@ -215,6 +226,7 @@ def _outlook(context: Context, hypothesis: Hypothesis, loop: Loop) -> Outlook:
         with_field=dataset.field is not None,
         correction=None if mesh is None else mesh.correction,
     )
+    prior = prior_of(study, hypothesis, with_field=dataset.field is not None)
     likelihood = build_likelihood(
         dataset,
         forward,
@@ -222,9 +234,10 @@ def _outlook(context: Context, hypothesis: Hypothesis, loop: Loop) -> Outlook:
         force_discretisation=NOMINAL_FORCE_ERROR if mesh is None else mesh.force,
         field_floor=NOMINAL_FIELD_ERROR if mesh is None else mesh.field_floor,
         field_patterns=None if mesh is None else mesh.field_patterns,
+        unknown=sizes_of(prior),
     )
     rng = stream(study, f"outlook {hypothesis.name} {len(loop.rounds)}")
-    return outlook(emulator, Posterior(prior_of(study), likelihood), forward, rng)
+    return outlook(emulator, Posterior(prior, likelihood), forward, rng)
 
 
 def _first_mesh_error(
@@ -262,7 +275,7 @@ def _described(
         "units": {
             "force_error": "relative, RMS over the runs added, by increment",
             "rms_z": "stated SDs",
-            "predicted_shift": "posterior SDs of ln kappa, r, s",
+            "predicted_shift": "posterior SDs of the coordinates x",
         },
     }
 

@@ -30,13 +30,13 @@ class Outlook:
     emulator: Emulator
     quadrature: Quadrature
     x: Array
-    """(m, 3) draws of the posterior of (ln kappa, r, s)"""
+    """(m, n) draws of the posterior of (ln kappa, r, s, ...)"""
     shift: PredictedShift
-    """of the mean of (ln kappa, r, s)"""
+    """of the mean of (ln kappa, r, s, ...)"""
 
     def proposals(self, n: int, runs: Array, noise: Noise, rng: np.random.Generator) -> Array:
-        """(n, 2) ratios for new runs, apart from the `runs` (k, 2) so far; fewer or none left."""
-        ratios, extent = self.x[:, 1:], np.ptp(self.emulator.bounds, axis=1)
+        """(n, d) points for new runs, apart from the `runs` (k, d) so far; fewer or none left."""
+        ratios, extent = self._inputs, np.ptp(self.emulator.bounds, axis=1)
         distance = np.abs(ratios[:, None] - runs) / extent
         ratios = ratios[(distance.max(axis=2) > APART).all(axis=1)]
         n = min(n, len(np.unique(ratios, axis=0)))
@@ -51,9 +51,14 @@ class Outlook:
 
     @property
     def mean(self) -> Array:
-        """(2,) ratios of the posterior mean."""
-        found: Array = self.quadrature.mean[1:]
+        """(d,) inputs of the emulator at the posterior mean."""
+        found: Array = self.quadrature.mean[1 : 1 + len(self.emulator.bounds)]
         return found
+
+    @property
+    def _inputs(self) -> Array:
+        """(m, d) inputs of the emulator at the draws."""
+        return self.x[:, 1 : 1 + len(self.emulator.bounds)]
 
 
 def outlook(
@@ -67,10 +72,11 @@ def outlook(
     weights = quadrature.weights / quadrature.weights.sum()
     x = quadrature.x[rng.choice(len(weights), N_SAMPLE, p=weights)]
     theta = theta_of(x)
+    inputs = x[:, 1 : 1 + len(emulator.bounds)]
 
     def log_likelihood(unit_force: Array, weights: Array | None) -> Array:
         stated = forward.stating(theta, unit_force, weights)
         return posterior.likelihood.with_forward(stated).log_prob(theta)
 
-    shift = predicted_shift(emulator, x[:, 1:], log_likelihood, N_DRAWS, rng, quantities=x)
+    shift = predicted_shift(emulator, inputs, log_likelihood, N_DRAWS, rng, quantities=x)
     return Outlook(emulator, quadrature, x, shift)

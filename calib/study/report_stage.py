@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from calib.inference.coordinates import CONSTANTS, constants_of, theta_of
+from calib.inference.coordinates import CONSTANTS, theta_of
 from calib.study.artifacts import read_json, write_bytes
 from calib.study.assumptions import assumptions_table
 from calib.study.config import Study
@@ -22,9 +22,10 @@ from calib.study.emulator_tables import (
     partial_table,
     refinement_table,
 )
-from calib.study.figure_style import save_png
+from calib.study.figure_style import save_png, symbol
 from calib.study.force_figures import MeasuredForce, PredictedForce, force_travel
 from calib.study.mesh_error import check_folder
+from calib.study.nuisances import nuisance_table
 from calib.study.posterior_figures import Chains, Samples, chains, marginals, pairs
 from calib.study.predict_stage import CHECKS
 from calib.study.predictive_report import predictive_figures
@@ -33,11 +34,18 @@ from calib.study.predictive_tables import (
     field_checks_tables,
     force_checks_table,
 )
+from calib.study.prior_stage import FACTS, FIGURE, prior_table
 from calib.study.refine_stage import REFINEMENT
 from calib.study.report import Picture, Section, render, versions_table
 from calib.study.sample_stage import StoredSamples, load_samples
 from calib.study.study_file import study_text
-from calib.study.summary import Summary, constants_table, load_summary, points_table
+from calib.study.summary import (
+    Summary,
+    constants_table,
+    further_table,
+    load_summary,
+    points_table,
+)
 from calib.study.tables import (
     Table,
     comparison_table,
@@ -69,6 +77,8 @@ class Findings:
     comparison: dict[str, Any]
     predictive: dict[str, Any]
     """predictive.json"""
+    prior: dict[str, Any]
+    """hypothesis -> its part of prior_predictive.json"""
     summaries: tuple[Summary, ...]
 
     @property
@@ -89,6 +99,7 @@ def read_findings(out: Path, study: Study, summaries: Sequence[Summary]) -> Find
         maps=read_json(out / "map.json"),
         comparison=read_json(out / "comparison.json"),
         predictive=read_json(out / CHECKS),
+        prior=read_json(out / FACTS),
         summaries=tuple(summaries),
     )
 
@@ -109,7 +120,8 @@ def run(context: Context) -> list[Path]:
         study_text=study_text(study),
     )
     write_bytes(out / "report.html", html.encode())
-    return [*(picture.path for picture in pictures.values()), out / "report.html"]
+    drawn = [picture.path for name, picture in pictures.items() if name != "prior"]
+    return [*drawn, out / "report.html"]
 
 
 def closing_lines(out: Path, study: Study, summaries: Sequence[Summary]) -> list[str]:
@@ -148,7 +160,11 @@ def _all_tables(findings: Findings, study: Study) -> list[Table | None]:
         *(
             table
             for summary in findings.summaries
-            for table in (constants_table(summary, summary.truth), points_table(summary))
+            for table in (
+                constants_table(summary, summary.truth),
+                points_table(summary),
+                further_table(summary),
+            )
         ),
         mesh_table(findings.mesh),
         emulator_table(findings.diagnostics, limits_of(study)),
@@ -161,14 +177,17 @@ def _all_tables(findings: Findings, study: Study) -> list[Table | None]:
         correlation_table(findings.comparison),
         force_checks_table(findings.predictive),
         face_summary_table(findings.predictive),
+        nuisance_table(findings.comparison),
+        prior_table(findings.prior),
     ]
 
 
 def _sections(findings: Findings, pictures: dict[str, Picture], study: Study) -> list[Section]:
     tables = _all_tables(findings, study)
-    n = 2 * len(findings.summaries)
+    n = 3 * len(findings.summaries)
     constants = tables[:n]
-    mesh, _, _, refinement, maximum, starts, published, compared, correlated = tables[n:-2]
+    mesh, _, _, refinement, maximum, starts, published, compared, correlated = tables[n : n + 9]
+    force_checks, face_checks, nuisances, before = tables[n + 9 :]
 
     def kept(*found: Table | None) -> list[Table]:
         return [table for table in found if table is not None]
@@ -184,9 +203,10 @@ def _sections(findings: Findings, pictures: dict[str, Picture], study: Study) ->
         Section(
             "Predictive checks",
             (),
-            kept(*tables[-2:], *field_checks_tables(findings.predictive)),
+            kept(force_checks, face_checks, *field_checks_tables(findings.predictive)),
             [pictures[name] for name in pictures if name.startswith("predictive_")],
         ),
+        Section("Before the data", (), kept(before), (pictures["prior"],)),
         Section("Hypotheses", (), kept(compared, starts, published)),
         Section(
             "Emulator against the FE model",
@@ -196,7 +216,7 @@ def _sections(findings: Findings, pictures: dict[str, Picture], study: Study) ->
         ),
         Section("Refinement", (), kept(refinement), (pictures["refinement"],)),
         Section("Mesh", (), kept(mesh)),
-        Section("Assumptions", (), kept(assumptions_table(study), correlated)),
+        Section("Assumptions", (), kept(assumptions_table(study), nuisances, correlated)),
         Section("Chains", (), (), (pictures["chains"],)),
         Section("Versions", (), (versions_table(),)),
     ]
@@ -218,7 +238,7 @@ def _draw(
             "Marginal posterior of each constant under each hypothesis, each on its own axis.",
         ),
         "pairs": (
-            pairs(_posterior_samples(findings, samples, ("C10", "C01", "C11")), data["truth"]),
+            pairs(_posterior_samples(findings, samples, without="mu"), data["truth"]),
             "Posterior draws and contours that hold 50 % and 94 % of them; note that every "
             "hypothesis has its own axes.",
         ),
@@ -245,6 +265,11 @@ def _draw(
     for name, (figure, caption) in drawn.items():
         save_png(figure, out / "figures" / f"{name}.png")
         pictures[name] = Picture(out / "figures" / f"{name}.png", caption)
+    pictures["prior"] = Picture(
+        out / FIGURE,
+        "Forces that the priors expect, with all errors, before the data were looked at: bands "
+        "hold 50 % and 94 % of the draws.",
+    )
     return pictures
 
 
@@ -268,19 +293,29 @@ def _force_figure(findings: Findings, samples: dict[str, StoredSamples]) -> Figu
 def _posterior_samples(
     findings: Findings,
     samples: dict[str, StoredSamples],
-    names: Sequence[str] = CONSTANTS,
+    without: str = "",
 ) -> list[Samples]:
+    """Draws of the constants and of what else was unknown, by hypothesis."""
     found = []
     for hypothesis, stored in samples.items():
-        values = constants_of(theta_of(stored.chains.reshape(-1, 3)))
-        constants = {name: values[:, CONSTANTS.index(name)] for name in names}
+        space = stored.space
+        x = stored.chains.reshape(-1, space.size)
+        values = dict(zip(space.law.constants, space.constants(theta_of(x)).T, strict=True))
+        units = dict(zip(space.law.constants, space.law.units, strict=True))
+        for unknown, column in zip(space.unknowns, space.natural(x).T, strict=True):
+            if unknown in (*space.inputs, *space.errors):
+                values[unknown.name], units[unknown.name] = column, unknown.unit
+        values.pop(without, None)
+        shown = {name: "-" if unit == "1" else unit for name, unit in units.items()}
         maximum = findings.maps[hypothesis]
-        found.append(Samples(hypothesis, constants, maximum["emulator"], maximum["fe"] or {}))
+        found.append(Samples(hypothesis, values, maximum["emulator"], maximum["fe"] or {}, shown))
     return found
 
 
 def _chains(name: str, stored: StoredSamples) -> Chains:
-    theta: Array = theta_of(stored.chains)
-    walkers = theta.transpose(3, 0, 2, 1)
-    labels = ("$\\kappa$ [MPa]", "$r$ [-]", "$s$ [-]")
+    natural: Array = stored.space.natural(stored.chains)
+    walkers = natural.transpose(3, 0, 2, 1)
+    labels = [
+        f"{symbol(u.name)} [{'-' if u.unit == '1' else u.unit}]" for u in stored.space.unknowns
+    ]
     return Chains(name, dict(zip(labels, walkers, strict=True)))

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import shutil
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from calib.inference.coordinates import constants_of, theta_of
+from calib.inference.coordinates import Space, Unknown, theta_of
+from calib.inference.laws import LawCoordinates
 from calib.inference.prediction import predictive_forces
 from calib.inference.sampling import (
     SamplerSettings,
@@ -38,23 +40,25 @@ class StoredSamples:
     result: SamplingResult
     predictive: Array
     """(n, n_step) replicates of the measured mean force, N"""
+    space: Space = field(default_factory=Space)
+    """what the coordinates are"""
 
     @property
     def chains(self) -> Array:
-        """(n_ensemble, n_step, n_walker, 3) every few steps of the kept chains, for figures"""
+        """(n_ensemble, n_step, n_walker, d) every few steps of the kept chains, for figures"""
         every = max(1, self.result.chains.shape[1] // STEPS_DRAWN)
         return self.result.chains[:, ::every]
 
     @property
     def sd(self) -> Array:
-        """(3,) posterior SD of x = (ln kappa, r, s)"""
+        """(d,) posterior SD of x = (ln kappa, r, s, ...)"""
         sd: Array = self.result.draws.std(axis=0)
         return sd
 
     @property
     def constants_sd(self) -> Array:
-        """(4,) posterior SD of C10, C01, C11, mu, MPa"""
-        sd: Array = constants_of(theta_of(self.result.draws)).std(axis=0)
+        """(n_constant + 1,) posterior SD of the constants and mu, MPa"""
+        sd: Array = self.space.constants(theta_of(self.result.draws)).std(axis=0)
         return sd
 
 
@@ -97,7 +101,8 @@ def save_samples(out: Path, hypothesis: Hypothesis, stored: StoredSamples) -> li
         "predictive": stored.predictive,
     }
     facts = {
-        "coordinates": ["ln kappa [MPa]", "r", "s"],
+        "coordinates": stored.space.x_names,
+        "space": stored.space,
         "n_burn": result.n_burn,
         "status": str(result.status),
         "message": result.message,
@@ -121,7 +126,15 @@ def load_samples(out: Path, hypothesis: Hypothesis) -> StoredSamples:
         status=SamplingStatus(facts["status"]),
         message=facts["message"],
     )
-    return StoredSamples(result, predictive)
+    return StoredSamples(result, predictive, space_of(facts["space"]))
+
+
+def space_of(facts: dict[str, Any]) -> Space:
+    """The space that was stored with samples."""
+    inputs, errors = (
+        tuple(Unknown(**unknown) for unknown in facts[name]) for name in ("inputs", "errors")
+    )
+    return Space(LawCoordinates(**facts["law"]), inputs, errors)
 
 
 def samples_path(out: Path, hypothesis: Hypothesis) -> Path:
@@ -144,4 +157,5 @@ def _sample(context: Context, hypothesis: Hypothesis) -> StoredSamples:
         result = sample_posterior(posterior, settings_of(study), rng, progress, store)
     draws = result.draws
     chosen = rng.choice(len(draws), min(N_PREDICTIVE, len(draws)), replace=False)
-    return StoredSamples(result, predictive_forces(posterior.likelihood, draws[chosen], rng))
+    predictive = predictive_forces(posterior.likelihood, draws[chosen], rng)
+    return StoredSamples(result, predictive, posterior.prior.space)

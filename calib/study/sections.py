@@ -8,17 +8,19 @@ from __future__ import annotations
 import math
 from typing import Annotated, Literal
 
-from pydantic import ConfigDict, Field, SkipValidation
+from pydantic import Field, SkipValidation
 from pydantic.dataclasses import dataclass
 
-from calib.inference.prior import Marginal
+from calib.inference.laws import RATIOS
+from calib.study.prior_sections import STRICT, ParameterPrior, Prior
 from calib.toml_file.refusal import Contradiction
 
-STRICT = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False, use_attribute_docstrings=True)
+__all__ = ["STRICT", "ParameterPrior", "Prior"]
 
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]*$", max_length=60)]
 Positive = Annotated[float, Field(gt=0)]
 NotNegative = Annotated[float, Field(ge=0)]
+Share = Annotated[float, Field(ge=0, lt=1)]
 Correlation = Annotated[float, Field(ge=0, lt=1)]
 Count = Annotated[int, Field(ge=1)]
 Cells = tuple[Count, Count, Count]
@@ -29,7 +31,6 @@ SHARPEST = 0.05  # mm; the strain at a sharp edge is singular, so that no mesh r
 THESIS_TABLE = "thesis-table-5.1"
 VIRTUAL = "virtual"
 EXPERIMENT = "experiment"
-LARGEST_S = 10.0  # C11 / kappa, far beyond any published for a silicone or tissue
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
@@ -118,8 +119,19 @@ class Geometry:
 class Material:
     """[material] What is fixed about the material."""
 
+    law: str = "mooney-rivlin-3"
+    """name of a law: neo-hookean, mooney-rivlin-2, mooney-rivlin-3, yeoh, ogden-1, -2 or -3"""
     bulk_ratio: Annotated[float, Field(gt=1, le=1e5)] = 200.0
     """bulk modulus over the small-strain shear modulus"""
+
+    def __post_init__(self) -> None:
+        check_law("law", self.law)
+
+
+def check_law(key: str, law: str) -> None:
+    """Refuse a law that there is not."""
+    if law not in RATIOS:
+        raise Contradiction(key, law, f"one of {', '.join(RATIOS)}")
 
 
 MIN_REFINEMENT = 1.3
@@ -173,6 +185,10 @@ class Hypothesis:
     """contact between sample and pin: "stick", "slide" or a coefficient of friction"""
     base: Interface
     """contact between sample and base plate: "stick", "slide" or a coefficient of friction"""
+    law: str | None = None
+    """name of the law under this hypothesis; without it material.law"""
+    prior: Prior | None = None
+    """sections [hypothesis.prior.<parameter>], in place of or beside those of [prior]"""
     height: Positive | None = None
     """height of the sample under this hypothesis, mm; without it geometry.height"""
     sampling: Cells | None = None
@@ -187,6 +203,8 @@ class Hypothesis:
             if not _is_contact(getattr(self, key)):
                 expected = "'stick', 'slide' or a coefficient of friction of 0 or more"
                 raise Contradiction(key, getattr(self, key), expected)
+        if self.law is not None:
+            check_law("law", self.law)
 
 
 def _is_contact(value: object) -> bool:
@@ -207,76 +225,25 @@ class Noise:
     """correlations for which the posterior is computed for comparison"""
     travel_zero_sd: NotNegative
     """standard deviation of the zero of the travel, mm"""
-
-
-@dataclass(frozen=True, kw_only=True, config=STRICT)
-class ParameterPrior:
-    """[prior.<parameter>] Prior of one parameter between two bounds."""
-
-    distribution: Literal["uniform", "log_uniform", "normal", "lognormal"]
-    """family of the prior"""
-    low: float
-    """lower bound, in the unit of the parameter"""
-    high: float
-    """upper bound, in the unit of the parameter"""
-    mean: float | None = None
-    """mean of a normal or lognormal before it is cut off, in the unit of the parameter"""
-    sd: Positive | None = None
-    """SD of a normal or lognormal before it is cut off, in the unit of the parameter"""
-
-    def __post_init__(self) -> None:
-        if self.high <= self.low:
-            raise Contradiction("high", self.high, f"greater than low ({self.low:g})")
-        if self.distribution in {"log_uniform", "lognormal"} and self.low <= 0:
-            expected = f"greater than 0 with the distribution {self.distribution}"
-            raise Contradiction("low", self.low, expected)
-        is_bell = self.distribution in {"normal", "lognormal"}
-        for key, value in (("mean", self.mean), ("sd", self.sd)):
-            if is_bell != (value is not None):
-                rule = "a number" if is_bell else "no such key"
-                expected = f"{rule} with the distribution {self.distribution}"
-                raise Contradiction(key, value, expected)
-        if self.distribution == "lognormal" and self.mean is not None and self.mean <= 0:
-            raise Contradiction("mean", self.mean, "greater than 0 for a lognormal")
-        self._check_mass()
-
-    def _check_mass(self) -> None:
-        try:
-            Marginal(self.distribution, self.low, self.high, self.mean, self.sd)
-        except (ValueError, ArithmeticError) as error:  # all else that it refuses was refused above
-            within = f"[{self.low:g}, {self.high:g}]"
-            expected = f"a mean and an sd that leave some probability within {within}"
-            raise Contradiction("mean", self.mean, expected) from error
-
-
-@dataclass(frozen=True, kw_only=True, config=STRICT)
-class Prior:
-    """[prior] kappa = C10 + C01 (MPa), r = C01 / kappa, s = C11 / kappa."""
-
-    kappa: ParameterPrior
-    """a section [prior.kappa]"""
-    r: ParameterPrior
-    """a section [prior.r]"""
-    s: ParameterPrior
-    """a section [prior.s]"""
-
-    def __post_init__(self) -> None:
-        if self.kappa.low <= 0:
-            raise Contradiction("kappa.low", self.kappa.low, "greater than 0: kappa is a stiffness")
-        if self.r.low < 0:
-            raise Contradiction("r.low", self.r.low, "0 or more: below, C01 is negative")
-        if self.r.high > 1:
-            raise Contradiction("r.high", self.r.high, "1 or less: above, C10 is negative")
-        if self.s.low < 0:
-            raise Contradiction("s.low", self.s.low, "0 or more: below, C11 is negative")
-        if self.s.high > LARGEST_S:
-            expected = f"{LARGEST_S:g} or less: no soft solid stiffens more"
-            raise Contradiction("s.high", self.s.high, expected)
+    compliance_sd: NotNegative = 0.0
+    """standard deviation of the compliance of the machine that is left in the travel, mm/N"""
+    gain_sd: Share = 0.0
+    """relative standard deviation of the load cell's calibration, below 1"""
+    field_scale_sd: Share = 0.0
+    """relative standard deviation of the scale of the measured field, below 1"""
+    translation_sd: NotNegative = 0.0
+    """standard deviation of a rigid translation of the field at each increment, mm"""
+    rotation_sd: Annotated[float, Field(ge=0, le=10)] = 0.0
+    """standard deviation of a small rotation of the field at each increment, degrees (0 to 10)"""
+    force_discrepancy_length: Positive = 0.8
+    """travel over which discrepancies are correlated, mm"""
+    field_discrepancy_length: Positive = 1.5
+    """distance over which a discrepancy of the field is correlated, mm"""
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
 class Design:
-    """[design] FE runs over the ratios (r, s) within the bounds of their priors."""
+    """[design] FE runs over ratios and further unknowns within the bounds of their priors."""
 
     n_runs: Annotated[int, Field(ge=8)] = 20
     """number of runs that train the emulator"""
@@ -285,6 +252,10 @@ class Design:
     n_refine: Annotated[int, Field(ge=3)] = 8
     """largest number of runs added where the posterior is, for each hypothesis; fewer when its mean
     will not move any more"""
+    r: tuple[float, float] | None = None
+    """two numbers: the range of r, where priors of the constants would leave a wider one"""
+    s: tuple[float, float] | None = None
+    """two numbers: the range of s, where priors of the constants would leave a wider one"""
     max_failure_rate: Annotated[float, Field(ge=0, lt=1)] = 0.2
     """share of a hypothesis' runs that may end before the last increment; beyond it the study
     stops"""

@@ -5,8 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from calib.study.artifacts import read_json
 from calib.study.campaign_tables import campaign_table, design_figure, failures_table
 from calib.study.config import Study
@@ -15,26 +13,10 @@ from calib.study.figure_style import save_png
 from calib.study.progress import progress_bar
 from calib.study.sections import Hypothesis
 from calib.study.tables import Table
+from calib.study.unknowns import design_points, parameters_of
 from fe.campaign import CampaignFailed, CampaignPlan, load_campaign, run_campaigns
 from fe.campaign_result import Campaign
 from fe.manifest import MANIFEST
-from fe.response import Array
-from surrogate.design import sobol_design
-
-
-def design_ratios(study: Study) -> Array:
-    """(n_runs + n_held_out, 2) ratios (r, s) in the box of their priors; training runs first.
-
-    The corners come first, so that the emulator interpolates everywhere; the runs held out are
-    later points of the same low-discrepancy sequence, inside the box. Points are denser at small
-    s: there C11, which matters most at large strain, changes the shape of the force curve fastest.
-    """
-    r, s = study.prior.r, study.prior.s
-    n = study.design.n_runs + study.design.n_held_out
-    unit = sobol_design(n, np.array([[0.0, 1.0], [0.0, 1.0]]), study.seed)
-    return np.column_stack(
-        [r.low + (r.high - r.low) * unit[:, 0], s.low + (s.high - s.low) * unit[:, 1] ** 2]
-    )
 
 
 def run_design(context: Context) -> list[Path]:
@@ -68,8 +50,9 @@ def design_plan(context: Context, hypothesis: Hypothesis) -> CampaignPlan:
     study = context.study
     return CampaignPlan(
         context.sampling_model(hypothesis),
-        design_ratios(study),
+        design_points(study, hypothesis),
         campaign_folder(context.out, hypothesis),
+        parameters=parameters_of(study, hypothesis),
         design={
             "kind": "corners, then scrambled Sobol",
             "seed": study.seed,

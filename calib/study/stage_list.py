@@ -15,6 +15,7 @@ from calib.study import (
     map_stage,
     posterior_stage,
     predict_stage,
+    prior_stage,
     refine_stage,
     report_stage,
     sample_stage,
@@ -26,6 +27,8 @@ from calib.study.artifacts import hash_of_file, plain
 from calib.study.config import Study, StudyError
 from calib.study.context import Context
 from calib.study.sections import Compute
+from calib.study.unknowns import by_constants, design_box, parameters_of
+from fe.campaign_parameters import RATIOS
 from fe.fingerprint import fingerprint
 
 Settings = Callable[[Context], dict[str, object]]
@@ -94,7 +97,16 @@ def _whole_study(context: Context) -> dict[str, object]:
     return {**_models()(context), "study": plain(replace(context.study, compute=Compute()))}
 
 
-_DESIGN = ("prior.r", "prior.s", "design", "seed")
+def _design(context: Context) -> dict[str, object]:
+    """The forward models, the design and the box that it is in."""
+    found = _models("prior.r", "prior.s", "design", "seed")(context)
+    boxes = {
+        h.name: plain(design_box(context.study, h))
+        for h in context.study.hypotheses
+        if parameters_of(context.study, h) != RATIOS or by_constants(context.study, h)
+    }
+    return {**found, "box": boxes} if boxes else found
+
 
 STAGES = (
     Stage(
@@ -105,7 +117,7 @@ STAGES = (
         virtual_stage.run,
     ),
     Stage("data", "read the data", ("virtual",), _data, virtual_stage.run_data),
-    Stage("simulate", "run the FE model", (), _models(*_DESIGN), simulate_stage.run_design),
+    Stage("simulate", "run the FE model", (), _design, simulate_stage.run_design),
     Stage(
         "train",
         "train the emulators",
@@ -114,10 +126,17 @@ STAGES = (
         train_stage.run,
     ),
     Stage(
+        "prior",
+        "say what the priors expect of the forces",
+        ("data", "train"),
+        _sections("hypotheses", "noise", "prior", "material", "geometry", "seed"),
+        prior_stage.run,
+    ),
+    Stage(
         "refine",
         "add FE runs where the posterior is",
         ("data", "simulate", "train"),
-        _models("design", "emulator", "noise", "prior", "seed"),
+        _models("design", "emulator", "hypotheses", "noise", "prior", "seed"),
         refine_stage.run,
     ),
     Stage(
@@ -131,14 +150,14 @@ STAGES = (
         "sample",
         "sample the posterior",
         ("data", "check", "refine"),
-        _sections("noise", "prior", "sampler", "seed"),
+        _sections("hypotheses", "noise", "prior", "sampler", "seed"),
         sample_stage.run,
     ),
     Stage(
         "map",
         "find the maximum with emulator and FE model",
         ("data", "check", "refine", "sample"),
-        _models("noise", "prior", "seed"),
+        _models("hypotheses", "noise", "prior", "seed"),
         map_stage.run,
     ),
     Stage(
@@ -165,7 +184,7 @@ STAGES = (
     Stage(
         "report",
         "draw the figures and write the report",
-        ("posterior", "compare", "predict", "check", "refine", "map"),
+        ("posterior", "compare", "predict", "check", "refine", "map", "prior"),
         _whole_study,
         report_stage.run,
     ),

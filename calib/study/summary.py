@@ -16,15 +16,17 @@ import numpy as np
 import pandas as pd
 
 from calib.inference.at_bound import AtBound, at_bound, leaning_sentence
-from calib.inference.coordinates import CONSTANTS, PARAMETERS, x_of
+from calib.inference.coordinates import Space
 from calib.inference.inference_data import (
     Convergence,
     convergence,
     load_inference_data,
     provenance_of,
 )
+from calib.inference.laws import DEFAULT_LAW
 from calib.study.artifacts import plain
 from calib.study.figure_style import INTERVAL, Array, hdi
+from calib.study.sample_stage import space_of
 from calib.study.tables import Table, number
 
 INTERVAL_NAME = f"{INTERVAL:.0%} HDI"
@@ -65,6 +67,8 @@ class Summary:
     truth: dict[str, float] | None
     """constants behind synthetic data if they were made under this hypothesis, MPa"""
     constants: dict[str, ConstantSummary]
+    further: dict[str, ConstantSummary]
+    """what else was unknown: of the forward model and of the errors"""
     diagnostics: dict[str, Any]
     at_bound: tuple[AtBound, ...]
     """bounds of the prior that the posterior leans on"""
@@ -89,7 +93,10 @@ def load_summary(path: Path) -> list[Summary]:
         return [
             summarise(
                 name,
-                {c: data["posterior"][c].sel(hypothesis=name).values.ravel() for c in CONSTANTS},
+                {
+                    str(c): data["posterior"][c].sel(hypothesis=name).values.ravel()
+                    for c in data["posterior"].data_vars
+                },
                 convergence(data, name),
                 provenance,
                 _leaning(data["posterior"].sel(hypothesis=name), provenance),
@@ -107,16 +114,25 @@ def summarise(
     provenance: Mapping[str, Any],
     at_bound: tuple[AtBound, ...] = (),
 ) -> Summary:
-    """Summary of one hypothesis from draws (n,) of each constant [MPa], diagnostics, provenance."""
+    """Summary of one hypothesis from draws (n,) of each constant [MPa], diagnostics, provenance.
+
+    The draws may hold more than the constants of the hypothesis.
+    """
     facts = provenance["hypotheses"][hypothesis]
-    published = provenance["published"] or {}
+    space = _space(facts)
+    law = space.law
+    published = (provenance["published"] or {}) if law.name == DEFAULT_LAW else {}
     constants = {
-        name: _constant(name, draws[name], found[name], facts["map"], published.get(name))
-        for name in CONSTANTS
+        name: _constant(unit, draws[name], found[name], _maxima(name, facts), published.get(name))
+        for name, unit in zip(law.constants, law.units, strict=True)
+    }
+    further = {
+        u.name: _constant(u.unit, draws[u.name], found[u.name], (None, None, None), None)
+        for u in (*space.inputs, *space.errors)
     }
     limits = provenance["limits"]
     failures = [
-        *(f for name in CONSTANTS for f in _unconverged(name, constants[name], limits)),
+        *(f for name, c in (constants | further).items() for f in _unconverged(name, c, limits)),
         *facts["emulator_failures"],
     ]
     # A search that ends at the roughness of the FE forces is told, with its distance, not failed.
@@ -135,8 +151,9 @@ def summarise(
         hypothesis=hypothesis,
         interval=INTERVAL_NAME,
         synthetic=provenance["synthetic"],
-        truth=provenance["truth"] if provenance["truth_hypothesis"] == hypothesis else None,
+        truth=_truth(provenance, hypothesis, tuple(constants)),
         constants=constants,
+        further=further,
         diagnostics=diagnostics,
         at_bound=at_bound,
         failures=tuple(failures),
@@ -145,23 +162,51 @@ def summarise(
 
 def _leaning(posterior: Any, provenance: Mapping[str, Any]) -> tuple[AtBound, ...]:
     """Bounds of the stored prior on which the stored draws of one hypothesis lean."""
-    theta = np.stack([posterior[name].values.ravel() for name in PARAMETERS], axis=-1)
-    prior = provenance["study_file"]["prior"]
-    bounds = np.array([[prior[name]["low"], prior[name]["high"]] for name in PARAMETERS])
-    return at_bound(x_of(theta), x_of(bounds.T).T)
+    facts = provenance["hypotheses"][str(posterior["hypothesis"].values)]
+    space, bounds = _space(facts), np.array(facts["bounds"])
+    columns = [
+        np.log(posterior[u.name].values.ravel()) if u.log else posterior[u.name].values.ravel()
+        for u in space.unknowns
+    ]
+    return at_bound(np.stack(columns, axis=-1), bounds, space)
+
+
+def _space(facts: Mapping[str, Any]) -> Space:
+    """What was unknown under a hypothesis, as its provenance says."""
+    return space_of(facts["space"]) if "space" in facts else Space()
+
+
+def _truth(
+    provenance: Mapping[str, Any], hypothesis: str, names: tuple[str, ...]
+) -> dict[str, float] | None:
+    """Constants behind synthetic data under this hypothesis, where its law has them."""
+    truth: dict[str, float] | None = provenance["truth"]
+    if truth is None or provenance["truth_hypothesis"] != hypothesis:
+        return None
+    return truth if set(names) <= set(truth) else None
+
+
+def _maxima(name: str, facts: Mapping[str, Any]) -> tuple[float | None, float | None, float | None]:
+    """A constant at the maximum by emulator, by FE, and their difference in SDs."""
+    maximum = facts["map"]
+    return (
+        maximum["emulator"][name],
+        (maximum["fe"] or {}).get(name),
+        (maximum["difference_sd"] or {}).get(name),
+    )
 
 
 def _constant(
-    name: str,
+    unit: str,
     draws: Array,
     found: Convergence,
-    maximum: Mapping[str, Any],
+    maxima: tuple[float | None, float | None, float | None],
     published: float | None,
 ) -> ConstantSummary:
     mean, sd = float(draws.mean()), float(draws.std(ddof=1))
     low, high = hdi(draws)
     return ConstantSummary(
-        unit=UNIT,
+        unit=unit,
         mean=mean,
         sd=sd,
         hdi_low=low,
@@ -169,9 +214,9 @@ def _constant(
         ess_bulk=found.ess_bulk,
         ess_tail=found.ess_tail,
         r_hat=found.r_hat,
-        map_emulator=maximum["emulator"][name],
-        map_fe=(maximum["fe"] or {}).get(name),
-        map_difference_sd=(maximum["difference_sd"] or {}).get(name),
+        map_emulator=maxima[0],
+        map_fe=maxima[1],
+        map_difference_sd=maxima[2],
         published=published,
         published_z=None if published is None else (published - mean) / sd,
     )
@@ -228,12 +273,38 @@ def points_table(summary: Summary) -> Table:
     return Table(f"Maxima under {summary.hypothesis}", tuple(columns), tuple(rows), note)
 
 
+def further_table(summary: Summary) -> Table | None:
+    """Posterior of what else was unknown under one hypothesis; None where that is nothing."""
+    if not summary.further:
+        return None
+    rows = [
+        (
+            name,
+            "-" if c.unit == "1" else c.unit,
+            *(number(value) for value in (c.mean, c.sd, c.hdi_low, c.hdi_high)),
+            f"{c.ess_bulk:.0f}",
+            f"{c.ess_tail:.0f}",
+            f"{c.r_hat:.4f}",
+        )
+        for name, c in summary.further.items()
+    ]
+    columns = ("parameter", "unit", "mean", "SD", f"{summary.interval} low", "high")
+    return Table(
+        f"Further unknowns under {summary.hypothesis}",
+        (*columns, "ESS bulk", "ESS tail", "R-hat"),
+        tuple(rows),
+        "A posterior as wide as the prior says that the data know nothing of the parameter.",
+    )
+
+
 def format_table(summaries: Sequence[Summary]) -> str:
     """All tables for a terminal, and which diagnostics fail."""
     parts = []
     for summary in summaries:
         parts += [constants_table(summary, summary.truth).text(), ""]
         parts += [points_table(summary).text(), ""]
+        further = further_table(summary)
+        parts += [further.text(), ""] if further is not None else []
     parts += [f"FAILED  {s.hypothesis}: {failure}" for s in summaries for failure in s.failures]
     if all(summary.passed for summary in summaries):
         parts.append("All diagnostics are within the limits of the study.")
@@ -263,11 +334,11 @@ def to_frame(summaries: Sequence[Summary]) -> pd.DataFrame:
             "synthetic": summary.synthetic,
             "constant": name,
             **asdict(constant),
-            "truth": None if summary.truth is None else summary.truth[name],
+            "truth": None if summary.truth is None else summary.truth.get(name),
             "passed": summary.passed,
         }
         for summary in summaries
-        for name, constant in summary.constants.items()
+        for name, constant in (summary.constants | summary.further).items()
     ]
     return pd.DataFrame(rows)
 

@@ -88,7 +88,7 @@ CONFIRMED_SD = 0.2
 def confirmation(name: str, found: Mapping[str, Any]) -> str:
     """Whether direct FE confirms the emulator's maximum, as a sentence; `found` is of map.json."""
     known = [abs(value) for value in found["difference_sd_x"] if value is not None]
-    if len(known) < 3:
+    if len(known) < len(found["difference_sd_x"]):
         return f" {name}: the emulator's maximum is not confirmed, direct FE found none."
     if max(known) <= CONFIRMED_SD:
         return f" {name}: direct FE confirms the emulator's maximum within {CONFIRMED_SD} SD."
@@ -101,8 +101,16 @@ def confirmation(name: str, found: Mapping[str, Any]) -> str:
 def map_table(maps: Mapping[str, Any]) -> Table:
     """How the FE model moved the maximum; `maps` is map.json."""
     rows = []
+    columns = list(
+        dict.fromkeys(
+            name.removesuffix(" [MPa]") for found in maps.values() for name in _x_names(found)
+        )
+    )
     for name, found in maps.items():
-        off = ["-" if value is None else f"{value:+.3f}" for value in found["difference_sd_x"]]
+        names = [column.removesuffix(" [MPa]") for column in _x_names(found)]
+        by_name = dict(zip(names, found["difference_sd_x"], strict=True))
+        values = [by_name.get(column) for column in columns]
+        off = ["-" if value is None else f"{value:+.3f}" for value in values]
         gradient = found["projected_gradient_fe"]
         slope = None if gradient is None else max(abs(value) for value in gradient)
         rows.append((name, *off, number(slope, 2), str(found["n_fe_solves"]), found["status"]))
@@ -110,17 +118,16 @@ def map_table(maps: Mapping[str, Any]) -> Table:
         "Maximum of the posterior (MAP): direct FE minus emulator, in posterior SDs",
         (
             "hypothesis",
-            "ln kappa [SD]",
-            "r [SD]",
-            "s [SD]",
+            *(f"{column} [SD]" for column in columns),
             "slope used * SD [-]",
             "FE solves",
             "search",
         ),
         tuple(rows),
-        "Same density in (ln kappa, r, s): same prior, data and errors, the emulator's included. "
-        "Direct FE has the mesh of the emulator's runs, so the difference holds no discretisation "
-        "error. A search that did not converge leaves its best point, not a maximum. "
+        f"Same density in ({', '.join(columns)}): same prior, data and errors, the emulator's "
+        "included. Direct FE has the mesh of the emulator's runs, so the difference holds no "
+        "discretisation error. A search that did not converge leaves its best point, not a "
+        "maximum. "
         + " ".join(f"{name}: {found['message']}." for name, found in maps.items())
         + "".join(confirmation(name, found) for name, found in maps.items())
         + "".join(
@@ -138,6 +145,12 @@ def map_table(maps: Mapping[str, Any]) -> Table:
     )
 
 
+def _x_names(found: Mapping[str, Any]) -> Sequence[str]:
+    """Coordinates of a maximum in map.json."""
+    names: Sequence[str] = found.get("x", ("ln kappa", "r", "s"))
+    return names
+
+
 def mesh_table(errors: Mapping[str, Any]) -> Table:
     """Discretisation error; `errors` maps a hypothesis to its mesh_error.json."""
     first = next(iter(errors.values()))
@@ -145,7 +158,8 @@ def mesh_table(errors: Mapping[str, Any]) -> Table:
     for name, error in errors.items():
         measured = zip(error["ratios"], error["signed_force"], error["field_rms"], strict=True)
         for ratios, signed, field in measured:
-            at = f"r = {ratios[0]:.3g}, s = {ratios[1]:.3g}"
+            named = zip(error.get("names", ("r", "s")), ratios, strict=True)
+            at = ", ".join(f"{column} = {value:.3g}" for column, value in named)
             rows.append((f"{name}, force [%]", at, *(percent(value) for value in signed)))
             rows.append((f"{name}, field RMS [mm]", at, *(number(value, 2) for value in field)))
         left = (f"{100 * value:.2f}" for value in error["force"])
@@ -180,7 +194,7 @@ def published_table(comparison: Mapping[str, Any]) -> Table | None:
     for name, found in comparison["hypotheses"].items():
         published = found["published"]
         if published is None:
-            return None
+            continue
         rows.append((f"{name}, force [N]", *(number(force) for force in published["force"])))
         ratios = zip(published["force"], comparison["force_mean"], strict=True)
         rows.append((f"{name}, times the data", *(f"{force / mean:.1f}" for force, mean in ratios)))
@@ -194,6 +208,8 @@ def published_table(comparison: Mapping[str, Any]) -> Table | None:
                 else ""
             )
         )
+    if not rows:
+        return None
     rows.append(("data [N]", *(number(mean) for mean in comparison["force_mean"])))
     return Table(
         "Forces that the published constants predict (thesis Table 5.4; MPa implied there)",
@@ -265,12 +281,14 @@ def comparison_table(comparison: Mapping[str, Any]) -> Table:
 
 def correlation_table(comparison: Mapping[str, Any]) -> Table | None:
     """How the posterior changes with what is assumed of the noise."""
+    found = comparison["correlation_study"]
+    constants = list(dict.fromkeys(name for row in found for name in row["mean"]))
     rows = tuple(
         (
             row["hypothesis"],
             f"{row['sample_correlation']:g}",
             f"{row['travel_zero_sd']:g}",
-            *(f"{number(row['mean'][c], 3)} ± {number(row['sd'][c], 2)}" for c in CONSTANTS),
+            *(_mean_sd(row, constant) for constant in constants),
             f"{row['log_evidence']:.1f}",
             f"{row['predictive_p']:.2g}",
         )
@@ -284,7 +302,7 @@ def correlation_table(comparison: Mapping[str, Any]) -> Table | None:
             "hypothesis",
             "rho [-]",
             "zero [mm]",
-            *(f"{constant} [MPa]" for constant in CONSTANTS),
+            *(f"{constant} [{'-' if 'alpha' in constant else 'MPa'}]" for constant in constants),
             "ln evid. [-]",
             "p [-]",
         ),
@@ -292,6 +310,12 @@ def correlation_table(comparison: Mapping[str, Any]) -> Table | None:
         "rho: correlation of one sample's deviation between neighbouring increments; zero: SD of "
         "the travel's zero; p: posterior predictive p-value of the forces.",
     )
+
+
+def _mean_sd(row: Mapping[str, Any], constant: str) -> str:
+    if constant not in row["mean"]:
+        return "-"
+    return f"{number(row['mean'][constant], 3)} ± {number(row['sd'][constant], 2)}"
 
 
 def texts(tables: Sequence[Table | None]) -> list[str]:

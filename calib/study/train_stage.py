@@ -9,12 +9,14 @@ from typing import Any
 import numpy as np
 
 from calib.study.artifacts import read_json, write_json, write_npz
+from calib.study.campaign_tables import label_of
 from calib.study.config import Study
 from calib.study.context import Context
 from calib.study.judgement import judge, one_line
 from calib.study.sections import Hypothesis
 from calib.study.simulate_stage import load_design
 from calib.study.training_runs import held_out_set, partial_runs, rows, training_set
+from calib.study.unknowns import parameters_of
 from fe.campaign_result import Campaign
 from fe.response import Array
 from surrogate import Emulator, TrainingSet
@@ -64,7 +66,8 @@ def fit_and_judge(context: Context, folder: Path, runs: dict[str, StudyRuns]) ->
         emulator.save(path)
         partial = partial_runs(emulator, [*parts.training, parts.held_out])
         judged = judge(emulator, training, held_out, partial, context.study)
-        found[hypothesis.name] = judged.facts
+        labels = [label_of(p) for p in parameters_of(context.study, hypothesis)]
+        found[hypothesis.name] = judged.facts | {"inputs": labels}
         points = context.sampling_model(hypothesis).points()
         write_npz(maps_path(folder, hypothesis), {"points": points, **judged.maps})
         paths += [path, maps_path(folder, hypothesis)]

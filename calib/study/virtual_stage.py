@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
+
 from calib.inference.coordinates import theta_of_constants
 from calib.study.config import Study, StudyError
 from calib.study.context import Context, Simulate, stream
 from calib.study.data_stage import StudyData, load_data, measured, save_data, with_mu
 from calib.study.progress import progress_bar
-from calib.study.sections import Virtual, is_finer
+from calib.study.sections import Hypothesis, Virtual, is_finer
 from calib.study.simulate_stage import manifest_files
+from calib.study.unknowns import fixed_values, law_of, parameters_of
 from calib.virtual import VirtualNoise, virtual_experiment
 from fe.campaign import CampaignPlan, run_campaigns
 from fe.response import Array, Response
@@ -45,23 +48,36 @@ def run(context: Context) -> list[Path]:
 
 
 def truth_of(study: Study) -> Array:
-    """(kappa [MPa], r, s) behind the synthetic data."""
-    virtual = _virtual(study)
-    return theta_of_constants(virtual.C10, virtual.C01, virtual.C11)
+    """(kappa [MPa], ratios and further unknowns) behind the synthetic data.
+
+    Of what has no constant in [virtual] the truth is the number that the study gives for it.
+    """
+    virtual, hypothesis = _virtual(study), _true_hypothesis(study)
+    theta = theta_of_constants(virtual.C10, virtual.C01, virtual.C11)
+    n_ratio = len(law_of(study, hypothesis).ratios)
+    return np.concatenate([theta[: 1 + n_ratio], fixed_values(study, hypothesis)])
 
 
 def truth_model(context: Context) -> Simulate:
     """The forward model on the mesh of the truth."""
     virtual = _virtual(context.study)
-    hypothesis = next(h for h in context.study.hypotheses if h.name == virtual.hypothesis)
-    return context.model(hypothesis, virtual.cells)
+    return context.model(_true_hypothesis(context.study), virtual.cells)
+
+
+def _true_hypothesis(study: Study) -> Hypothesis:
+    name = _virtual(study).hypothesis
+    return next(h for h in study.hypotheses if h.name == name)
 
 
 def truth_run(context: Context) -> Response:
     """The truth at kappa = 1 MPa: from disk when it has been run."""
     ratios = truth_of(context.study)[None, 1:]
     plan = CampaignPlan(
-        truth_model(context), ratios, context.out / FOLDER / "run", max_failure_rate=1.0
+        truth_model(context),
+        ratios,
+        context.out / FOLDER / "run",
+        parameters=parameters_of(context.study, _true_hypothesis(context.study)),
+        max_failure_rate=1.0,
     )
     with progress_bar("virtual", "run", shown=context.show_progress) as progress:
         [campaign] = run_campaigns([plan], context.map_fn, progress)

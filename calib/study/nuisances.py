@@ -1,0 +1,85 @@
+"""What the data say of the nuisances of the test, for comparison.json and the report."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from calib.inference.coordinates import theta_of
+from calib.inference.likelihood import FORCE_DISCREPANCY
+from calib.inference.posterior import Posterior
+from calib.study.tables import Table, number
+from fe.response import Array
+
+N_DRAWS = 2000
+
+
+def nuisances_of(posterior: Posterior, draws: Array) -> list[dict[str, object]]:
+    """Posterior mean and SD of each nuisance that is integrated out, over draws x (n, d).
+
+    By the laws of total expectation and variance from the normal that each draw leaves.
+    """
+    likelihood = posterior.likelihood
+    theta = theta_of(_some(draws))
+    found = likelihood.shared_posterior(theta)
+    variance = np.einsum("mqq->mq", found.covariance)
+    mean, total = found.mean.mean(axis=0), variance.mean(axis=0) + found.mean.var(axis=0)
+    return [
+        {
+            "name": error.name,
+            "unit": error.unit,
+            "prior_sd": error.sd,
+            "mean": error.sd * mean[i],
+            "sd": error.sd * np.sqrt(total[i]),
+        }
+        for i, error in enumerate(likelihood.errors.shared)
+        if error.sd > 0
+    ]
+
+
+def discrepancy_of(posterior: Posterior, draws: Array) -> dict[str, object] | None:
+    """Mean of the force's discrepancy over draws, and the SD of its mean, N; None without one."""
+    likelihood = posterior.likelihood
+    if FORCE_DISCREPANCY not in likelihood.unknown:
+        return None
+    found = likelihood.force_discrepancy(theta_of(_some(draws)))
+    return {"mean": found.mean(axis=0), "sd_over_draws": found.std(axis=0), "unit": "N"}
+
+
+def _some(draws: Array) -> Array:
+    every = max(1, len(draws) // N_DRAWS)
+    return draws[::every]
+
+
+def nuisance_table(comparison: Mapping[str, Any]) -> Table | None:
+    """Nuisances before and after the data; None where the study has none."""
+    rows = []
+    for name, found in comparison["hypotheses"].items():
+        for entry in found.get("nuisances", ()):
+            unit = "-" if entry["unit"] == "1" else entry["unit"]
+            rows.append(
+                (
+                    name,
+                    entry["name"],
+                    unit,
+                    f"0 ± {number(entry['prior_sd'], 3)}",
+                    f"{number(entry['mean'], 3)} ± {number(entry['sd'], 3)}",
+                )
+            )
+    notes = [
+        f"{name}, discrepancy of the force, N: "
+        + ", ".join(number(value, 2) for value in found["force_discrepancy"]["mean"])
+        + "."
+        for name, found in comparison["hypotheses"].items()
+        if found.get("force_discrepancy")
+    ]
+    if not rows and not notes:
+        return None
+    return Table(
+        "Nuisances of the test, integrated out of the posterior",
+        ("hypothesis", "nuisance", "unit", "before the data", "after"),
+        tuple(rows),
+        " ".join(["A posterior as wide as the prior says that the data know nothing.", *notes]),
+    )

@@ -1,0 +1,347 @@
+"""What a study may leave unknown: read, refused, designed, solved by FE, inferred."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from varied_block import varied_stand_in
+
+from calib.cli import main
+from calib.inference.inference_data import load_inference_data
+from calib.study.artifacts import read_json
+from calib.study.config import Study, StudyError, load_study, read_study
+from calib.study.context import block_pin_model
+from calib.study.stages import run_study
+from calib.study.study_file import study_text
+from calib.study.summary import load_summary
+from calib.study.unknowns import (
+    design_points,
+    fixed_values,
+    inputs_of,
+    parameters_of,
+    prior_of,
+)
+from calib.study.varied_block import VariedBlock
+from fe.campaign_parameters import RATIOS
+from fe.executors import serial_map
+from fe.specimens.block_pin import BlockPinModel
+
+TEXT = (Path(__file__).parents[1] / "calib/study/embedded/virtual.toml").read_text()
+HYPOTHESES = TEXT[TEXT.index("[[hypothesis]]") : TEXT.index("[noise]")]
+RUBS = '[[hypothesis]]\nname = "rubs"\npin = 0.3\nbase = 0.3\n'
+
+
+def uniform(section: str, low: float, high: float) -> str:
+    return f'\n[{section}]\ndistribution = "uniform"\nlow = {low}\nhigh = {high}\n'
+
+
+def text_of(hypotheses: str = HYPOTHESES, more: str = "", **changes: str) -> str:
+    text = TEXT.replace(HYPOTHESES, hypotheses + "\n") + more
+    name = "rubs" if 'name = "rubs"' in hypotheses else "sliding"
+    text = text.replace('hypothesis = "sliding"', f'hypothesis = "{name}"')
+    for old, new in changes.items():
+        text = text.replace(f"{old} = ", f"{new} # ", 1)
+    return text
+
+
+def study_of(text: str) -> Study:
+    return read_study(text.encode(), file="study.toml", folder=Path())
+
+
+def refusal(text: str) -> str:
+    with pytest.raises(StudyError) as caught:
+        study_of(text)
+    return str(caught.value)
+
+
+def test_a_study_without_new_keys_has_the_model_and_the_columns_it_had() -> None:
+    study = load_study("virtual")
+    for hypothesis in study.hypotheses:
+        assert parameters_of(study, hypothesis) == RATIOS
+        model = block_pin_model(study, hypothesis, (2, 2, 1))
+        assert isinstance(model, BlockPinModel)
+        assert prior_of(study, hypothesis, with_field=True).space.names == ("kappa", "r", "s")
+
+
+def test_a_hypothesis_adds_its_own_prior_and_overrides_that_of_the_study() -> None:
+    own = uniform("hypothesis.prior.friction", 0.1, 0.5) + uniform("hypothesis.prior.r", 0.2, 0.4)
+    study = study_of(text_of(RUBS + own + HYPOTHESES, uniform("prior.height", 2.4, 2.6)))
+    rubs, stuck, _ = study.hypotheses
+    assert inputs_of(study, rubs) == ("friction", "height")
+    assert inputs_of(study, stuck) == ("height",)
+    assert prior_of(study, rubs, with_field=False).bounds[1:].tolist() == [
+        [0.2, 0.4],
+        [0.0, 0.5],
+        [0.1, 0.5],
+        [2.4, 2.6],
+    ]
+    assert prior_of(study, stuck, with_field=False).bounds[1].tolist() == [0.0, 1.0]
+    assert study_of(study_text(study)) == study
+
+
+def test_the_design_covers_the_box_and_holds_the_logarithm_of_the_bulk_ratio() -> None:
+    more = uniform("prior.bulk_ratio", 50.0, 800.0) + uniform("prior.fillet", 0.2, 0.4)
+    study = study_of(text_of(more=more))
+    hypothesis = study.hypotheses[0]
+    names = [parameter.name for parameter in parameters_of(study, hypothesis)]
+    assert names == ["r", "s", "ln bulk_ratio", "fillet"]
+    points = design_points(study, hypothesis)
+    bounds = prior_of(study, hypothesis, with_field=False).bounds[1:]
+    assert points.shape == (24, 4)
+    assert points.min(axis=0) == pytest.approx(bounds[:, 0])
+    assert points.max(axis=0) == pytest.approx(bounds[:, 1])
+    assert bounds[2] == pytest.approx(np.log([50.0, 800.0]))
+    assert fixed_values(study, hypothesis) == pytest.approx([np.log(200.0), 0.3])
+
+
+PENALTY = 2e-3
+"""relative error of differences of FE forces over the steps below"""
+
+
+@pytest.mark.parametrize("law", ["mooney-rivlin-3", "yeoh", "ogden-2"])
+def test_slopes_of_the_varied_block_are_those_of_its_forces(law: str) -> None:
+    template = BlockPinModel(
+        specimen=block_pin_model(
+            load_study("virtual"), load_study("virtual").hypotheses[1], (2, 2, 1)
+        ).specimen,
+        contact=_contact(),
+        cells=(4, 2, 1),
+        travel=(0.05, 0.15),
+        field_grid=((1.0, 1.0), (3.0, 2.0)),
+    )
+    inputs = ("bulk_ratio", "friction", "height", "fillet")
+    ratios = {"mooney-rivlin-3": [0.3, 0.1], "yeoh": [0.1, 0.02], "ogden-2": [1.5, -2.0, 0.2]}[law]
+    model = VariedBlock(template, law, inputs)
+    row = np.array([*ratios, np.log(100.0), 0.25, 2.5, 0.3])
+    found = model(row)
+    assert len(found.parameters) == row.size
+    step = 1e-3
+    for column, name in enumerate(found.parameters):
+        sides = []
+        for sign in (1.0, -1.0):
+            moved = row.copy()
+            moved[column] += sign * step
+            sides.append(model(moved))
+        force = (sides[0].force - sides[1].force) / (2.0 * step)
+        scale = np.abs(found.force) + np.abs(force)
+        assert found.force_gradient[:, column] / scale == pytest.approx(
+            force / scale, abs=PENALTY
+        ), name
+        field = (sides[0].displacement - sides[1].displacement) / (2.0 * step)
+        assert found.displacement_gradient[..., column] == pytest.approx(field, abs=2e-3), name
+
+
+def _contact() -> Any:
+    from fe.specimens.block_pin import Contact
+
+    return Contact(pin=0.2, base=0.2)
+
+
+def test_the_varied_block_is_the_block_where_nothing_varies() -> None:
+    study = load_study("virtual")
+    plain = block_pin_model(study, study.hypotheses[1], (4, 2, 1))
+    assert isinstance(plain, BlockPinModel)
+    short = BlockPinModel(
+        plain.specimen, plain.contact, plain.cells, (0.05,), field_grid=((1.0, 1.0),)
+    )
+    ratios = np.array([0.3, 0.1])
+    found, expected = VariedBlock(short, "mooney-rivlin-3")(ratios), short(ratios)
+    assert found.force == pytest.approx(expected.force, rel=1e-12)
+    assert found.displacement == pytest.approx(expected.displacement, abs=1e-13)
+    assert found.force_gradient == pytest.approx(expected.force_gradient, rel=1e-8)
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        (text_of(more=uniform("prior.friction", 0.1, 0.5)), "prior.friction: found a table"),
+        (
+            text_of(RUBS + HYPOTHESES, uniform("prior.friction", -0.1, 0.5)),
+            "prior.friction.low: found -0.1, expected 0 or more: it is a coefficient of friction",
+        ),
+        (
+            text_of(
+                RUBS + HYPOTHESES,
+                uniform("prior.friction", 0.1, 0.5) + uniform("prior.pin_friction", 0.1, 0.5),
+            ),
+            "prior.pin_friction: found a table, expected none beside [prior.friction]",
+        ),
+        (
+            text_of(HYPOTHESES + uniform("hypothesis.prior.friction", 0.1, 0.5)),
+            "hypothesis[1].prior.friction: found a table, expected none: under sliding",
+        ),
+        (
+            text_of(more=uniform("prior.height", 1.0, 2.6)),
+            "increments[2]: found 1.0, expected less",
+        ),
+        (text_of(more=uniform("prior.height", 1.4, 2.6)), "increments[4]: found 1.4"),
+        (text_of(more=uniform("prior.height", 2.0, 9.0)), "prior.height.high: found 9.0, expected"),
+        (
+            text_of(more=uniform("prior.fillet", 0.01, 0.4)),
+            "prior.fillet.low: found 0.01, expected",
+        ),
+        (text_of(more=uniform("prior.bulk_ratio", 0.5, 9.0)), "prior.bulk_ratio.low: found 0.5"),
+        (text_of(more=uniform("prior.c20", 0.0, 0.3)), "prior.c20: found a table, expected none"),
+        (
+            text_of(HYPOTHESES.replace('"sliding"\n', '"sliding"\nlaw = "gent"\n')),
+            'hypothesis[1].law: found "gent", expected one of neo-hookean, mooney-rivlin-2',
+        ),
+        (
+            text_of(HYPOTHESES.replace('"sliding"\n', '"sliding"\nlaw = "neo-hookean"\n')),
+            "a further unknown with it",
+        ),
+        (
+            text_of(HYPOTHESES.replace('"sliding"\n', '"sliding"\nlaw = "yeoh"\n')),
+            "prior.c20: found nothing, expected a section [prior.c20]",
+        ),
+        (
+            text_of(more=uniform("prior.field_noise", 0.0, 3.0)),
+            "prior.field_noise.low: found 0.0, expected greater than 0: it is a size",
+        ),
+        (
+            text_of(more=uniform("prior.bulk", 1.0, 3.0)),
+            "prior.bulk: found an unknown key, expected one of positive, kappa, r, s",
+        ),
+        (
+            text_of(HYPOTHESES.replace('"sliding"\n', '"sliding"\nlaw = "mooney-rivlin-2"\n')),
+            "virtual.C11: found 0.0024, expected 0: the law of sliding, mooney-rivlin-2, has no",
+        ),
+        (
+            text_of(more=uniform("prior.C10", 0.001, 0.01)),
+            "prior.C01: found nothing, expected a section [prior.C01]",
+        ),
+    ],
+)
+def test_priors_that_make_no_sense_are_refused_in_one_sentence(text: str, expected: str) -> None:
+    message = refusal(text)
+    assert message.startswith("study.toml:") and expected in message
+    assert "\n" not in message
+
+
+def test_a_wrong_prior_stops_the_command_with_file_line_and_key(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "study.toml"
+    path.write_text(text_of(more=uniform("prior.fillet", 0.01, 0.4)))
+    line = path.read_text().splitlines().index("low = 0.01") + 1
+    assert main(["run", str(path), "--out", str(tmp_path / "out")]) == 2
+    assert capsys.readouterr().err == (
+        f"calib: {path}:{line}: prior.fillet.low: found 0.01, expected 0.05 or more: no sharp "
+        "edge, and less than half of the pin's width\n"
+    )
+
+
+def by_constants(low: float = 0.0, more: str = "") -> str:
+    text = text_of()
+    start, end = text.index("[prior.kappa]"), text.index("[design]")
+    priors = uniform("prior.C10", 0.005, 0.012) + uniform("prior.C01", low, 0.01)
+    return text[:start] + more + priors + uniform("prior.C11", 0.0, 0.004) + "\n" + text[end:]
+
+
+def test_negative_constants_are_refused_unless_the_study_allows_them() -> None:
+    assert "0 or more, or prior.positive = false" in refusal(by_constants(-0.002))
+    study = study_of(by_constants(-0.002, "[prior]\npositive = false\n"))
+    prior = prior_of(study, study.hypotheses[0], with_field=False)
+    assert prior.bounds[1, 0] < 0.0
+    assert "1 or less: above, C10 is negative" in refusal(TEXT.replace("high = 1.0", "high = 1.2"))
+
+
+def test_the_range_of_a_ratio_may_be_narrower_than_the_priors_of_constants_leave() -> None:
+    text = by_constants().replace("[design]\n", "[design]\nr = [0.0, 0.4]\ns = [0.0, 0.3]\n")
+    study = study_of(text)
+    prior = prior_of(study, study.hypotheses[0], with_field=False)
+    assert prior.bounds[1].tolist() == [0.0, 0.4]
+    assert prior.log_mass < 0.0
+
+
+def _run(text: str, out: Path) -> Any:
+    short = text.replace("max_steps = 20000", "max_steps = 3000")
+    study = study_of(short.replace("n_ensembles = 4", "n_ensembles = 2"))
+    return run_study(
+        study,
+        out,
+        simulate_factory=varied_stand_in,
+        map_fn=serial_map,
+        show_progress=False,
+        echo=lambda _: None,
+    )
+
+
+@pytest.mark.slow  # two studies with up to five unknowns: minutes
+def test_friction_height_and_bulk_are_inferred_beside_a_rival_law(tmp_path: Path) -> None:
+    yeoh = '\n[[hypothesis]]\nname = "yeoh"\npin = 0.3\nbase = 0.3\nlaw = "yeoh"\n'
+    yeoh += uniform("hypothesis.prior.c20", 0.0, 0.3) + uniform("hypothesis.prior.c30", 0.0, 0.1)
+    more = uniform("prior.height", 2.3, 2.7) + uniform("prior.friction", 0.05, 0.6)
+    result = _run(text_of(RUBS + yeoh, more), tmp_path)
+    true, other = load_summary(result.posterior)
+    assert set(other.constants) == {"C10", "C20", "C30", "mu"}
+    assert set(true.further) == {"friction", "height"}
+    assert true.further["height"].hdi_low < 2.5 < true.further["height"].hdi_high
+    assert true.further["friction"].hdi_low < 0.3 < true.further["friction"].hdi_high
+    assert true.truth is not None
+    for name, constant in true.constants.items():
+        assert constant.hdi_low < true.truth[name] < constant.hdi_high, name
+    posterior = load_inference_data(result.posterior)["posterior"]
+    assert np.isnan(posterior["C20"].sel(hypothesis="rubs")).all()
+    assert np.isfinite(posterior["height"]).all()
+    found = read_json(tmp_path / "comparison.json")["hypotheses"]
+    assert found["rubs"]["log_evidence"] > found["yeoh"]["log_evidence"]
+
+
+@pytest.mark.slow  # a study with seven unknowns: a minute or two
+def test_priors_of_constants_with_unknown_noise_go_from_data_to_report(tmp_path: Path) -> None:
+    sizes = uniform("prior.force_noise", 0.3, 3.0) + uniform("prior.field_noise", 0.3, 3.0)
+    text = by_constants(more=sizes)
+    text = text.replace(HYPOTHESES.split("[[hypothesis]]")[1], "").replace("[[hypothesis]][[", "[[")
+    nuisances = "travel_zero_sd = 0.02\ncompliance_sd = 0.01\ngain_sd = 0.01\nrotation_sd = 0.05\n"
+    result = _run(text.replace("travel_zero_sd = 0.02  # mm\n", nuisances), tmp_path)
+    [summary] = load_summary(result.posterior)
+    assert summary.truth is not None
+    for name, constant in summary.constants.items():
+        assert constant.hdi_low < summary.truth[name] < constant.hdi_high, name
+    # 180 values say how large their noise is to 1 / sqrt(2 * 180) = 0.053, five forces do not
+    assert summary.further["field_noise"].sd == pytest.approx(0.053, rel=0.2)
+    assert summary.further["field_noise"].mean == pytest.approx(1.0, abs=0.2)
+    assert summary.further["force_noise"].sd > 0.2
+    [found] = read_json(tmp_path / "comparison.json")["hypotheses"].values()
+    assert [entry["name"] for entry in found["nuisances"]] == [
+        "zero of the travel",
+        "compliance of the machine",
+        "gain of the load cell",
+    ]
+    assert all(entry["sd"] <= entry["prior_sd"] * 1.001 for entry in found["nuisances"])
+    assert (tmp_path / "prior" / "prior_predictive.png").is_file()
+    assert "Nuisances of the test" in (tmp_path / "report.html").read_text()
+
+
+@pytest.mark.slow  # some fifty runs of the FE model on a tiny mesh
+def test_bulk_ratio_and_height_are_inferred_with_the_fe_model(tmp_path: Path) -> None:
+    text = TEXT.replace(HYPOTHESES, HYPOTHESES[HYPOTHESES.index("[[hypothesis]]", 5) :])
+    text = text.replace("increments = [0.6, 0.8, 1.0, 1.2, 1.4]", "increments = [0.1, 0.2, 0.3]")
+    text = text.replace("cells = [20, 8, 4]", "cells = [8, 4, 2]").replace(
+        "n_samples = 23", "n_samples = 9"
+    )
+    text = text.replace("sampling = [12, 4, 2]", "sampling = [4, 2, 1]")
+    text = text.replace("check = [16, 6, 3]", "check = [6, 3, 2]")
+    text = text.replace("load_cell_sd = 0.0722", "load_cell_sd = 0.001")
+    text = text.replace("n_runs = 20", "n_runs = 24").replace(
+        "max_steps = 20000", "max_steps = 3000"
+    )
+    text = text.replace("max_force_error = 0.02", "max_force_error = 0.2")
+    text = text.replace("n_ensembles = 4", "n_ensembles = 2")
+    more = uniform("prior.height", 2.4, 2.6) + uniform("prior.bulk_ratio", 100.0, 400.0)
+    study = study_of(text + more)
+    result = run_study(
+        study, tmp_path, workers=1, show_progress=False, echo=lambda _: None, map_fn=serial_map
+    )
+    [summary] = load_summary(result.posterior)
+    assert set(summary.further) == {"bulk_ratio", "height"}
+    assert 2.4 < summary.further["height"].mean < 2.6
+    [maximum] = read_json(tmp_path / "map.json").values()
+    assert maximum["fe_x"] is not None and len(maximum["fe_x"]) == 5
+    diagnostics = read_json(tmp_path / "diagnostics.json")["sliding"]
+    assert diagnostics["inputs"] == ["r [-]", "s [-]", "ln bulk_ratio [-]", "height [mm]"]
+    assert diagnostics["n_with_gradients"] > 0
