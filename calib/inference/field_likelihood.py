@@ -156,7 +156,7 @@ class FieldLikelihood:
         if self.basis.modes is None:
             raise ValueError("basis: an identity basis has no modes to project on")
         modes = self.basis.modes
-        shared = self._shared(np.concatenate([self.basis.offset[None], modes]))
+        shared = self.shared(np.concatenate([self.basis.offset[None], modes]))
         return project(
             _without(observed - self.basis.offset, left_out, axis=1),
             self._covariance(left_out),
@@ -169,7 +169,7 @@ class FieldLikelihood:
         total = self.covariance.with_patterns(self.basis.truncation)
         return total if left_out is None else total.without_step(left_out)
 
-    def _shared(self, fields: Array) -> Array:
+    def shared(self, fields: Array) -> Array:
         """(q, n, n_step, n_point, 3) change of fields (n, ...) by one SD of each shared error."""
         return np.stack([np.einsum("ij,qjpc->qipc", shift, fields) for shift in self.shifts])
 
@@ -211,7 +211,7 @@ class FieldLikelihood:
     def _table(self, left_out: int | None) -> TabledField:
         if self.scales is None or self.basis.modes is None:
             raise ValueError("scales: expected those of the errors and a basis with modes")
-        shared = self._shared(np.concatenate([self.basis.offset[None], self.basis.modes]))
+        shared = self.shared(np.concatenate([self.basis.offset[None], self.basis.modes]))
         return tabled(
             _without(self.observed - self.basis.offset, left_out, axis=0),
             self._covariance(left_out),
@@ -231,7 +231,7 @@ class FieldLikelihood:
         truncated = self._covariance(left_out)
         fields = self.basis.fields(weights)
         residual = _without(self.observed - fields, left_out, axis=1)
-        shared = _without(self._shared(fields), left_out, axis=2)
+        shared = _without(self.shared(fields), left_out, axis=2)
         q, m = len(shared), len(weights)
         value, slope, curvature = np.full(m, -np.inf), np.zeros((q, m)), np.zeros((q, q, m))
         for index in np.flatnonzero(np.isfinite(fields).all(axis=(1, 2, 3))):

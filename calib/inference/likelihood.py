@@ -96,6 +96,21 @@ class Likelihood:
             return None
         return FieldSizes(self.size(theta, FIELD_NOISE), self.size(theta, FIELD_DISCREPANCY))
 
+    def field_errors(self, theta: Array, rng: np.random.Generator) -> Array:
+        """(m, n_step, n_point, 3) draws of the field's own errors at theta (m, n), mm.
+
+        Of measurement, mesh and discrepancy, and of what the modes leave out; not those shared with
+        the forces. Raises ValueError without a field.
+        """
+        field = self.field
+        if field is None:
+            raise ValueError("likelihood: holds no field, expected one whose errors can be drawn")
+        sizes, total = self._field_sizes(theta), field.total
+        if sizes is None or field.scales is None:
+            return total.sample(rng, len(theta))
+        rows = (field.scales.covariance(total, sizes, row) for row in range(len(theta)))
+        return np.concatenate([covariance.sample(rng, 1) for covariance in rows])
+
     def predict(self, theta: Array) -> Prediction:
         """What the forward model says at theta (m, n), whose last columns may be of the errors."""
         n = theta.shape[1] - len(self.unknown)

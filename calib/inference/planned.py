@@ -90,40 +90,42 @@ def reduce_experiment(
     at_centre = likelihood.forward.predict(centre)
     column = np.ascontiguousarray(at_centre.force.T)
     noise = likelihood.errors.covariance(column, None)[np.ix_(chosen, chosen)][:, :, 0]
-    shift = likelihood.errors.zero_shift(column)[chosen, 0]
-    mean, jacobian, known = [prediction.force[:, chosen]], [slope.force[:, chosen]], 0.0
+    shifts = likelihood.errors.shifts(column)[:, chosen, 0]
+    mean, jacobian = [prediction.force[:, chosen]], [slope.force[:, chosen]]
+    known = np.eye(len(shifts))
     if with_field and likelihood.field is not None:
-        root, moved, known = _field(likelihood.field, at_centre, chosen)
+        root, moved, beside = _field(likelihood.field, at_centre, chosen)
         assert prediction.weights is not None and slope.weights is not None
         mean.append(prediction.weights @ root)
         jacobian.append(np.einsum("mkx,kq->mqx", slope.weights, root))
         noise = block_diag(noise, np.eye(root.shape[1]))
-        shift = np.concatenate([shift, moved])
-    covariance = noise + np.outer(shift, shift) / (1.0 + known)
+        shifts, known = np.concatenate([shifts, moved], axis=1), known + beside
+    covariance = noise + shifts.T @ np.linalg.solve(known, shifts)
     return Reduced(np.concatenate(mean, axis=1), np.concatenate(jacobian, axis=1), covariance)
 
 
 def _field(
     field: FieldLikelihood, at_centre: Prediction, steps: IntArray
-) -> tuple[Array, Array, float]:
-    """Root (k, q) of the weights' precision, how one SD of the zero moves what is seen (q,).
+) -> tuple[Array, Array, Array]:
+    """Root (k, p) of the weights' precision, how one SD of each shared error moves what is seen.
 
-    And what the field tells of the zero beside, as a precision: by what no weights could do.
+    The latter is (q, p); and what the field tells of these errors beside, by what no weights could
+    do, as a precision (q, q).
     """
     basis = field.basis
     assert basis.modes is not None and at_centre.weights is not None
-    covariance = field.covariance.with_patterns(basis.truncation)
+    covariance = field.total
     for index in sorted(set(range(len(basis.offset))) - {int(s) for s in steps}, reverse=True):
         covariance = covariance.without_step(index)
     stacked = np.concatenate([basis.offset[None], basis.modes])
-    shared = np.einsum("ij,qjpc->qipc", field.shift, stacked)[:, steps]
-    found = project(
-        field.observed[steps] - basis.offset[steps], covariance, basis.modes[:, steps], shared
-    )
+    shared = field.shared(stacked)[:, :, steps]
+    off = (field.observed - basis.offset)[None, steps]
+    [found] = project(off, covariance, basis.modes[:, steps], shared)
     values, vectors = np.linalg.eigh(found.precision)
     kept = values > NEGLIGIBLE * values.max()
     root = vectors[:, kept] * np.sqrt(values[kept])
     weights = np.concatenate([[1.0], at_centre.weights[0]])
-    moved = (vectors[:, kept] / np.sqrt(values[kept])).T @ (found.shared_modes.T @ weights)
-    beside = float(weights @ found.shared_precision @ weights - moved @ moved)
-    return root, moved, max(beside, 0.0)
+    pulled = np.einsum("j,qjk->qk", weights, found.shared_modes)
+    moved = pulled @ (vectors[:, kept] / np.sqrt(values[kept]))
+    told = np.einsum("i,abij,j->ab", weights, found.shared_precision, weights)
+    return root, moved, told - moved @ moved.T

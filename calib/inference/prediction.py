@@ -50,15 +50,17 @@ class PredictedFields(NamedTuple):
 def predictive_fields(
     likelihood: Likelihood, x: Array, rng: np.random.Generator
 ) -> PredictedFields:
-    """A replicate of the measured mean field for each posterior draw x (m, 3).
+    """A replicate of the measured mean field for each posterior draw x (m, n).
 
-    With every error of the likelihood: noise, discretisation, emulator, zero of the travel.
+    With every error of the likelihood: noise, discretisation, emulator, and those shared with the
+    forces.
     Raises ValueError when the likelihood has no field.
     """
     field = likelihood.field
     if field is None:
         raise ValueError("likelihood: holds no field, expected one to predict fields")
-    prediction = likelihood.forward.predict(theta_of(x))
+    theta = theta_of(x)
+    prediction = likelihood.predict(theta)
     basis = likelihood.forward.field_basis
     if basis is None or prediction.weights is None:
         raise ValueError("likelihood: its forward model gives no field")
@@ -66,13 +68,11 @@ def predictive_fields(
     weights = prediction.weights
     if prediction.weight_variance is not None:
         weights = weights + np.sqrt(prediction.weight_variance) * rng.standard_normal(weights.shape)
-    replicate = basis.fields(weights)
-    zero = rng.standard_normal(len(x))[:, None, None, None]
-    replicate = replicate + zero * np.einsum("ij,mjpc->mipc", field.shift, model)
+    own = rng.standard_normal((len(field.shifts), len(x)))
+    replicate = basis.fields(weights) + np.einsum("qm,qmipc->mipc", own, field.shared(model))
     if prediction.field_factor is not None:
         factor = prediction.field_factor
         own = rng.standard_normal(factor.shape[:2])
         replicate += np.einsum("mq,mqipc->mipc", own, factor)
-    errors = field.covariance.with_patterns(basis.truncation)
-    replicate += errors.sample(rng, len(x))
+    replicate += likelihood.field_errors(theta, rng)
     return PredictedFields(model, replicate)
