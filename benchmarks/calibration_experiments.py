@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from benchmarks.calibration_runs import study
+from benchmarks.calibration_runs import prior, study
 from calib.data import FieldData, thesis_forces
 from calib.data.dataset import Dataset
 from calib.inference import (
@@ -30,7 +30,7 @@ from calib.inference import (
 from calib.inference.forward import FieldBasis, Jacobian, MeshCorrection
 from calib.inference.weighted_draws import draw_weighted
 from calib.study.mesh_error import MeshError
-from calib.study.posterior_setup import noise_of, prior_of
+from calib.study.posterior_setup import noise_of
 from fe.campaign_result import Campaign
 from fe.response import Array
 from surrogate import ScaledEmulator
@@ -102,7 +102,7 @@ class Certain:
 
 def sbc_prior() -> Prior:
     """The study's prior of r and s, and kappa within what Table 5.1 allows."""
-    return replace(prior_of(study()), kappa=Marginal("log_uniform", *KAPPA))
+    return replace(prior(), kappa=Marginal("log_uniform", *KAPPA))
 
 
 def template(points: Array, *, independent: bool = False) -> tuple[Dataset, NoiseSettings]:
@@ -207,14 +207,15 @@ def _measured(
     assert field is not None
     force = np.ascontiguousarray(stated.force.T)
     covariance = errors.covariance(force, stated.force_covariance).transpose(2, 0, 1)
-    zero = rng.standard_normal(len(x))
+    own = rng.standard_normal((len(field.shifts), len(x)))
     factor = np.linalg.cholesky(covariance)
     drawn = stated.force + np.einsum("mij,mj->mi", factor, rng.standard_normal(stated.force.shape))
-    shifted = np.einsum("ij,mjpc->mipc", field.shift, moved)
     return Experiments(
         x=x,
-        force=drawn + zero[:, None] * errors.zero_shift(force).T,
-        field=fields + zero[:, None, None, None] * shifted + field.total.sample(rng, len(x)),
+        force=drawn + np.einsum("qm,qim->mi", own, errors.shifts(force)),
+        field=fields
+        + np.einsum("qm,qmipc->mipc", own, field.shared(moved))
+        + field.total.sample(rng, len(x)),
         run=np.arange(len(x)),
     )
 

@@ -21,7 +21,7 @@ from calib.study.config import Study, load_study
 from calib.study.context import block_pin_model
 from calib.study.posterior_setup import prior_of
 from calib.study.sections import Cells, Hypothesis
-from calib.study.simulate_stage import design_ratios
+from calib.study.unknowns import design_points
 from fe import BlockPin, BlockPinModel, Contact, run_campaign
 from fe.campaign_parameters import Parameter
 from fe.campaign_result import Campaign
@@ -69,7 +69,7 @@ def sampling_cells() -> Cells:
 
 def prior() -> Prior:
     """Prior of the study; it spans a factor of 100 in kappa."""
-    return prior_of(study())
+    return prior_of(study(), hypothesis("sliding"), with_field=True)
 
 
 @dataclass(frozen=True)
@@ -95,7 +95,8 @@ def design(store: Path, name: str, progress: Progress | None = None) -> Campaign
     """The study's own design for one hypothesis: training runs, then those held out."""
     used, found = study(), hypothesis(name)
     model = block_pin_model(used, found, used.sampling_cells(found))
-    return run_campaign(model, design_ratios(used), store / "campaign" / name, progress=progress)
+    folder = store / "campaign" / name
+    return run_campaign(model, design_points(used, found), folder, progress=progress)
 
 
 def sliding(
@@ -146,9 +147,8 @@ def check_ratios() -> Array:
 def coarse_design(store: Path, progress: Progress | None = None) -> Campaign:
     """The study's design of training runs, with derivatives, on the coarse mesh."""
     used = study()
-    return sliding(
-        store, "coarse", design_ratios(used)[: used.design.n_runs], COARSE_CELLS, progress
-    )
+    points = design_points(used, hypothesis("sliding"))[: used.design.n_runs]
+    return sliding(store, "coarse", points, COARSE_CELLS, progress)
 
 
 def checks(store: Path, progress: Progress | None = None) -> tuple[Campaign, Campaign]:

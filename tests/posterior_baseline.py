@@ -38,8 +38,8 @@ from calib.study.data_stage import measured
 from calib.study.mesh_error import mesh_error
 from calib.study.posterior_setup import noise_of, posterior_of
 from calib.study.sections import Cells, Hypothesis
-from calib.study.simulate_stage import design_ratios
 from calib.study.training_runs import training_set
+from calib.study.unknowns import design_points
 from calib.study.virtual_stage import noise, truth_of
 from calib.virtual import virtual_experiment
 from fe.campaign_result import Campaign
@@ -114,7 +114,7 @@ def figures(name: str) -> dict[str, Figure]:
 
 
 def _posterior(study: Study, hypothesis: Hypothesis) -> Posterior:
-    ratios = design_ratios(study)[:12]
+    ratios = design_points(study, hypothesis)[:12]
     training = training_set(
         [_runs(study, hypothesis, study.sampling_cells(hypothesis), ratios)], gradients=True
     )
@@ -125,7 +125,9 @@ def _posterior(study: Study, hypothesis: Hypothesis) -> Posterior:
     )
     emulator = ScaledEmulator(Emulator.fit(training, study.seed))
     error = mesh_error(fine, coarse, 1.5, hypothesis.name)
-    return posterior_of(study, _data(study, hypothesis), emulator, error, noise_of(study))
+    return posterior_of(
+        study, _data(study, hypothesis), emulator, error, noise_of(study), hypothesis
+    )
 
 
 def _runs(study: Study, hypothesis: Hypothesis, cells: Cells, ratios: Array) -> Campaign:

@@ -102,8 +102,8 @@ def test_shared_zero_takes_information_away_exactly_as_by_the_dense_covariance()
     u = basis.fields(prediction.weights)[0]
     shift = np.concatenate(
         [
-            like.errors.zero_shift(force)[:, 0],
-            np.einsum("ij,jpc->ipc", like.field.shift, u).ravel(),
+            like.errors.shifts(force)[0, :, 0],
+            np.einsum("ij,jpc->ipc", like.field.shifts[0], u).ravel(),
         ]
     )
     dense = np.zeros((5 + n, 5 + n))

@@ -78,8 +78,8 @@ def _dense(likelihood: Likelihood, x: np.ndarray, steps: np.ndarray) -> np.ndarr
     keep[steps] = True
     flat = keep.ravel()
     fields = basis.fields(prediction.weights)[0]
-    moved = np.einsum("ij,jpc->ipc", field.shift, fields).ravel()[flat]
-    shift = np.concatenate([likelihood.errors.zero_shift(force)[steps, 0], moved])
+    moved = np.einsum("ij,jpc->ipc", field.shifts[0], fields).ravel()[flat]
+    shift = np.concatenate([likelihood.errors.shifts(force)[0, steps, 0], moved])
     noise = np.zeros((shift.size, shift.size))
     m = steps.size
     noise[:m, :m] = likelihood.errors.covariance(force, None)[np.ix_(steps, steps)][:, :, 0]

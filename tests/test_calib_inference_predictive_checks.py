@@ -95,7 +95,7 @@ def test_field_replicates_of_the_truth_have_the_covariance_of_the_likelihood() -
     drawn = predictive_fields(likelihood, x, np.random.default_rng(5))
     spread = (drawn.replicate - drawn.model).std(axis=0)
     noise = data.field.noise_std
-    zero = np.einsum("ij,jpc->ipc", likelihood.field.shift, drawn.model[0])
+    zero = np.einsum("ij,jpc->ipc", likelihood.field.shifts[0], drawn.model[0])
     truncation = np.square(likelihood.forward.field_basis.truncation).sum(axis=0)
     assert spread == pytest.approx(np.sqrt(noise**2 + zero**2 + truncation), rel=0.06)
 

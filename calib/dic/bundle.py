@@ -297,7 +297,9 @@ def _circle_shifts(full: Array, pairs: tuple[Pair, ...]) -> tuple[Array, ...]:
         plate_turn, plate_move = _pose(full, number + 1)
         plate = Rotation.from_rotvec(plate_turn).as_matrix()
         shifts.append(circle_shift(left, plate, plate_move, pair.left))
-        shifts.append(circle_shift(right, relative @ plate, relative @ plate_move + move, pair.right))
+        shifts.append(
+            circle_shift(right, relative @ plate, relative @ plate_move + move, pair.right)
+        )
     return tuple(shifts)
 
 

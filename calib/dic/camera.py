@@ -109,9 +109,7 @@ def project_in_camera(intrinsics: Intrinsics, points: Array) -> Projection:
 
 def project(camera: Camera, points: Array) -> tuple[Array, Array]:
     """Pixels (n, 2) of points (n, 3) [mm] and their derivative (n, 2, 3) by the points, px/mm."""
-    seen = project_in_camera(
-        camera.intrinsics, points @ camera.rotation.T + camera.translation
-    )
+    seen = project_in_camera(camera.intrinsics, points @ camera.rotation.T + camera.translation)
     return seen.pixels, seen.by_point @ camera.rotation
 
 

@@ -1,8 +1,8 @@
 """Fisher information of forces and field about x, and the combinations of x that they determine.
 
 For normal errors of known covariance the information is J^T Sigma^-1 J (the part through the
-covariance's own dependence on x is left out: it is small wherever data say anything). The zero of
-the travel, which force and field share, is integrated out of both together.
+covariance's own dependence on x is left out: it is small wherever data say anything). The errors that force and
+field share, the zero of the travel above all, are integrated out of both together.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ CURVATURE_STEP = 0.2
 
 @dataclass(frozen=True)
 class Information:
-    """What one part of the data adds about x, and how the shared error takes some of it away."""
+    """What one part of the data adds about x, and how the shared errors take some of it away."""
 
     own: Array
-    """(d, d) information were the shared error known"""
+    """(d, d) information were the shared errors known"""
     pull: Array
-    """(d,) information that x and the shared error have in common"""
-    shared: float
-    """information about the shared error, in units of its SD"""
+    """(d, q) information that x and the shared errors have in common"""
+    shared: Array
+    """(q, q) information about the shared errors, in units of their SDs"""
 
 
 @dataclass(frozen=True)
@@ -73,8 +73,8 @@ def fisher_information(likelihood: Likelihood, x: Array, part: Part = "both") ->
         found.append(_of_field(field, prediction, slope))
     own = np.sum([entry.own for entry in found], axis=0)
     pull = np.sum([entry.pull for entry in found], axis=0)
-    shared = 1.0 + sum(entry.shared for entry in found)
-    information: Array = own - np.outer(pull, pull) / shared
+    shared = np.sum([entry.shared for entry in found], axis=0)
+    information: Array = own - pull @ np.linalg.solve(np.eye(len(shared)) + shared, pull.T)
     return 0.5 * (information + information.T)
 
 
@@ -117,13 +117,13 @@ def spectrum(information: Array, prior_sd: Array) -> Spectrum:
 def _of_force(likelihood: Likelihood, prediction: Prediction, slope: Jacobian) -> Information:
     force = np.ascontiguousarray(prediction.force.T)
     covariance = likelihood.errors.covariance(force, prediction.force_covariance)[:, :, 0]
-    shift = likelihood.errors.zero_shift(force)[:, 0]
+    shifts = likelihood.errors.shifts(force)[:, :, 0].T
     jacobian = slope.force[0]
-    solved = np.linalg.solve(covariance, np.column_stack([jacobian, shift]))
+    solved = np.linalg.solve(covariance, shifts)
     return Information(
-        own=jacobian.T @ solved[:, :-1],
-        pull=jacobian.T @ solved[:, -1],
-        shared=float(shift @ solved[:, -1]),
+        own=jacobian.T @ np.linalg.solve(covariance, jacobian),
+        pull=jacobian.T @ solved,
+        shared=shifts.T @ solved,
     )
 
 
@@ -132,17 +132,16 @@ def _of_field(field: FieldLikelihood, prediction: Prediction, slope: Jacobian) -
     assert weights is not None and jacobian is not None  # a model with a field has both
     projected = field.projected
     by_mode = np.concatenate([[1.0], weights[0]])
-    moved = by_mode @ projected.shared_modes
-    shared = float(by_mode @ projected.shared_precision @ by_mode)
+    moved = np.einsum("j,qjk->kq", by_mode, projected.shared_modes)
+    shared = np.einsum("i,abij,j->ab", by_mode, projected.shared_precision, by_mode)
     precision = projected.precision
     if prediction.weight_variance is not None:
         root = np.sqrt(prediction.weight_variance[0])
         inner = np.eye(root.size) + root[:, None] * precision * root
-        lost = np.linalg.solve(inner, root[:, None] * np.column_stack([precision, moved]))
         gain = root[:, None] * np.column_stack([precision, moved])
-        taken = gain.T @ lost
-        precision = precision - taken[:-1, :-1]
-        shared -= float(taken[-1, -1])
-        moved = moved - taken[:-1, -1]
+        taken, k = gain.T @ np.linalg.solve(inner, gain), root.size
+        precision = precision - taken[:k, :k]
+        shared = shared - taken[k:, k:]
+        moved = moved - taken[:k, k:]
     by_x = jacobian[0]
     return Information(own=by_x.T @ precision @ by_x, pull=by_x.T @ moved, shared=shared)

@@ -83,10 +83,6 @@ class CameraPair:
         A uniform disc of diameter d has the SD d / 4 along an axis, a square pixel the root of
         1 / 12.
         """
-        circle = np.asarray(
-            blur_circle(self.focal_length_mm, self.f_stop, self.distance_mm, depth)
-        )
-        spread: Array = np.sqrt(
-            1.0 / 12.0 + LENS_BLUR**2 + (circle / self.pixel_mm / 4.0) ** 2
-        )
+        circle = np.asarray(blur_circle(self.focal_length_mm, self.f_stop, self.distance_mm, depth))
+        spread: Array = np.sqrt(1.0 / 12.0 + LENS_BLUR**2 + (circle / self.pixel_mm / 4.0) ** 2)
         return spread

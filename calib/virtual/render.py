@@ -202,7 +202,11 @@ def _trace(
                 # pixels at the face's edge: a step beyond it is taken back
                 x = min(max(x, knots_x[0]), knots_x[-1])
                 y = min(max(y, knots_y[0]), knots_y[-1])
-            if not found or not knots_x[0] <= x <= knots_x[-1] or not knots_y[0] <= y <= knots_y[-1]:
+            if (
+                not found
+                or not knots_x[0] <= x <= knots_x[-1]
+                or not knots_y[0] <= y <= knots_y[-1]
+            ):
                 continue
             n0 = surface[1, 1] * surface[2, 2] - surface[1, 2] * surface[2, 1]
             n1 = surface[1, 2] * surface[2, 0] - surface[1, 0] * surface[2, 2]
@@ -215,7 +219,9 @@ def _trace(
             total = 0.0
             for a in range(-1, 2):
                 for b in range(-1, 2):
-                    weight = (2.0 / 3.0 if a == 0 else 1.0 / 6.0) * (2.0 / 3.0 if b == 0 else 1.0 / 6.0)
+                    weight = (2.0 / 3.0 if a == 0 else 1.0 / 6.0) * (
+                        2.0 / 3.0 if b == 0 else 1.0 / 6.0
+                    )
                     px, py = a * spread, b * spread
                     at_x = x + (by[1, 1] * px - by[0, 1] * py) / determinant
                     at_y = y + (by[0, 0] * py - by[1, 0] * px) / determinant
