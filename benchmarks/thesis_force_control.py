@@ -118,13 +118,17 @@ def both_controls(
     }
 
 
-def published_at_forces(trained: TrainedReading, target: dict[str, float]) -> dict[str, Any]:
+def published_at_forces(
+    trained: TrainedReading, target: dict[str, float], ratios: Array
+) -> dict[str, Any]:
     """The published constants at the measured forces, put on the whole model and on a quarter.
 
-    How far the model is then pressed, its largest displacements at the last force, and what
-    `target` {x, z} mm says of them with the relative SD of a maximum.
+    How far the model is then pressed, its largest displacements at the last force, what `target`
+    {x, z} mm says of them with the relative SD of a maximum, and the mean error (Eq. 2.8) to a
+    sample of this reading with `ratios` (2,) at the travels measured.
     """
-    found = {}
+    found: dict[str, Any] = {}
+    sample = trained.emulator.displacement(ratios[None])[0]
     theta = published_theta()
     for name, share in (("whole", 1.0), ("quarter", 4.0)):
         applied = share * thesis_forces().force_mean
@@ -133,13 +137,15 @@ def published_at_forces(trained: TrainedReading, target: dict[str, float]) -> di
         if travel is None:
             found[name] = None
             continue
-        x, y, z = np.moveaxis(objective.field(theta, travel)[-1], -1, 0)
+        field = objective.field(theta, travel)
+        x, y, z = np.moveaxis(field[-1], -1, 0)
         maxima = {"x": np.abs(x).max(), "z": z.max(), "up": y.max(), "vertical": np.abs(y).max()}
         misfit = sum((np.log(target[axis] / maxima[axis]) / MAXIMUM_SD) ** 2 for axis in target)
         found[name] = {
             "travel_mm": travel,
             "maxima_mm": maxima,
             "p_of_maxima": float(chi2.sf(misfit, len(target))),
+            "mean_error_to_sample_mm": float(np.linalg.norm(field - sample, axis=-1).mean()),
         }
     return found
 

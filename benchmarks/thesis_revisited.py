@@ -140,7 +140,9 @@ def of_reading(
         "stiffness": stiffness(entry, quadrature),
         "field": field_claims(entry, quadrature),
         "published_at_forces": published_at_forces(
-            entry, {axis: implied_maxima()[axis]["maximum_mm"] for axis in ("x", "z")}
+            entry,
+            {axis: implied_maxima()[axis]["maximum_mm"] for axis in ("x", "z")},
+            quadrature.mean[1:],
         ),
     }, score
 

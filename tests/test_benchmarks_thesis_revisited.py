@@ -65,6 +65,9 @@ def test_travel_of_a_maximum() -> None:
     assert _travel_with(largest, 2.0) is None
 
 
+RATIOS = np.array([0.4, 0.1])
+
+
 class PowerLaw:
     """Forces 50 d^2, fields d times a shape: an emulator of which all is known."""
 
@@ -109,17 +112,20 @@ def test_travel_under_a_force_follows_the_power_law_beyond_the_increments() -> N
 
 
 def test_a_force_on_a_quarter_presses_twice_as_far_where_it_goes_as_travel_squared() -> None:
-    found = published_at_forces(Trained(Stiffer()), {"x": 0.5, "z": 0.5})  # type: ignore[arg-type]
+    found = published_at_forces(Trained(Stiffer()), {"x": 0.5, "z": 0.5}, RATIOS)  # type: ignore[arg-type]
     whole, quarter = found["whole"], found["quarter"]
     assert quarter["travel_mm"] == pytest.approx(2.0 * whole["travel_mm"])
     by_hand = np.sqrt(4.0 * thesis_forces().force_mean / (200.0 * published_theta()[0]))
     assert quarter["travel_mm"] == pytest.approx(by_hand, rel=1e-9)
     assert quarter["maxima_mm"]["x"] == pytest.approx(2.0 * whole["maxima_mm"]["x"])
-    exact = published_at_forces(
-        Trained(Stiffer()), {k: quarter["maxima_mm"][k] for k in ("x", "z")}
-    )  # type: ignore[arg-type]
+    maxima = {axis: quarter["maxima_mm"][axis] for axis in ("x", "z")}
+    exact = published_at_forces(Trained(Stiffer()), maxima, RATIOS)  # type: ignore[arg-type]
     assert exact["quarter"]["p_of_maxima"] == pytest.approx(1.0)
     assert exact["whole"]["p_of_maxima"] < 1e-6
+    sample = PowerLaw().displacement(RATIOS[None])[0]
+    pressed = sample * (by_hand / TRAVEL)[:, None, None]
+    error = np.linalg.norm(pressed - sample, axis=-1).mean()
+    assert quarter["mean_error_to_sample_mm"] == pytest.approx(error, rel=1e-6)
 
 
 def test_readings_have_names_and_folders_of_their_own_and_one_design() -> None:
