@@ -11,8 +11,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy.stats import chi2
 
+from benchmarks.thesis_claims import MAXIMUM_SD, published_theta
 from benchmarks.thesis_hypotheses import TRAVEL, TrainedReading
+from calib.data import thesis_forces
 from calib.data.thesis.forces import SCALE
 from calib.inference.baseline import THESIS_STEPS, thesis_baseline, thesis_starts
 from calib.inference.coordinates import theta_of_constants
@@ -113,6 +116,38 @@ def both_controls(
         "force_control": _told(by_force),
         "force_control_60_iterations": _told(longer),
     }
+
+
+def published_at_forces(
+    trained: TrainedReading, target: dict[str, float], ratios: Array
+) -> dict[str, Any]:
+    """The published constants at the measured forces, put on the whole model and on a quarter.
+
+    How far the model is then pressed, its largest displacements at the last force, what `target`
+    {x, z} mm says of them with the relative SD of a maximum, and the mean error (Eq. 2.8) to a
+    sample of this reading with `ratios` (2,) at the travels measured.
+    """
+    found: dict[str, Any] = {}
+    sample = trained.emulator.displacement(ratios[None])[0]
+    theta = published_theta()
+    for name, share in (("whole", 1.0), ("quarter", 4.0)):
+        applied = share * thesis_forces().force_mean
+        objective = FieldAtForces(trained, np.zeros(0), applied)
+        travel = objective.travel(theta)
+        if travel is None:
+            found[name] = None
+            continue
+        field = objective.field(theta, travel)
+        x, y, z = np.moveaxis(field[-1], -1, 0)
+        maxima = {"x": np.abs(x).max(), "z": z.max(), "up": y.max(), "vertical": np.abs(y).max()}
+        misfit = sum((np.log(target[axis] / maxima[axis]) / MAXIMUM_SD) ** 2 for axis in target)
+        found[name] = {
+            "travel_mm": travel,
+            "maxima_mm": maxima,
+            "p_of_maxima": float(chi2.sf(misfit, len(target))),
+            "mean_error_to_sample_mm": float(np.linalg.norm(field - sample, axis=-1).mean()),
+        }
+    return found
 
 
 def _told(minima: Any) -> dict[str, Any]:

@@ -29,7 +29,7 @@ from benchmarks.thesis_claims import (
     scatter_p_value,
     stiffness,
 )
-from benchmarks.thesis_force_control import both_controls
+from benchmarks.thesis_force_control import both_controls, published_at_forces
 from benchmarks.thesis_hypotheses import READINGS, TRAVEL, TrainedReading, design, train
 from calib import __version__
 from calib.data import PUBLISHED_CONSTANTS, thesis_forces
@@ -139,6 +139,11 @@ def of_reading(
         "refit": score.refit,
         "stiffness": stiffness(entry, quadrature),
         "field": field_claims(entry, quadrature),
+        "published_at_forces": published_at_forces(
+            entry,
+            {axis: implied_maxima()[axis]["maximum_mm"] for axis in ("x", "z")},
+            quadrature.mean[1:],
+        ),
     }, score
 
 

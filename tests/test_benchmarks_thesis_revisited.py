@@ -16,8 +16,9 @@ from benchmarks.thesis_claims import (
     published_theta,
     scatter_p_value,
 )
-from benchmarks.thesis_force_control import FARTHEST, FieldAtForces
+from benchmarks.thesis_force_control import FARTHEST, FieldAtForces, published_at_forces
 from benchmarks.thesis_hypotheses import READINGS, TRAVEL, design
+from calib.data import thesis_forces
 from calib.data.thesis.forces import SCALE
 from calib.inference import theta_of_constants
 
@@ -64,19 +65,29 @@ def test_travel_of_a_maximum() -> None:
     assert _travel_with(largest, 2.0) is None
 
 
+RATIOS = np.array([0.4, 0.1])
+
+
 class PowerLaw:
     """Forces 50 d^2, fields d times a shape: an emulator of which all is known."""
 
+    stiffness = 50.0
+
     def unit_force(self, ratios: np.ndarray) -> tuple[np.ndarray, None]:
-        return np.tile(50.0 * np.array(TRAVEL) ** 2, (len(ratios), 1)), None
+        return np.tile(self.stiffness * np.array(TRAVEL) ** 2, (len(ratios), 1)), None
 
     def displacement(self, ratios: np.ndarray) -> np.ndarray:
         shape = np.random.default_rng(1).random((1, 1, 7, 3))
         return np.array(TRAVEL)[None, :, None, None] * shape
 
 
+class Stiffer(PowerLaw):
+    stiffness = 200.0
+
+
 class Trained:
-    emulator = PowerLaw()
+    def __init__(self, emulator: PowerLaw | None = None) -> None:
+        self.emulator = emulator or PowerLaw()
 
 
 def test_four_times_the_force_is_one_error_at_four_times_the_stiffness() -> None:
@@ -98,6 +109,23 @@ def test_travel_under_a_force_follows_the_power_law_beyond_the_increments() -> N
     wanted = np.array([0.3, 0.7, 1.0, 1.4, 1.9])
     objective = FieldAtForces(Trained(), np.zeros((5, 7, 3)), truth[0] * 50 * wanted**2)  # type: ignore[arg-type]
     assert objective.travel(truth) == pytest.approx(wanted, rel=1e-9)
+
+
+def test_a_force_on_a_quarter_presses_twice_as_far_where_it_goes_as_travel_squared() -> None:
+    found = published_at_forces(Trained(Stiffer()), {"x": 0.5, "z": 0.5}, RATIOS)  # type: ignore[arg-type]
+    whole, quarter = found["whole"], found["quarter"]
+    assert quarter["travel_mm"] == pytest.approx(2.0 * whole["travel_mm"])
+    by_hand = np.sqrt(4.0 * thesis_forces().force_mean / (200.0 * published_theta()[0]))
+    assert quarter["travel_mm"] == pytest.approx(by_hand, rel=1e-9)
+    assert quarter["maxima_mm"]["x"] == pytest.approx(2.0 * whole["maxima_mm"]["x"])
+    maxima = {axis: quarter["maxima_mm"][axis] for axis in ("x", "z")}
+    exact = published_at_forces(Trained(Stiffer()), maxima, RATIOS)  # type: ignore[arg-type]
+    assert exact["quarter"]["p_of_maxima"] == pytest.approx(1.0)
+    assert exact["whole"]["p_of_maxima"] < 1e-6
+    sample = PowerLaw().displacement(RATIOS[None])[0]
+    pressed = sample * (by_hand / TRAVEL)[:, None, None]
+    error = np.linalg.norm(pressed - sample, axis=-1).mean()
+    assert quarter["mean_error_to_sample_mm"] == pytest.approx(error, rel=1e-6)
 
 
 def test_readings_have_names_and_folders_of_their_own_and_one_design() -> None:

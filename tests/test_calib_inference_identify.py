@@ -175,7 +175,7 @@ def test_interval_of_a_parabola_is_that_of_the_normal() -> None:
 
 
 def test_nested_sampling_agrees_with_quadrature() -> None:
-    """Within 4 of its SDs, false alarm 6e-5 (fixed seed), and its SDs within 25 % (80 live points)."""
+    """Within 4 of its SDs, false alarm 6e-5 (fixed seed); SDs within 25 % (80 live points)."""
     quadrature = integrate(FORCE, 24)
     found = nested(FORCE, np.random.default_rng(0), n_live=80, dlogz=0.1)
     assert abs(found.log_evidence - quadrature.log_evidence) < 4 * found.log_evidence_error
