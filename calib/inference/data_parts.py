@@ -17,7 +17,7 @@ Part = Literal["force", "field", "both"]
 
 @dataclass(frozen=True)
 class FieldOnly:
-    """Likelihood of the field alone, the zero of the travel integrated out."""
+    """Likelihood of the field alone, the errors it shares with the forces integrated out."""
 
     whole: Likelihood
 
@@ -28,7 +28,8 @@ class FieldOnly:
         basis = self.whole.forward.field_basis
         if basis is not None and basis is not field.basis:
             field = field.with_basis(basis)
-        return marginal([field.along(self.whole.forward.predict(theta))])
+        sizes = self.whole.field_sizes(theta)
+        return marginal([field.along(self.whole.predict(theta), None, sizes)])
 
 
 def parts_of(posterior: Posterior) -> tuple[Part, ...]:

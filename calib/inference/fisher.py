@@ -1,8 +1,8 @@
 """Fisher information of forces and field about x, and the combinations of x that they determine.
 
 For normal errors of known covariance the information is J^T Sigma^-1 J (the part through the
-covariance's own dependence on x is left out: it is small wherever data say anything). The errors that force and
-field share, the zero of the travel above all, are integrated out of both together.
+covariance's own dependence on x is left out: it is small wherever data say anything). The errors
+that force and field share, the zero of the travel above all, are integrated out of both together.
 """
 
 from __future__ import annotations

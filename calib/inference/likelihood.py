@@ -73,7 +73,7 @@ class Likelihood:
         steps = np.arange(self.force.size)
         parts = [self._force_along(prediction, steps, self._force_sizes(theta))]
         if self.field is not None:
-            sizes = self._field_sizes(theta)
+            sizes = self.field_sizes(theta)
             parts.append(self._field(self.field).along(prediction, None, sizes))
         return parts
 
@@ -91,7 +91,8 @@ class Likelihood:
             return None
         return ForceSizes(self.size(theta, FORCE_NOISE), self.size(theta, FORCE_DISCREPANCY))
 
-    def _field_sizes(self, theta: Array) -> FieldSizes | None:
+    def field_sizes(self, theta: Array) -> FieldSizes | None:
+        """Unknown sizes of the field's errors at theta (m, n); None where they are known."""
         if not {FIELD_NOISE, FIELD_DISCREPANCY} & set(self.unknown):
             return None
         return FieldSizes(self.size(theta, FIELD_NOISE), self.size(theta, FIELD_DISCREPANCY))
@@ -105,7 +106,7 @@ class Likelihood:
         field = self.field
         if field is None:
             raise ValueError("likelihood: holds no field, expected one whose errors can be drawn")
-        sizes, total = self._field_sizes(theta), field.total
+        sizes, total = self.field_sizes(theta), field.total
         if sizes is None or field.scales is None:
             return total.sample(rng, len(theta))
         rows = (field.scales.covariance(total, sizes, row) for row in range(len(theta)))
@@ -130,7 +131,7 @@ class Likelihood:
             )
         field = self._field(self.field)
         steps = np.arange(self.force.size)
-        sizes, own = self._field_sizes(theta), self._force_sizes(theta)
+        sizes, own = self.field_sizes(theta), self._force_sizes(theta)
         total = marginal(self._parts(theta, prediction))
         columns = []
         for index in range(steps.size):
