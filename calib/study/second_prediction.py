@@ -15,8 +15,8 @@ from calib.study.second_test import SecondTest
 from calib.study.sections import refinement
 from fe.response import Array, Response, Status
 
-N_REPLICATES = 20
-"""of the measurement at each posterior draw"""
+N_REPLICATES = 480
+"""of the measurement, shared evenly among the draws"""
 MAX_FAILED = 0.2
 """share of the draws that may fail to be solved"""
 
@@ -111,7 +111,7 @@ def replicates(
     The stiffness of the tested samples moves answer and field together; what is left of the mesh's
     error has the shape of the measured difference and the SD of `calib.study.mesh_error`.
     """
-    index = np.repeat(np.arange(len(predicted.answer)), N_REPLICATES)
+    index = np.arange(N_REPLICATES) % len(predicted.answer)
     factor = np.linalg.cholesky(data.stiffness_covariance())
     single = rng.standard_normal((index.size, data.levels.size)) @ factor.T
     mean = rng.standard_normal(single.shape) @ factor.T / np.sqrt(data.n_samples)
