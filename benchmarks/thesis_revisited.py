@@ -121,7 +121,7 @@ def of_reading(
     draws = quadrature.x[rng.choice(len(weights), N_DRAWS, p=weights)]
     blocks = increment_blocks(thesis_forces().travel)
     score = leave_out(posterior.likelihood, draws, blocks)
-    score = refitted(posterior, score, blocks, rng)
+    score = refitted(posterior, score, blocks)
     mesh = entry.mesh
     return {
         "n_runs": int(entry.campaign.reached.sum()),

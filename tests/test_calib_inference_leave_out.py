@@ -83,7 +83,7 @@ def test_scores_that_the_draws_cannot_give_are_integrated_anew() -> None:
     density = block_log_density(FORCE.likelihood, QUADRATURE.x[kept], blocks)
     exact = -np.log(QUADRATURE.weights[kept] @ np.exp(-density))
     forced = Scores(tuple(b.name for b in blocks), np.zeros(3), np.zeros(3), np.full(3, 1.0))
-    found = refitted(FORCE, forced, blocks, np.random.default_rng(0))
+    found = refitted(FORCE, forced, blocks)
     assert found.refit == (True, True, True) and found.unreliable == ()
     # The grid over the posterior of all data cuts the tail of that without the last two: too high.
     assert found.log_density[:2] == pytest.approx(exact[:2], abs=5e-3)
@@ -160,7 +160,7 @@ def test_a_draw_that_carries_all_weight_is_told_by_pareto_k() -> None:
     assert found.unreliable == tuple(
         n for n, k in zip(found.names, found.pareto_k, strict=True) if k > 0.7
     )
-    again = refitted(FORCE, found, increment_blocks(TRAVEL), np.random.default_rng(0))
+    again = refitted(FORCE, found, increment_blocks(TRAVEL))
     assert again.unreliable == ()
     far = replace(FORCE.likelihood, force=FORCE.likelihood.force * [1, 1, 1, 1, 1.6])
     assert leave_out(far, draws(2000, 3), increment_blocks(TRAVEL)).unreliable

@@ -13,6 +13,7 @@ from analytic_block import analytic_block
 from calib.cli import main
 from calib.inference.data_parts import Part
 from calib.inference.fisher import spectrum
+from calib.inference.coordinates import Space
 from calib.inference.knowledge import Knowledge, PartKnowledge, warnings_of
 from calib.inference.leave_out import Scores
 from calib.inference.moments import Moments
@@ -125,7 +126,7 @@ def test_a_folder_without_a_study_and_an_unknown_hypothesis_are_refused(
         chosen(load_study("virtual"), "glued")
 
 
-NAMES = ("kappa", "r", "s")
+SPACE = Space()
 PRIOR_SD = np.array([1.3, 0.29, 0.14])
 
 
@@ -147,8 +148,9 @@ def known(
     """With parabolic profiles of given curvatures over the unit interval."""
     values = np.linspace(0.0, 1.0, 41)
     profiles = tuple(Profile(values, -0.5 * c * (values - 0.5) ** 2) for c in curved)
+    names = tuple(unknown.x_name for unknown in SPACE.unknowns)
     return Knowledge(
-        NAMES, PRIOR_SD, parts, profiles, warnings_of(NAMES, PRIOR_SD, parts, profiles)
+        names, PRIOR_SD, parts, profiles, warnings_of(SPACE, PRIOR_SD, parts, profiles)
     )
 
 

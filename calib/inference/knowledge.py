@@ -6,11 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.inference.coordinates import PARAMETERS, constants_of, theta_of
+from calib.inference.coordinates import Space, theta_of
 from calib.inference.data_parts import Part, given, parts_of
 from calib.inference.fisher import Spectrum, fisher_information, observed_information, spectrum
 from calib.inference.moments import Moments
-from calib.inference.nested import nested
 from calib.inference.posterior import Posterior
 from calib.inference.profile import Profile, profile_likelihood
 from calib.inference.quadrature import integrate
@@ -49,7 +48,7 @@ class Knowledge:
     """Identifiability before (Fisher) and after (contraction, profiles) for one hypothesis."""
 
     names: tuple[str, ...]
-    """coordinates; the first is the logarithm of what it is called"""
+    """of the coordinates"""
     prior_sd: Array
     """(d,)"""
     parts: tuple[PartKnowledge, ...]
@@ -64,12 +63,10 @@ class Knowledge:
         return self.parts[-1]
 
 
-def moments_of(posterior: Posterior, rng: np.random.Generator) -> Moments:
-    """By quadrature for three coordinates, by nested sampling for any other number."""
-    if posterior.prior.bounds.shape[0] == 3:
-        quadrature = integrate(posterior, N_NODES)
-        return Moments(quadrature.x, quadrature.weights)
-    return nested(posterior, rng).moments
+def moments_of(posterior: Posterior) -> Moments:
+    """By quadrature, or by importance sampling where there are many unknowns."""
+    quadrature = integrate(posterior, N_NODES)
+    return Moments(quadrature.x, quadrature.weights)
 
 
 def information_of(posterior: Posterior, part: Part, x: Array, sd: Array) -> Array:
@@ -79,57 +76,52 @@ def information_of(posterior: Posterior, part: Part, x: Array, sd: Array) -> Arr
     the curvature of the likelihood over the posterior's SDs (d,).
     """
     jacobian = posterior.likelihood.forward.jacobian
-    if x.size == 3 and jacobian(theta_of(x[None])).force.shape[-1] == x.size:
+    if not posterior.likelihood.unknown and jacobian(theta_of(x[None])).force.shape[-1] == x.size:
         return fisher_information(posterior.likelihood, x, part)
     return observed_information(given(posterior, part), x, sd)
 
 
-def knowledge(
-    posterior: Posterior,
-    rng: np.random.Generator,
-    names: tuple[str, ...] = PARAMETERS,
-    n_profile: int = 21,
-) -> Knowledge:
-    """All that is asked of identifiability, for every part of the data.
-
-    Raises ValueError when there is another number of names than of coordinates.
-    """
-    d = posterior.prior.bounds.shape[0]
-    if len(names) != d:
-        raise ValueError(f"names: expected {d} as coordinates, got {len(names)}")
+def knowledge(posterior: Posterior, rng: np.random.Generator, n_profile: int = 21) -> Knowledge:
+    """All that is asked of identifiability, for every part of the data."""
+    space = posterior.prior.space
     prior_sd = posterior.prior.sample(rng, N_PRIOR).std(axis=0)
-    whole = moments_of(posterior, rng)
+    whole = moments_of(posterior)
     centre = whole.mean
     parts = []
     for part in parts_of(posterior):
         last = part == parts_of(posterior)[-1]
-        moments = whole if last else moments_of(given(posterior, part), rng)
+        moments = whole if last else moments_of(given(posterior, part))
         information = information_of(posterior, part, centre, whole.sd)
         parts.append(
             PartKnowledge(part, moments, moments.sd / prior_sd, spectrum(information, prior_sd))
         )
     profiles = tuple(
-        profile_likelihood(posterior, index, centre, whole.sd, n_profile) for index in range(d)
+        profile_likelihood(posterior, index, centre, whole.sd, n_profile)
+        for index in range(space.size)
     )
-    said = warnings_of(names, prior_sd, tuple(parts), profiles)
-    return Knowledge(names, prior_sd, tuple(parts), profiles, said)
+    said = warnings_of(space, prior_sd, tuple(parts), profiles)
+    return Knowledge(_labels(space), prior_sd, tuple(parts), profiles, said)
+
+
+def _labels(space: Space) -> tuple[str, ...]:
+    return tuple(unknown.x_name for unknown in space.unknowns)
 
 
 def warnings_of(
-    names: tuple[str, ...],
+    space: Space,
     prior_sd: Array,
     parts: tuple[PartKnowledge, ...],
     profiles: tuple[Profile, ...],
 ) -> tuple[str, ...]:
     """What the numbers say in plain words."""
-    whole = parts[-1]
-    said = [_constants_sentence(whole.moments)]
+    whole, names = parts[-1], space.names
+    said = [_constants_sentence(whole.moments, space)]
     said += [
         f"{MEANING.get(name, name)} is the prior: the data leave {100 * ratio:.0f} % of its SD."
         for name, ratio in zip(names, whole.contraction, strict=True)
         if ratio > IS_PRIOR
     ]
-    said += _combinations(names, prior_sd, whole)
+    said += _combinations(_labels(space), whole)
     for name, profile in zip(names, profiles, strict=True):
         ends = profile.open_ends
         if all(ends):
@@ -148,20 +140,28 @@ def warnings_of(
     return tuple(said)
 
 
-def _constants_sentence(moments: Moments) -> str:
-    """How well C10, C01 and their sum are known."""
-    c10, c01, c11, mu = np.moveaxis(constants_of(theta_of(moments.x)[:, :3]), -1, 0)
-    first, second, third, total = moments.relative_sd(np.column_stack([c10, c01, c11, mu]))
-    one_by_one = f"{100 * first:.2g} % and {100 * second:.2g} %"
-    if min(first, second) > SUM_ONLY * total:
-        text = f"C10 and C01 are known only as their sum, to {100 * total:.2g} % (one by one: "
-        text += f"{one_by_one})"
+def _constants_sentence(moments: Moments, space: Space) -> str:
+    """How well the constants of the law are known; of C10 and C01 also their sum."""
+    names = space.law.constants
+    found = moments.relative_sd(space.constants(theta_of(moments.x)))
+    known = dict(zip(names, found.tolist(), strict=True))
+    total = known.pop("mu")
+    text = ""
+    if {"C10", "C01"} <= set(names):
+        first, second = known.pop("C10"), known.pop("C01")
+        one_by_one = f"{100 * first:.2g} % and {100 * second:.2g} %"
+        if min(first, second) > SUM_ONLY * total:
+            text = f"C10 and C01 are known only as their sum, to {100 * total:.2g} % (one by one: "
+            text += f"{one_by_one})"
+        else:
+            text = f"C10 and C01 are known to {one_by_one}, their sum to {100 * total:.2g} %"
     else:
-        text = f"C10 and C01 are known to {one_by_one}, their sum to {100 * total:.2g} %"
-    return f"{text}; C11 to {100 * third:.2g} % (SD over mean)."
+        text = f"mu is known to {100 * total:.2g} %"
+    others = "".join(f"; {name} to {100 * value:.2g} %" for name, value in known.items())
+    return f"{text}{others} (SD over mean)."
 
 
-def _combinations(names: tuple[str, ...], prior_sd: Array, whole: PartKnowledge) -> list[str]:
+def _combinations(names: tuple[str, ...], whole: PartKnowledge) -> list[str]:
     """Pairs that are known far better together than apart."""
     covariance = whole.moments.covariance
     sd = np.sqrt(np.diag(covariance))
@@ -171,7 +171,7 @@ def _combinations(names: tuple[str, ...], prior_sd: Array, whole: PartKnowledge)
             correlation = covariance[i, j] / (sd[i] * sd[j])
             if abs(correlation) > 0.9 and max(whole.contraction[i], whole.contraction[j]) > KNOWN:
                 sign = "-" if correlation > 0 else "+"
-                first = "ln kappa" if i == 0 and names[0] == "kappa" else names[i]
+                first = names[i]
                 said.append(
                     f"{first} and {names[j]} are known only together, as "
                     f"{first} {sign} {sd[i] / sd[j]:.2g} {names[j]} "

@@ -20,7 +20,6 @@ from calib.inference.coordinates import theta_of, x_of
 from calib.inference.data_parts import FieldOnly
 from calib.inference.inference_data import smoothed_weights
 from calib.inference.likelihood import Likelihood
-from calib.inference.nested import nested
 from calib.inference.posterior import Posterior
 from calib.inference.quadrature import integrate
 from fe.response import Array
@@ -167,34 +166,29 @@ class AllBut:
         return np.where(np.isfinite(left), left, -np.inf)
 
 
-def refitted(
-    posterior: Posterior, scores: Scores, blocks: tuple[Block, ...], rng: np.random.Generator
-) -> Scores:
+def refitted(posterior: Posterior, scores: Scores, blocks: tuple[Block, ...]) -> Scores:
     """Scores with those of too large a Pareto k integrated anew, without their block.
 
-    ln p(block | rest) is the difference of two ln evidences, by quadrature for three unknowns and
-    nested sampling else; the error is that of both. The same is done by hand as `reloo`.
+    ln p(block | rest) is the difference of two ln evidences, by `integrate`;
+    the error is that of both. The same is done by hand as `reloo`.
     """
     wanted = scores.pareto_k > GOOD_K
     if not wanted.any():
         return scores
     density, error = scores.log_density.copy(), scores.error.copy()
-    whole = log_evidence(posterior, rng)
+    whole = log_evidence(posterior)
     for index in np.flatnonzero(wanted):
         rest = AllBut(posterior.likelihood, blocks[index])
-        left = log_evidence(replace(posterior, likelihood=cast("Likelihood", rest)), rng)
+        left = log_evidence(replace(posterior, likelihood=cast("Likelihood", rest)))
         density[index] = whole[0] - left[0]
         error[index] = np.hypot(whole[1], left[1])
     return replace(scores, log_density=density, error=error, refit=tuple(wanted.tolist()))
 
 
-def log_evidence(posterior: Posterior, rng: np.random.Generator) -> tuple[float, float]:
+def log_evidence(posterior: Posterior) -> tuple[float, float]:
     """Ln evidence and its error."""
-    if posterior.prior.bounds.shape[0] == 3:
-        quadrature = integrate(posterior, N_NODES)
-        return quadrature.log_evidence, quadrature.log_evidence_error
-    found = nested(posterior, rng)
-    return found.log_evidence, found.log_evidence_error
+    quadrature = integrate(posterior, N_NODES)
+    return quadrature.log_evidence, quadrature.log_evidence_error
 
 
 def differences(scores: tuple[Scores, ...]) -> tuple[Difference, ...]:

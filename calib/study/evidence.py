@@ -74,16 +74,14 @@ def stand(
     name: str, posterior: Posterior, draws: Array, travel: Array, rng: np.random.Generator
 ) -> Standing:
     """Evidence and scores of one hypothesis from its posterior and equally probable draws."""
-    exact = None
-    if posterior.prior.bounds.shape[0] == 3:
-        found = integrate(posterior)
-        exact = (found.log_evidence, found.log_evidence_error)
+    found = integrate(posterior)
+    exact = (found.log_evidence, found.log_evidence_error)
     by_nested = nested(posterior, rng, n_live=N_LIVE)
     few = draws[rng.choice(len(draws), min(N_DRAWS, len(draws)), replace=False)]
     likelihood = posterior.likelihood
 
     def scored(blocks: tuple[Block, ...]) -> Scores:
-        return refitted(posterior, leave_out(likelihood, few, blocks), blocks, rng)
+        return refitted(posterior, leave_out(likelihood, few, blocks), blocks)
 
     wide = wider_blocks(likelihood, travel)
     return Standing(

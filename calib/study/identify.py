@@ -42,16 +42,10 @@ def identify(out: Path) -> tuple[list[str], list[Path]]:
     return lines, [out / FILE, out / "figures" / FIGURE]
 
 
-def labels(known: Knowledge) -> tuple[str, ...]:
-    """The coordinates as they are called: the first is a logarithm."""
-    first = f"ln {known.names[0]}" if known.names[0] == "kappa" else known.names[0]
-    return (first, *known.names[1:])
-
-
 def facts(known: Knowledge) -> dict[str, Any]:
     """The answer as JSON data."""
     return {
-        "coordinates": labels(known),
+        "coordinates": known.names,
         "prior_sd": known.prior_sd,
         "parts": {
             entry.part: {
@@ -70,7 +64,7 @@ def facts(known: Knowledge) -> dict[str, Any]:
                 "interval": profile.interval,
                 "open_ends": profile.open_ends,
             }
-            for name, profile in zip(labels(known), known.profiles, strict=True)
+            for name, profile in zip(known.names, known.profiles, strict=True)
         },
         "warnings": known.warnings,
     }
@@ -78,7 +72,7 @@ def facts(known: Knowledge) -> dict[str, Any]:
 
 def tables(name: str, known: Knowledge) -> tuple[Table, Table]:
     """Contraction and profile of each parameter; combinations by Fisher information."""
-    names = labels(known)
+    names = known.names
     rows = []
     for index, label in enumerate(names):
         low, high = known.profiles[index].interval
@@ -144,14 +138,16 @@ def _words(names: tuple[str, ...], direction: np.ndarray[Any, Any]) -> str:
 
 def identify_figure(found: dict[str, Knowledge]) -> Figure:
     """Profiles of every coordinate, and SD left by part of the data; hypotheses by colour."""
-    names = labels(next(iter(found.values())))
+    names = list(dict.fromkeys(name for known in found.values() for name in known.names))
     figure = Figure(figsize=(3.2 * (len(names) + 1), 3.3), layout="constrained")
     axes = figure.subplots(1, len(names) + 1)
     limit = 0.5 * chi2.ppf(LEVEL, 1)
     for column, label in enumerate(names):
         axis = axes[column]
         for order, (name, known) in enumerate(found.items()):
-            profile = known.profiles[column]
+            if label not in known.names:
+                continue
+            profile = known.profiles[known.names.index(label)]
             style = {"color": COLOURS[order % len(COLOURS)], "ls": LINES[order % len(LINES)]}
             axis.plot(profile.values, profile.drop, label=name, **style)
         axis.axhline(limit, color=INK, lw=0.8, ls=":")
@@ -162,7 +158,8 @@ def identify_figure(found: dict[str, Knowledge]) -> Figure:
     last = axes[-1]
     for order, (name, known) in enumerate(found.items()):
         for offset, entry in enumerate(known.parts):
-            place = np.arange(len(names)) + 0.12 * (offset + len(known.parts) * order)
+            places = np.array([names.index(own) for own in known.names])
+            place = places + 0.12 * (offset + len(known.parts) * order)
             last.plot(
                 place,
                 100 * entry.contraction,
