@@ -11,9 +11,9 @@ import pytest
 from analytic_block import analytic_block
 
 from calib.cli import main
+from calib.inference.coordinates import Space
 from calib.inference.data_parts import Part
 from calib.inference.fisher import spectrum
-from calib.inference.coordinates import Space
 from calib.inference.knowledge import Knowledge, PartKnowledge, warnings_of
 from calib.inference.leave_out import Scores
 from calib.inference.moments import Moments
