@@ -28,9 +28,9 @@ class ContactMemory:
 
     def copy(self) -> ContactMemory:
         """Independent copy."""
+        parts = {name: part.copy() for name, part in self.ties._asdict().items()}
         return ContactMemory(
-            Ties(*(part.copy() for part in self.ties)),
-            SlipAnchors(*(part.copy() for part in self.slip)),
+            self.ties._replace(**parts), SlipAnchors(*(part.copy() for part in self.slip))
         )
 
 

@@ -131,7 +131,8 @@ def _held_pull(
     anchor, d_anchor = ties.anchor[c, q], ties.anchor_gradient[c, q]
     d_area = dw * held + w * d_held
     _tied_pull(x, anchor, d_anchor, motion, w * held, d_area, pin, slopes, pull)
-    return on_pin + moves * (pull[1] - before)
+    on_pin += moves * (pull[1] - before)
+    return on_pin
 
 
 @njit(cache=True)
