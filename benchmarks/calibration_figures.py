@@ -211,7 +211,7 @@ def sbc(store: Path, n: int) -> dict[str, Any]:
     found: dict[str, Any] = {}
     for name, arm in (
         ("emulator", lambda: emulator_arm(store, n)),
-        ("emulator_again", lambda: emulator_arm(store, n, 100)),
+        ("emulator_again", lambda: emulator_arm(store, max(n // 3, 100), 100)),
         ("fe", lambda: fe_arm(store, n)),
         ("fe_first_look", lambda: first_look_arm(store, n)),
         ("finer", lambda: finer_arms(store, n // 2)[0]),
