@@ -22,11 +22,15 @@ from calib.inference import (
     DirectForward,
     EmulatorForward,
     ForwardModel,
+    Likelihood,
     Posterior,
     emulator_map,
     refine_map,
+    theta_of,
 )
 from calib.inference.forward_errors import DirectWithErrors
+from calib.inference.gaussian import log_density_along
+from calib.inference.shared_error import marginal
 from calib.inference.weighted_draws import draw_weighted
 from calib.study.context import block_pin_model
 from calib.study.simulations import StoredSimulate
@@ -99,7 +103,7 @@ def _moments(
     log_weight = []
     for node in nodes:
         x = np.column_stack([ln_kappa, np.tile(node, (len(ln_kappa), 1))])
-        log_weight.append(posterior.log_prob(x))
+        log_weight.append(posterior.prior.log_prob(x) + _log_likelihood(posterior.likelihood, x))
     total = np.array(log_weight) + np.log(weights)[:, None]
     total -= logsumexp(total)
     probability = np.exp(total)
@@ -112,6 +116,26 @@ def _moments(
     )
     mean = np.einsum("nk,nki->i", probability, x)
     return mean, np.sqrt(np.einsum("nk,nki->i", probability, (x - mean) ** 2))
+
+
+def _log_likelihood(likelihood: Likelihood, x: Array) -> Array:
+    """(m,) of rows of x that share (r, s): the field, which does not know kappa, is seen once."""
+    theta, errors = theta_of(x), likelihood.errors
+    stated = likelihood.forward.predict(theta[:1])
+    scale = theta[:, 0] / theta[0, 0]
+    force = np.outer(stated.force[0], scale)
+    covariance = None
+    if stated.force_covariance is not None:
+        covariance = scale[:, None, None] ** 2 * stated.force_covariance
+    by_force = log_density_along(
+        errors.covariance(force, covariance),
+        likelihood.force[:, None] - force,
+        errors.zero_shift(force),
+    )
+    basis = likelihood.forward.field_basis
+    assert likelihood.field is not None and basis is not None
+    by_field = likelihood.field.with_basis(basis).along(stated)
+    return marginal([by_force, by_field])
 
 
 class _Known:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -20,7 +20,13 @@ from benchmarks.calibration_experiments import (
     place,
     sbc_prior,
 )
-from calib.inference import PARAMETERS, Likelihood
+from calib.inference import (
+    PARAMETERS,
+    Likelihood,
+    Posterior,
+    SamplerSettings,
+    sample_posterior,
+)
 from calib.inference.rank_uniformity import LEVELS, clustered_error, coverage, uniformity
 from calib.study.context import block_pin_model
 from calib.study.mesh_error import MeshError, mesh_error
@@ -33,6 +39,8 @@ CHUNK = 50
 SPARSE = 8
 """training runs, of values alone, of the emulator whose error matters"""
 FALSE_ALARM = 0.01
+N_BY_EMCEE = 4
+"""experiments whose weighted draws are held to a chain"""
 
 
 @dataclass(frozen=True)
@@ -203,7 +211,7 @@ def sbc(store: Path, n: int) -> dict[str, Any]:
     found: dict[str, Any] = {}
     for name, arm in (
         ("emulator", lambda: emulator_arm(store, n)),
-        ("emulator_again", lambda: emulator_arm(store, n, 100)),
+        ("emulator_again", lambda: emulator_arm(store, max(n // 3, 100), 100)),
         ("fe", lambda: fe_arm(store, n)),
         ("fe_first_look", lambda: first_look_arm(store, n)),
         ("finer", lambda: finer_arms(store, n // 2)[0]),
@@ -239,3 +247,23 @@ def power(store: Path, n: int) -> dict[str, Any]:
         finer_arms(store, n // 2)[1],
     ]
     return {"power": {arm.name: _described(store, arm) for arm in arms}}
+
+
+def against_emcee(store: Path, n: int) -> dict[str, Any]:
+    """Some experiments by emcee: the mean in SDs and the SD as a ratio, the worst of each."""
+    arm = emulator_arm(store, n)
+    known, likelihood = placed(store, arm), arm.likelihood(0)
+    assert likelihood.field is not None
+    settings = SamplerSettings(n_ensembles=2, n_walkers=200, n_autocorrelation=20)
+    shifts, ratios = [], []
+    for index, field in enumerate(likelihood.field.of_fields(arm.experiments.field[:N_BY_EMCEE])):
+        one = replace(likelihood, force=arm.experiments.force[index], field=field)
+        posterior = Posterior(sbc_prior(), one)
+        draws = sample_posterior(posterior, settings, np.random.default_rng(index)).draws
+        shifts.append((known.mean[index] - draws.mean(axis=0)) / draws.std(axis=0))
+        ratios.append(known.sd[index] / draws.std(axis=0))
+    return {
+        "emcee_n": N_BY_EMCEE,
+        "emcee_mean_sd_worst": float(np.abs(shifts).max()),
+        "emcee_sd_ratio_worst": float(np.exp(np.abs(np.log(ratios)).max())),
+    }

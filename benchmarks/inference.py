@@ -137,7 +137,7 @@ def _dynesty(posterior: Posterior) -> dict[str, Any]:
         log_likelihood,
         lambda u: prior.quantile(u[None])[0],
         3,
-        nlive=500,
+        nlive=300,
         rstate=np.random.default_rng(1),
     )
     sampler.run_nested(dlogz=0.1, print_progress=False)
@@ -178,18 +178,18 @@ def _numpyro(posterior: Posterior, store: Path) -> dict[str, Any]:
     def run(seed: int, n: int) -> Any:
         sampler = MCMC(
             NUTS(potential_fn=potential),
-            num_warmup=500,
+            num_warmup=300,
             num_samples=n,
-            num_chains=4,
+            num_chains=2,
             chain_method="sequential",
             progress_bar=False,
         )
-        starts = np.random.default_rng(seed).uniform(-1.0, 1.0, (4, 3))
+        starts = np.random.default_rng(seed).uniform(-1.0, 1.0, (2, 3))
         sampler.run(jax.random.PRNGKey(seed), init_params=jnp.array(starts))
         return np.asarray(sampler.get_samples(group_by_chain=True)), sampler
 
     start = time.process_time()
-    draws, sampler = run(1, 1000)
+    draws, sampler = run(1, 500)
     first = time.process_time() - start
     # The compiled functions are kept: a second run of the same sampler has none to compile.
     start = time.process_time()

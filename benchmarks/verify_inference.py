@@ -2,10 +2,11 @@
 
     python -m benchmarks.verify_inference [--only PART ...] [--n 300] [--store DIR] [--out FILE]
 
-Parts: sbc and power (virtual experiments drawn from the prior), misspecified (truths of another law
-and contact), direct (posterior by FE at every node of a quadrature, and the two maxima).  FE runs
-and posteriors are kept in --store, so that an interrupted part goes on where it was; all of them
-take two hours of one quiet core.  Each part replaces its own figures in FILE and leaves the others.
+Parts: sbc and power (virtual experiments drawn from the prior), emcee (some of their posteriors by
+a chain), misspecified (truths of another law and contact), direct (posterior by FE at every node of
+a quadrature, and the two maxima).  FE runs and posteriors are kept in --store, so that an
+interrupted part goes on where it was; all of them take about half an hour of one quiet core.  Each
+part replaces its own figures in FILE and leaves the others.
 """
 
 from __future__ import annotations
@@ -28,6 +29,7 @@ OUT = ROOT / "docs" / "verification" / "inference.json"
 
 PARTS: dict[str, Callable[[Path, int], dict[str, Any]]] = {
     "sbc": calibration_figures.sbc,
+    "emcee": calibration_figures.against_emcee,
     "power": calibration_figures.power,
     "misspecified": lambda store, n: calibration_misspecified.figures(store, max(n // 3, 1)),
     "direct": lambda store, n: calibration_direct.figures(store),

@@ -61,9 +61,11 @@ def _root(matrix: Array) -> Array:
 class DiscrepantForward:
     """A forward model whose forces err by a relative SD of `share`, smoothly over the travel."""
 
-    def __init__(self, model: ForwardModel, share: float, travel: Array) -> None:
+    def __init__(
+        self, model: ForwardModel, share: float, travel: Array, length: float = TRAVEL_LENGTH
+    ) -> None:
         self._model = model
-        self._relative = share**2 * step_discrepancy(travel)
+        self._relative = share**2 * step_discrepancy(travel, length)
 
     @property
     def field_basis(self) -> FieldBasis | None:
@@ -85,9 +87,16 @@ class DiscrepantForward:
 
 
 def with_discrepancy(
-    likelihood: Likelihood, travel: Array, points: Array, share: float
+    likelihood: Likelihood,
+    travel: Array,
+    points: Array,
+    share: float,
+    *,
+    force_length: float = TRAVEL_LENGTH,
 ) -> Likelihood:
     """The likelihood of a model that errs by a relative SD of `share`.
+
+    `force_length` is the travel, mm, over which the error of the forces is correlated.
 
     In the field it is that share of the root mean square over the points of the predicted
     displacement's offset, at each increment; the larger of the components counts for all, since a
@@ -96,7 +105,7 @@ def with_discrepancy(
     """
     if not share > 0:
         raise ValueError(f"share: expected a positive relative SD, got {share}")
-    forward = DiscrepantForward(likelihood.forward, share, travel)
+    forward = DiscrepantForward(likelihood.forward, share, travel, force_length)
     field = likelihood.field
     if field is None:
         return likelihood.with_forward(forward)

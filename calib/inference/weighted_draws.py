@@ -191,9 +191,8 @@ def _fit(bounds: Array, x: Array, weights: Array) -> _Proposal:
     # A draw on a bound, as of a prior with an atom there in floating point, has no logit.
     y = logit(np.clip((x[:, 1:] - low) / (high - low), 1e-9, 1.0 - 1e-9))
     features, root = _features(x[:, 1:]), np.sqrt(weights)
-    ridge: Array = np.asarray(
-        np.linalg.lstsq(root[:, None] * features, root * x[:, 0], rcond=1e-10)[0], dtype=np.float64
-    )
+    solved = np.linalg.lstsq(root[:, None] * features, root * x[:, 0], rcond=1e-10)[0]
+    ridge = np.asarray(solved, dtype=np.float64)
     off = x[:, :1] - (features @ ridge)[:, None]
     return _Proposal(bounds, _fitted(y, weights), ridge, _fitted(off, weights))
 

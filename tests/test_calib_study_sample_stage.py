@@ -1,0 +1,53 @@
+"""The stage `sample` keeps its chains while they grow, and only while they grow."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from analytic_block import analytic_block
+from test_calib_inference_sampling import POSTERIOR
+
+from calib.study import sample_stage
+from calib.study.config import load_study
+from calib.study.context import Context
+from calib.study.sample_stage import chains_folder, load_samples
+from fe.executors import serial_map
+
+
+def test_a_stage_that_was_stopped_goes_on_with_its_chains(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    study = load_study("thesis-forces")
+    study = replace(
+        study,
+        hypotheses=study.hypotheses[:1],
+        sampler=replace(study.sampler, n_ensembles=2, n_walkers=8, max_steps=500),
+    )
+    monkeypatch.setattr(sample_stage, "emulator_posterior", lambda *_: POSTERIOR)
+    monkeypatch.setattr(sample_stage, "refuse_bad_emulators", lambda _: None)
+
+    def context(folder: str) -> Context:
+        return Context(study, tmp_path / folder, analytic_block, serial_map, lambda _: None, False)
+
+    for folder in ("whole", "stopped"):
+        (tmp_path / folder).mkdir()
+    sample_stage.run(context("whole"))
+    [hypothesis] = study.hypotheses
+    with monkeypatch.context() as stopping:
+        stopping.setattr(sample_stage, "predictive_forces", _stopped)
+        with pytest.raises(KeyboardInterrupt):
+            sample_stage.run(context("stopped"))
+    kept = chains_folder(tmp_path / "stopped", hypothesis)
+    assert len(list(kept.glob("block_*.h5"))) == 2
+    sample_stage.run(context("stopped"))
+    assert not kept.exists()
+    whole, again = (load_samples(tmp_path / name, hypothesis) for name in ("whole", "stopped"))
+    assert np.array_equal(whole.result.chains, again.result.chains)
+    assert np.array_equal(whole.predictive, again.predictive)
+
+
+def _stopped(*_: object) -> None:
+    raise KeyboardInterrupt
