@@ -102,6 +102,8 @@ def test_a_finished_study_leaves_all_its_artifacts(thesis: Run) -> None:
         "map.json",
         "comparison.json",
         "predictive.json",
+        "prior_predictive.json",
+        "prior",
         "report.html",
         "figures",
     ]:
@@ -183,7 +185,7 @@ def test_the_direct_model_confirms_the_emulators_maximum(thesis: Run) -> None:
 def test_the_report_names_every_hypothesis_and_calls_nothing_synthetic(thesis: Run) -> None:
     html = (thesis.out / "report.html").read_text()
     assert "stuck" in html and "sliding" in html
-    assert html.count("data:image/png;base64,") == 7
+    assert html.count("data:image/png;base64,") == 8
     assert "synthetic data" not in html.lower()
 
 

@@ -27,7 +27,7 @@ from calib.study.unknowns import (
 from calib.study.varied_block import VariedBlock
 from fe.campaign_parameters import RATIOS
 from fe.executors import serial_map
-from fe.specimens.block_pin import BlockPinModel
+from fe.specimens.block_pin import BlockPin, BlockPinModel, Contact
 
 TEXT = (Path(__file__).parents[1] / "calib/study/embedded/virtual.toml").read_text()
 HYPOTHESES = TEXT[TEXT.index("[[hypothesis]]") : TEXT.index("[noise]")]
@@ -134,9 +134,26 @@ def test_slopes_of_the_varied_block_are_those_of_its_forces(law: str) -> None:
         assert found.displacement_gradient[..., column] == pytest.approx(field, abs=2e-3), name
 
 
-def _contact() -> Any:
-    from fe.specimens.block_pin import Contact
+def test_slopes_by_width_and_shift_of_the_pin_are_those_of_the_forces() -> None:
+    template = BlockPinModel(
+        specimen=BlockPin(),
+        contact=Contact(pin=0.2, base="stick"),
+        cells=(4, 2, 1),
+        travel=(0.05, 0.15),
+        field_grid=((1.0, 1.0), (3.0, 2.0)),
+        symmetry="half",
+    )
+    model = VariedBlock(template, "mooney-rivlin-2", ("pin_friction", "pin_width", "pin_shift"))
+    row = np.array([0.3, 0.25, 4.0, 0.2])
+    found = model(row)
+    assert found.parameters == ("r", "pin_friction", "pin_width", "pin_shift")
+    for column, unit in enumerate(np.eye(4)):
+        up, down = (model(row + sign * 1e-3 * unit) for sign in (1.0, -1.0))
+        slope = (up.force - down.force) / 2e-3
+        assert found.force_gradient[:, column] == pytest.approx(slope, rel=1e-3)
 
+
+def _contact() -> Contact:
     return Contact(pin=0.2, base=0.2)
 
 
@@ -232,6 +249,16 @@ def test_a_wrong_prior_stops_the_command_with_file_line_and_key(
         f"calib: {path}:{line}: prior.fillet.low: found 0.01, expected 0.05 or more: no sharp "
         "edge, and less than half of the pin's width\n"
     )
+
+
+def test_nuisances_of_a_field_are_refused_where_there_is_none() -> None:
+    text = (Path(__file__).parents[1] / "calib/study/embedded/thesis-forces.toml").read_text()
+    for key in ("rotation_sd", "field_freedom"):
+        changed = text.replace("[noise]\n", f"[noise]\n{key} = 2.0\n")
+        message = refusal(changed)
+        assert f"noise.{key}: found 2.0, expected no such key: the data of this study" in message
+    changed = text + uniform("prior.field_noise", 0.5, 2.0)
+    assert "prior.field_noise: found a table, expected none: the data" in refusal(changed)
 
 
 def by_constants(low: float = 0.0, more: str = "") -> str:

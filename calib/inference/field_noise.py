@@ -23,6 +23,7 @@ from scipy.linalg import cho_factor, cho_solve, eigh
 from scipy.spatial.distance import cdist
 
 from calib.data.dataset import FieldData
+from calib.inference.point_weights import point_weights
 from fe.response import Array
 
 Kernel = Literal["exponential", "squared_exponential"]
@@ -194,6 +195,7 @@ def field_covariance(
     kernel: Kernel = "exponential",
     floor: Array | float = 0.0,
     patterns: Array | None = None,
+    freedom: float | None = None,
 ) -> FieldCovariance:
     """Covariance of the errors of `field`, without the emulator's.
 
@@ -203,6 +205,8 @@ def field_covariance(
     squared exponential of `FLOOR_LENGTH` and half common to all increments: errors of a mesh
     are smooth and grow with the travel. Taken as independent they would average away, as they do
     not in truth.
+    With `freedom` the noise is, approximately, Student-t of so many degrees: see
+    `calib.inference.point_weights`.
     Raises ValueError when shapes disagree or a floor is negative.
     """
     n_step, n_point, _ = field.displacement.shape
@@ -219,6 +223,10 @@ def field_covariance(
     correlation = spatial_correlation(
         field.points, field.correlation_length, kernel, nugget=field.nugget
     )
+    if freedom is not None:
+        step = step_correlation(n_step, field.reference_share)
+        scale = point_weights(field, correlation, step, freedom) ** -0.5
+        correlation = scale[:, None] * correlation * scale
     smooth = spatial_correlation(
         field.points, FLOOR_LENGTH, "squared_exponential", nugget=FLOOR_NUGGET
     )

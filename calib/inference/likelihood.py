@@ -231,7 +231,11 @@ def build_likelihood(
     if dataset.field is None:
         return Likelihood(forward, dataset.force_mean, errors, unknown=names)
     covariance = field_covariance(
-        dataset.field, kernel=kernel, floor=field_floor, patterns=field_patterns
+        dataset.field,
+        kernel=kernel,
+        floor=field_floor,
+        patterns=field_patterns,
+        freedom=noise.field_freedom,
     )
     basis = forward.field_basis
     if basis is None:

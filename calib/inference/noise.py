@@ -51,6 +51,8 @@ class NoiseSettings:
     """SD of a rigid translation of the field along each axis, at each increment, mm"""
     rotation_sd: float = 0.0
     """SD of a small rigid rotation of the field about each axis, at each increment, degrees"""
+    field_freedom: float | None = None
+    """degrees of freedom of the field's noise as a Student-t; None is normal"""
     force_discrepancy_length: float = 0.8
     """travel over which a discrepancy of the force is correlated, mm"""
     field_discrepancy_length: float = 1.5

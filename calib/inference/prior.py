@@ -7,127 +7,17 @@ from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import ndtr, ndtri
 from scipy.stats import qmc
 
 from calib.inference.coordinates import Space, Unknown, theta_of
 from calib.inference.laws import DEFAULT_LAW, LawCoordinates
+from calib.inference.marginal import Marginal
 from fe.response import Array
 
-DISTRIBUTIONS = ("uniform", "log_uniform", "normal", "lognormal")
+__all__ = ["Extra", "Marginal", "Prior", "hull_of"]
+
 CONSTANTS_OF = ("mooney-rivlin-2", "mooney-rivlin-3")
 """laws whose constants may have priors of their own"""
-
-
-@dataclass(frozen=True)
-class Marginal:
-    """Distribution of one parameter, truncated to [low, high].
-
-    `mean` and `sd` are those of the normal or lognormal variable before truncation, in the
-    parameter's own unit; the uniform ones take neither.
-    Raises ValueError when the distribution is unknown or the numbers do not fit it.
-    """
-
-    distribution: str
-    low: float
-    high: float
-    mean: float | None = None
-    sd: float | None = None
-
-    def __post_init__(self) -> None:
-        if self.distribution not in DISTRIBUTIONS:
-            known = ", ".join(DISTRIBUTIONS)
-            raise ValueError(f"distribution: got {self.distribution!r}, expected one of {known}")
-        if not (np.isfinite(self.low) and np.isfinite(self.high) and self.low < self.high):
-            raise ValueError(f"low, high: expected finite low < high, got {self.low}, {self.high}")
-        if self.on_log and self.low <= 0:
-            raise ValueError(f"low: must be positive for {self.distribution}, got {self.low}")
-        if self.is_normal:
-            self._check_normal()
-        elif self.mean is not None or self.sd is not None:
-            raise ValueError(f"mean, sd: {self.distribution} takes neither; leave them out")
-
-    def _check_normal(self) -> None:
-        if self.mean is None or self.sd is None or not self.sd > 0:
-            got = f"mean {self.mean}, sd {self.sd}"
-            raise ValueError(f"mean, sd: {self.distribution} needs both and sd > 0, got {got}")
-        if self.on_log and self.mean <= 0:
-            raise ValueError(f"mean: must be positive for lognormal, got {self.mean}")
-        if not self._mass >= 1e-10:
-            raise ValueError(
-                f"low, high: [{self.low}, {self.high}] holds almost no probability of "
-                f"{self.distribution} with mean {self.mean} and sd {self.sd}; widen the bounds"
-            )
-
-    @property
-    def on_log(self) -> bool:
-        """Whether the distribution is stated on the logarithm of the parameter."""
-        return self.distribution in ("log_uniform", "lognormal")
-
-    @property
-    def is_normal(self) -> bool:
-        """Whether the distribution is normal (of the parameter or of its logarithm)."""
-        return self.distribution in ("normal", "lognormal")
-
-    @cached_property
-    def _range(self) -> tuple[float, float]:
-        """Bounds of the parameter or of its logarithm, on which the density is simple."""
-        if self.on_log:
-            return float(np.log(self.low)), float(np.log(self.high))
-        return self.low, self.high
-
-    @cached_property
-    def _normal(self) -> tuple[float, float]:
-        """Mean and SD of the normal variable: the parameter or its logarithm."""
-        assert self.mean is not None and self.sd is not None
-        if not self.on_log:
-            return self.mean, self.sd
-        variance = float(np.log1p((self.sd / self.mean) ** 2))
-        return float(np.log(self.mean)) - 0.5 * variance, variance**0.5
-
-    @cached_property
-    def _tails(self) -> tuple[float, float]:
-        centre, sd = self._normal
-        low, high = self._range
-        return float(ndtr((low - centre) / sd)), float(ndtr((high - centre) / sd))
-
-    @property
-    def _mass(self) -> float:
-        return self._tails[1] - self._tails[0]
-
-    @cached_property
-    def _log_norm(self) -> float:
-        """Logarithm of the constant that makes the density integrate to one."""
-        if self.is_normal:
-            return -float(np.log(self._normal[1] * np.sqrt(2.0 * np.pi) * self._mass))
-        low, high = self._range
-        return -float(np.log(high - low))
-
-    def log_density(self, value: Array) -> Array:
-        """Log density with respect to the parameter itself; -inf outside [low, high]."""
-        inside = (value >= self.low) & (value <= self.high)
-        # Outside, any admissible number will do: the result is overwritten.
-        safe = np.where(inside, value, self.low)
-        position = np.log(safe) if self.on_log else safe
-        result = np.full(np.shape(value), self._log_norm)
-        if self.is_normal:
-            centre, sd = self._normal
-            result = result - 0.5 * ((position - centre) / sd) ** 2
-        if self.on_log:
-            result = result - position  # d(ln v)/dv = 1/v
-        return np.where(inside, result, -np.inf)
-
-    def quantile(self, probability: Array) -> Array:
-        """Parameter value below which the given probability in [0, 1] lies."""
-        low, high = self._range
-        if self.is_normal:
-            centre, sd = self._normal
-            position = centre + sd * ndtri(self._tails[0] + probability * self._mass)
-        else:
-            position = low + probability * (high - low)
-        value = np.exp(position) if self.on_log else position
-        clipped: Array = np.clip(value, self.low, self.high)
-        return clipped
 
 
 Extra = tuple[Unknown, Marginal]

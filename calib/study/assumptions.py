@@ -82,7 +82,12 @@ def _nuisance_rows(study: Study) -> list[tuple[str, str, str]]:
         ("rigid translation of the field at each increment, SD", noise.translation_sd, "mm"),
         ("rigid rotation of the field at each increment, SD", noise.rotation_sd, "degrees"),
     )
-    return [(name, f"{value:g}", unit) for name, value, unit in known if value > 0]
+    rows = [(name, f"{value:g}", unit) for name, value, unit in known if value > 0]
+    if noise.field_freedom is not None:
+        rows.append(
+            ("noise of the field, Student-t", f"{noise.field_freedom:g}", "degrees of freedom")
+        )
+    return rows
 
 
 _MEANINGS = {

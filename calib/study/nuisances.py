@@ -1,4 +1,4 @@
-"""What the data say of the nuisances of the test, for comparison.json and the report."""
+"""The noise in comparison.json and the report: nuisances of the test, other assumptions."""
 
 from __future__ import annotations
 
@@ -83,3 +83,42 @@ def nuisance_table(comparison: Mapping[str, Any]) -> Table | None:
         tuple(rows),
         " ".join(["A posterior as wide as the prior says that the data know nothing.", *notes]),
     )
+
+
+def correlation_table(comparison: Mapping[str, Any]) -> Table | None:
+    """How the posterior changes with what is assumed of the noise."""
+    found = comparison["correlation_study"]
+    constants = list(dict.fromkeys(name for row in found for name in row["mean"]))
+    rows = tuple(
+        (
+            row["hypothesis"],
+            f"{row['sample_correlation']:g}",
+            f"{row['travel_zero_sd']:g}",
+            *(_mean_sd(row, constant) for constant in constants),
+            f"{row['log_evidence']:.1f}",
+            f"{row['predictive_p']:.2g}",
+        )
+        for row in comparison["correlation_study"]
+    )
+    if not rows:
+        return None
+    return Table(
+        "Posterior under other assumptions on the noise (mean ± SD, by quadrature)",
+        (
+            "hypothesis",
+            "rho [-]",
+            "zero [mm]",
+            *(f"{constant} [{'-' if 'alpha' in constant else 'MPa'}]" for constant in constants),
+            "ln evid. [-]",
+            "p [-]",
+        ),
+        rows,
+        "rho: correlation of one sample's deviation between neighbouring increments; zero: SD of "
+        "the travel's zero; p: posterior predictive p-value of the forces.",
+    )
+
+
+def _mean_sd(row: Mapping[str, Any], constant: str) -> str:
+    if constant not in row["mean"]:
+        return "-"
+    return f"{number(row['mean'][constant], 3)} ± {number(row['sd'][constant], 2)}"

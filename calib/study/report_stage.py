@@ -24,8 +24,9 @@ from calib.study.emulator_tables import (
 )
 from calib.study.figure_style import save_png, symbol
 from calib.study.force_figures import MeasuredForce, PredictedForce, force_travel
+from calib.study.further_table import further_table
 from calib.study.mesh_error import check_folder
-from calib.study.nuisances import nuisance_table
+from calib.study.nuisances import correlation_table, nuisance_table
 from calib.study.posterior_figures import Chains, Samples, chains, marginals, pairs
 from calib.study.predict_stage import CHECKS
 from calib.study.predictive_report import predictive_figures
@@ -42,14 +43,12 @@ from calib.study.study_file import study_text
 from calib.study.summary import (
     Summary,
     constants_table,
-    further_table,
     load_summary,
     points_table,
 )
 from calib.study.tables import (
     Table,
     comparison_table,
-    correlation_table,
     data_table,
     map_table,
     mesh_table,

@@ -235,6 +235,8 @@ class Noise:
     """standard deviation of a rigid translation of the field at each increment, mm"""
     rotation_sd: Annotated[float, Field(ge=0, le=10)] = 0.0
     """standard deviation of a small rotation of the field at each increment, degrees (0 to 10)"""
+    field_freedom: Annotated[float, Field(ge=1)] | None = None
+    """degrees of freedom, 1 or more, of a Student-t for the field's noise; without it normal"""
     force_discrepancy_length: Positive = 0.8
     """travel over which discrepancies are correlated, mm"""
     field_discrepancy_length: Positive = 1.5

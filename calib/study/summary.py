@@ -16,7 +16,6 @@ import numpy as np
 import pandas as pd
 
 from calib.inference.at_bound import AtBound, at_bound, leaning_sentence
-from calib.inference.coordinates import Space
 from calib.inference.inference_data import (
     Convergence,
     convergence,
@@ -26,7 +25,8 @@ from calib.inference.inference_data import (
 from calib.inference.laws import DEFAULT_LAW
 from calib.study.artifacts import plain
 from calib.study.figure_style import INTERVAL, Array, hdi
-from calib.study.sample_stage import space_of
+from calib.study.further_table import further_table
+from calib.study.provenance_facts import maxima_in, space_in, truth_in
 from calib.study.tables import Table, number
 
 INTERVAL_NAME = f"{INTERVAL:.0%} HDI"
@@ -119,11 +119,11 @@ def summarise(
     The draws may hold more than the constants of the hypothesis.
     """
     facts = provenance["hypotheses"][hypothesis]
-    space = _space(facts)
+    space = space_in(facts)
     law = space.law
     published = (provenance["published"] or {}) if law.name == DEFAULT_LAW else {}
     constants = {
-        name: _constant(unit, draws[name], found[name], _maxima(name, facts), published.get(name))
+        name: _constant(unit, draws[name], found[name], maxima_in(name, facts), published.get(name))
         for name, unit in zip(law.constants, law.units, strict=True)
     }
     further = {
@@ -151,7 +151,7 @@ def summarise(
         hypothesis=hypothesis,
         interval=INTERVAL_NAME,
         synthetic=provenance["synthetic"],
-        truth=_truth(provenance, hypothesis, tuple(constants)),
+        truth=truth_in(provenance, hypothesis, tuple(constants)),
         constants=constants,
         further=further,
         diagnostics=diagnostics,
@@ -163,37 +163,12 @@ def summarise(
 def _leaning(posterior: Any, provenance: Mapping[str, Any]) -> tuple[AtBound, ...]:
     """Bounds of the stored prior on which the stored draws of one hypothesis lean."""
     facts = provenance["hypotheses"][str(posterior["hypothesis"].values)]
-    space, bounds = _space(facts), np.array(facts["bounds"])
+    space, bounds = space_in(facts), np.array(facts["bounds"])
     columns = [
         np.log(posterior[u.name].values.ravel()) if u.log else posterior[u.name].values.ravel()
         for u in space.unknowns
     ]
     return at_bound(np.stack(columns, axis=-1), bounds, space)
-
-
-def _space(facts: Mapping[str, Any]) -> Space:
-    """What was unknown under a hypothesis, as its provenance says."""
-    return space_of(facts["space"]) if "space" in facts else Space()
-
-
-def _truth(
-    provenance: Mapping[str, Any], hypothesis: str, names: tuple[str, ...]
-) -> dict[str, float] | None:
-    """Constants behind synthetic data under this hypothesis, where its law has them."""
-    truth: dict[str, float] | None = provenance["truth"]
-    if truth is None or provenance["truth_hypothesis"] != hypothesis:
-        return None
-    return truth if set(names) <= set(truth) else None
-
-
-def _maxima(name: str, facts: Mapping[str, Any]) -> tuple[float | None, float | None, float | None]:
-    """A constant at the maximum by emulator, by FE, and their difference in SDs."""
-    maximum = facts["map"]
-    return (
-        maximum["emulator"][name],
-        (maximum["fe"] or {}).get(name),
-        (maximum["difference_sd"] or {}).get(name),
-    )
 
 
 def _constant(
@@ -271,30 +246,6 @@ def points_table(summary: Summary) -> Table:
         note += " out by = (published - mean) / SD: how far out, not a probability."
     note = f"{note} {leaning_sentence(summary.hypothesis, summary.at_bound)}".rstrip()
     return Table(f"Maxima under {summary.hypothesis}", tuple(columns), tuple(rows), note)
-
-
-def further_table(summary: Summary) -> Table | None:
-    """Posterior of what else was unknown under one hypothesis; None where that is nothing."""
-    if not summary.further:
-        return None
-    rows = [
-        (
-            name,
-            "-" if c.unit == "1" else c.unit,
-            *(number(value) for value in (c.mean, c.sd, c.hdi_low, c.hdi_high)),
-            f"{c.ess_bulk:.0f}",
-            f"{c.ess_tail:.0f}",
-            f"{c.r_hat:.4f}",
-        )
-        for name, c in summary.further.items()
-    ]
-    columns = ("parameter", "unit", "mean", "SD", f"{summary.interval} low", "high")
-    return Table(
-        f"Further unknowns under {summary.hypothesis}",
-        (*columns, "ESS bulk", "ESS tail", "R-hat"),
-        tuple(rows),
-        "A posterior as wide as the prior says that the data know nothing of the parameter.",
-    )
 
 
 def format_table(summaries: Sequence[Summary]) -> str:

@@ -18,6 +18,7 @@ from calib.data.thesis import optimization_runs, stated_average
 from calib.inference.coordinates import CONSTANTS
 
 NOTE_WIDTH = 100
+X_NAMES = ("ln kappa [MPa]", "r", "s")
 
 
 @dataclass(frozen=True)
@@ -101,13 +102,10 @@ def confirmation(name: str, found: Mapping[str, Any]) -> str:
 def map_table(maps: Mapping[str, Any]) -> Table:
     """How the FE model moved the maximum; `maps` is map.json."""
     rows = []
-    columns = list(
-        dict.fromkeys(
-            name.removesuffix(" [MPa]") for found in maps.values() for name in _x_names(found)
-        )
-    )
+    named = {name: found.get("x", X_NAMES) for name, found in maps.items()}
+    columns = list(dict.fromkeys(n.removesuffix(" [MPa]") for own in named.values() for n in own))
     for name, found in maps.items():
-        names = [column.removesuffix(" [MPa]") for column in _x_names(found)]
+        names = [column.removesuffix(" [MPa]") for column in named[name]]
         by_name = dict(zip(names, found["difference_sd_x"], strict=True))
         values = [by_name.get(column) for column in columns]
         off = ["-" if value is None else f"{value:+.3f}" for value in values]
@@ -143,12 +141,6 @@ def map_table(maps: Mapping[str, Any]) -> Table:
             if found["by_secants"]
         ),
     )
-
-
-def _x_names(found: Mapping[str, Any]) -> Sequence[str]:
-    """Coordinates of a maximum in map.json."""
-    names: Sequence[str] = found.get("x", ("ln kappa", "r", "s"))
-    return names
 
 
 def mesh_table(errors: Mapping[str, Any]) -> Table:
@@ -277,45 +269,6 @@ def comparison_table(comparison: Mapping[str, Any]) -> Table:
         "share of evidence: probability at equal prior odds; max ln L: largest ln likelihood in "
         "the prior's box, and the forces' chi-square there. " + " ".join(comparison["verdict"]),
     )
-
-
-def correlation_table(comparison: Mapping[str, Any]) -> Table | None:
-    """How the posterior changes with what is assumed of the noise."""
-    found = comparison["correlation_study"]
-    constants = list(dict.fromkeys(name for row in found for name in row["mean"]))
-    rows = tuple(
-        (
-            row["hypothesis"],
-            f"{row['sample_correlation']:g}",
-            f"{row['travel_zero_sd']:g}",
-            *(_mean_sd(row, constant) for constant in constants),
-            f"{row['log_evidence']:.1f}",
-            f"{row['predictive_p']:.2g}",
-        )
-        for row in comparison["correlation_study"]
-    )
-    if not rows:
-        return None
-    return Table(
-        "Posterior under other assumptions on the noise (mean ± SD, by quadrature)",
-        (
-            "hypothesis",
-            "rho [-]",
-            "zero [mm]",
-            *(f"{constant} [{'-' if 'alpha' in constant else 'MPa'}]" for constant in constants),
-            "ln evid. [-]",
-            "p [-]",
-        ),
-        rows,
-        "rho: correlation of one sample's deviation between neighbouring increments; zero: SD of "
-        "the travel's zero; p: posterior predictive p-value of the forces.",
-    )
-
-
-def _mean_sd(row: Mapping[str, Any], constant: str) -> str:
-    if constant not in row["mean"]:
-        return "-"
-    return f"{number(row['mean'][constant], 3)} ± {number(row['sd'][constant], 2)}"
 
 
 def texts(tables: Sequence[Table | None]) -> list[str]:

@@ -48,6 +48,7 @@ def check_unknowns(study: Study) -> None:
         _check_size(study, index, hypothesis)
     _check_used(study)
     _check_truth(study)
+    _check_field(study)
 
 
 def is_positive(study: Study) -> bool:
@@ -239,6 +240,17 @@ def _check_truth(study: Study) -> None:
         if getattr(virtual, name) != 0:
             expected = f"0: the law of {virtual.hypothesis}, {law}, has no such constant"
             raise Contradiction(f"virtual.{name}", getattr(virtual, name), expected)
+
+
+def _check_field(study: Study) -> None:
+    """Nuisances of a field are asked for only where the data have one."""
+    if study.virtual is not None or study.data.is_experiment:
+        return
+    noise = study.noise
+    for name in ("field_scale_sd", "translation_sd", "rotation_sd", "field_freedom"):
+        if getattr(noise, name):
+            expected = "no such key: the data of this study have no field"
+            raise Contradiction(f"noise.{name}", getattr(noise, name), expected)
 
 
 def _check_size(study: Study, index: int, hypothesis: Hypothesis) -> None:
