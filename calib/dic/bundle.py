@@ -23,6 +23,7 @@ from calib.dic.plate_view import PlateView
 INTRINSIC_NAMES = ("fx", "fy", "cx", "cy", "skew", "k1", "k2", "k3", "p1", "p2")
 IntArray = npt.NDArray[np.int64]
 N_INTRINSIC = len(INTRINSIC_NAMES)
+FOCAL_LENGTHS = (True, True, *[False] * (N_INTRINSIC - 2))
 N_POSE = 6
 BEHIND = 1e6
 """px, residual of a point behind the camera: no step goes there"""
@@ -89,6 +90,8 @@ class Bundle(NamedTuple):
     poses: tuple[tuple[Array, Array], ...]
     residual: tuple[tuple[Array, Array], ...]
     """per pose, (n, 2) of the left and (n, 2) of the right image, px"""
+    shift: tuple[Array, ...]
+    """(n, 2) a view, left and right of each pose: what the shape of dots moves their centres, px"""
     sigma: dict[str, float]
     """standard deviation of each parameter: px, 1, degrees, mm"""
     noise: float
@@ -144,35 +147,47 @@ def adjust(
     plate = gather(pairs, plate_error)
     n_plate = plate.places.size if plate_error > 0.0 else 0
     n_fixed = 2 * N_INTRINSIC + N_POSE * (1 + len(pairs))
-    free = np.ones(n_fixed + n_plate, dtype=np.bool_)
-    free[:N_INTRINSIC] = free[N_INTRINSIC : 2 * N_INTRINSIC] = lens.is_free
-    full = np.concatenate([_pack(guess), np.zeros(n_plate)])
-    full[~free] = 0.0
+    start = _pack(guess)
+    full = np.concatenate([start, np.zeros(n_plate)])
     noise = 1.0
     for number in range(ROUNDS):
+        # focal lengths and poses first: with wrong points a far start leads distortion astray
+        inner = lens.is_free if number > 0 else np.array(FOCAL_LENGTHS)
+        free = np.concatenate([inner, inner, np.ones(n_fixed + n_plate - inner.size * 2, bool)])
+        low, high = np.full(full.size, -np.inf), np.full(full.size, np.inf)
+        for focal in (0, 1, N_INTRINSIC, N_INTRINSIC + 1):
+            low[focal], high[focal] = 0.2 * start[focal], 5.0 * start[focal]
         shift = _circle_shifts(full, pairs)
         stiffness = noise / plate_error if n_plate else 0.0
 
         def residual(
-            x: Array, shift: tuple[Array, ...] = shift, stiffness: float = stiffness
+            x: Array,
+            free: npt.NDArray[np.bool_] = free,
+            shift: tuple[Array, ...] = shift,
+            stiffness: float = stiffness,
         ) -> Array:
             now = _insert(full, free, x)
             off = _flat_residual(_residual(now, pairs, plate, shift))
             return np.concatenate([off, stiffness * now[n_fixed:]])
 
-        def jacobian(x: Array, stiffness: float = stiffness) -> Array:
+        def jacobian(
+            x: Array, free: npt.NDArray[np.bool_] = free, stiffness: float = stiffness
+        ) -> Array:
             views = _jacobian(_insert(full, free, x), pairs, plate)
             held = np.zeros((n_plate, full.size))
             held[:, n_fixed:] = stiffness * np.eye(n_plate)
             return np.vstack([views, held])[:, free]
 
         fit = least_squares(
-            residual, full[free], jacobian, method="trf", loss="huber", f_scale=ROBUST * noise,
-            x_scale="jac", max_nfev=200, gtol=1e-10, xtol=1e-10,
+            residual, full[free], jacobian, (low[free], high[free]), method="trf", loss="huber", f_scale=ROBUST * noise,
+            x_scale="jac", max_nfev=80, gtol=1e-10, xtol=1e-10,
             ftol=1e-9 if number == ROUNDS - 1 else 1e-5,
         )  # fmt: skip
         if not fit.success:
-            raise ValueError(f"calibration: the fit did not converge ({fit.message})")
+            raise ValueError(
+                f"plates: no pair of cameras fits them after {fit.nfev} steps; images of one pose do "
+                "not belong together"
+            )
         full = _insert(full, free, fit.x)
         off = residual(fit.x)
         n_view = off.size - n_plate
@@ -351,10 +366,11 @@ def _bundle(
         Camera(left), Camera(right, Rotation.from_rotvec(turn).as_matrix(), move.copy())
     )
     poses = tuple(
-        (Rotation.from_rotvec(vector).as_matrix(), shift.copy())
-        for vector, shift in (_pose(full, number + 1) for number in range(len(pairs)))
+        (Rotation.from_rotvec(vector).as_matrix(), moved.copy())
+        for vector, moved in (_pose(full, number + 1) for number in range(len(pairs)))
     )
-    residual = _residual(full, pairs, plate, _circle_shifts(full, pairs))
+    shift = _circle_shifts(full, pairs)
+    residual = _residual(full, pairs, plate, shift)
     stated = dict(zip(names, sigma[: len(names)].tolist(), strict=True))
     off_plate = float(np.sqrt(np.mean((_points(full, plate) - plate.places) ** 2)))
-    return Bundle(rig, poses, residual, stated, noise, int(far.sum()), off_plate)
+    return Bundle(rig, poses, residual, shift, stated, noise, int(far.sum()), off_plate)
