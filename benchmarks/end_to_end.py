@@ -201,9 +201,7 @@ def common_points(datasets: list[Dataset]) -> Array:
 
 def outcome(theta: Array, dataset: Dataset, emulator: Emulator, mesh: MeshError) -> Outcome:
     """Where a truth lies in the posterior of its data set."""
-    forward = EmulatorForward(
-        ScaledEmulator(emulator), with_field=True, correction=mesh.correction
-    )
+    forward = EmulatorForward(ScaledEmulator(emulator), with_field=True, correction=mesh.correction)
     likelihood = build_likelihood(
         dataset, forward, NoiseSettings(), force_discretisation=mesh.force,
         field_floor=mesh.field_floor, field_patterns=mesh.field_patterns,

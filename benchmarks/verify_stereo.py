@@ -33,7 +33,7 @@ from calib.virtual.surface import make_surface
 from fe.response import Array
 
 PLATE_ERROR = 0.01
-"""mm, of the real dot plate: with an exact one the same 80 dots miss by the same 7 um in all poses"""
+"""mm, of the real dot plate: its dots miss their places by 7 um, the same in all poses"""
 STATIC_STEP = 15
 SEEDS = range(3)
 
@@ -55,7 +55,9 @@ def _chessboards(data: Path) -> tuple[list[PlateView], list[PlateView]]:
         try:
             both = [
                 chessboard_view(
-                    read_image(folder / f"{side}{number:02d}.jpg").grey, Chessboard(9, 6, 10.0), side
+                    read_image(folder / f"{side}{number:02d}.jpg").grey,
+                    Chessboard(9, 6, 10.0),
+                    side,
                 )
                 for side in ("left", "right")
             ]
@@ -88,9 +90,7 @@ def plates(data: Path) -> dict[str, Any]:
     lens = LensModel(2)
     exact = calibrate(left, right, (2448, 2048), CalibrationSettings(lens, 6))
     fitted = calibrate(left, right, (2448, 2048), CalibrationSettings(lens, 6, PLATE_ERROR))
-    boards = calibrate(
-        *_chessboards(data), (640, 480), CalibrationSettings(LensModel(2, True))
-    )
+    boards = calibrate(*_chessboards(data), (640, 480), CalibrationSettings(LensModel(2, True)))
     return {
         "reprojection_px": round(fitted.rms, 4),
         "dots": _facts(fitted),
@@ -130,9 +130,7 @@ def static(data: Path) -> dict[str, Any]:
         "static_standardised_sd": [round(float(value), 3) for value in off.std(axis=0)],
         "static_points": int(valid.sum()),
         "static_epipolar_px_given": round(float(np.median(np.abs(before.epipolar))), 2),
-        "static_epipolar_px_refined": round(
-            float(np.sqrt(np.nanmean(reference.epipolar**2))), 4
-        ),
+        "static_epipolar_px_refined": round(float(np.sqrt(np.nanmean(reference.epipolar**2))), 4),
     }
 
 
@@ -172,7 +170,9 @@ def accuracy() -> dict[str, Any]:
             places = flat * np.array([1.0 + stretch[0], 1.0 + stretch[1], 1.0]) + np.array(move)
             images, _ = shots(places)
             frame, _ = follow_pair(reference, images[0], images[1], settings)
-            truth = make_surface(low, high, places).at(here) - make_surface(low, high, flat).at(here)
+            truth = make_surface(low, high, places).at(here) - make_surface(low, high, flat).at(
+                here
+            )
             good = frame.valid & np.isfinite(here).all(axis=1)
             found[name].append((frame.displacement - truth)[good])
             scores.append(((frame.displacement - truth) / frame.sigma)[good])

@@ -41,6 +41,4 @@ def reference_frame(
     axes = axes or unturned()
     valid = np.asarray(reference.reason == StereoReason.VALID)
     moved = np.where(valid[:, None], 0.0, np.nan) * np.ones(3)
-    return PointFrame(
-        name, axes.points(reference.space.points), moved, valid, None, time, grid
-    )
+    return PointFrame(name, axes.points(reference.space.points), moved, valid, None, time, grid)

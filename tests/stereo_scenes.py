@@ -48,7 +48,9 @@ def shoot(surface: Surface, seed: int | None, cameras: CameraPair = CAMERAS) -> 
         for camera in (cameras.rig.left, cameras.rig.right)
     ]
     images = [
-        one.brightness * 4095.0 if seed is None else expose(one.brightness, SENSOR, rng).astype(float)
+        one.brightness * 4095.0
+        if seed is None
+        else expose(one.brightness, SENSOR, rng).astype(float)
         for one in pictures
     ]
     return Shot(images[0], images[1], pictures[0].material)

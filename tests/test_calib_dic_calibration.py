@@ -38,7 +38,7 @@ RIG = StereoRig(
 def poses(n, seed=0):
     rng = np.random.default_rng(seed)
     for _ in range(n):
-        turn = Rotation.from_euler("xyz", rng.uniform(-25, 25, 3) + (0, -12, 0), degrees=True)
+        turn = Rotation.from_euler("xyz", rng.uniform((-25, -37, -25), (25, 13, 25)), degrees=True)
         yield turn.as_matrix(), np.array([-32.0, -22.0, 300.0]) + rng.uniform(-4, 4, 3)
 
 

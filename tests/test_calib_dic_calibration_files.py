@@ -27,14 +27,14 @@ VIC = f"""<?xml version="1.0" encoding="ISO-8859-1"?>
 
 
 def dice_xml(model="K1R3_K2R5_K3R7", extra=""):
-    names = "CX CY FX FY FS K1 K2 K3".split()
+    names = ("CX", "CY", "FX", "FY", "FS", "K1", "K2", "K3")
     inner = "\n".join(
         f'<Parameter name="{n}" type="double" value="{v}" />'
         for n, v in zip(names, INNER.split(), strict=True)
     )
     pose = "\n".join(
         f'<Parameter name="{n}" type="double" value="{v}" />'
-        for n, v in zip("ALPHA BETA GAMMA TX TY TZ".split(), POSE.split(), strict=True)
+        for n, v in zip(("ALPHA", "BETA", "GAMMA", "TX", "TY", "TZ"), POSE.split(), strict=True)
     )
     lens = f'<Parameter name="LENS_DISTORTION_MODEL" type="string" value="{model}" />'
     size = '<Parameter name="IMAGE_HEIGHT_WIDTH" type="string" value="{ 800, 1280 }" />'
@@ -44,7 +44,7 @@ def dice_xml(model="K1R3_K2R5_K3R7", extra=""):
     )
 
 
-def text(rotation=POSE.split()[:3]):
+def text(rotation=("0.09", "-18.03", "-0.0877")):
     numbers = [*INNER.split(), *INNER.split(), *rotation, *POSE.split()[3:]]
     return "\n".join(f"{number} # of the file" for number in numbers) + "\n"
 
@@ -58,8 +58,12 @@ def read(tmp_path, content):
 def test_our_file_gives_the_same_bits_back(tmp_path):
     turn = read(tmp_path, text()).rig.right.rotation
     right = Camera(Intrinsics(2000.1, 2000.2, 5.3, 4.7), turn, np.array([1.1, 2.2, 3.3]))
-    rig = StereoRig(Camera(Intrinsics(1.0 / 3.0, 2.0, 3.0, 4.0, 0.1, Distortion((0.1, 0.2, 0.3)))), right)
-    made = Calibration(rig, (640, 480), {"left.fx": 0.1}, (0.1, 0.2), (("a", 0.1, 0.2),), 0.3, 0.4, 8, 9, 1)
+    rig = StereoRig(
+        Camera(Intrinsics(1.0 / 3.0, 2.0, 3.0, 4.0, 0.1, Distortion((0.1, 0.2, 0.3)))), right
+    )
+    made = Calibration(
+        rig, (640, 480), {"left.fx": 0.1}, (0.1, 0.2), (("a", 0.1, 0.2),), 0.3, 0.4, 8, 9, 1
+    )
     write_calibration(tmp_path / "c.json", made)
     found = read_calibration(tmp_path / "c.json")
     assert found.rig.left.intrinsics == rig.left.intrinsics

@@ -107,7 +107,8 @@ def test_triangulation_finds_the_points_and_its_derivative_is_a_difference():
     for k in range(4):
         by = np.eye(4)[k] * step
         ends = [
-            triangulate(pair, left + sign * by[:2], right + sign * by[2:]).points for sign in (1, -1)
+            triangulate(pair, left + sign * by[:2], right + sign * by[2:]).points
+            for sign in (1, -1)
         ]
         difference = (ends[0] - ends[1]) / (2 * step)
         assert np.abs(found.by_pixels[..., k] - difference).max() < 1e-4 * np.abs(difference).max()

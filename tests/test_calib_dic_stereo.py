@@ -75,7 +75,9 @@ def test_strain_of_a_turned_and_bent_surface_does_not_see_the_turn():
     rng = np.random.default_rng(0)
     flat = np.column_stack([rng.uniform(-1, 1, (400, 2)), np.zeros(400)])
     angle = 0.3
-    turn = np.array([[np.cos(angle), 0, np.sin(angle)], [0, 1, 0], [-np.sin(angle), 0, np.cos(angle)]])
+    turn = np.array(
+        [[np.cos(angle), 0, np.sin(angle)], [0, 1, 0], [-np.sin(angle), 0, np.cos(angle)]]
+    )
     moved = flat @ np.diag([1.05, 0.97, 1.0]) @ turn.T - flat
     strain = surface_strain(flat, moved, 0.3)
     assert strain.xx == pytest.approx((1.05**2 - 1) / 2, abs=1e-12)
@@ -219,13 +221,20 @@ def test_the_command_writes_points_that_the_readers_read(folder, capsys):
     [
         (
             (
-                ("left0", "#0"), ("left1", "#1"), ("right0", "left0"), ("right1", "left1"),
-                ("#0", "right0"), ("#1", "right1"),
+                ("left0", "#0"),
+                ("left1", "#1"),
+                ("right0", "left0"),
+                ("right1", "left1"),
+                ("#0", "right0"),
+                ("#1", "right1"),
             ),
             "swapped",
         ),
         ((('calibration = "rig.json"\n', ""),), "either a file here or a section"),
-        ((('["left1.tif"]', '["left1.tif", "left0.tif"]'), ("[2.5]", "[1.0, 2.0]")), "expected 2 files"),
+        (
+            (('["left1.tif"]', '["left1.tif", "left0.tif"]'), ("[2.5]", "[1.0, 2.0]")),
+            "expected 2 files",
+        ),
         ((("rig.json", "left0.tif"),), "not a calibration"),
     ],
 )

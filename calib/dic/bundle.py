@@ -24,6 +24,11 @@ INTRINSIC_NAMES = ("fx", "fy", "cx", "cy", "skew", "k1", "k2", "k3", "p1", "p2")
 IntArray = npt.NDArray[np.int64]
 N_INTRINSIC = len(INTRINSIC_NAMES)
 FOCAL_LENGTHS = (True, True, *[False] * (N_INTRINSIC - 2))
+FOCAL_RANGE = 5.0
+"""factor by which a focal length may change in one fit"""
+MOST_STEPS = 80
+COARSE, FINE = 1e-5, 1e-9
+"""relative change of the sum of squares that ends the earlier fits, and the last"""
 N_POSE = 6
 BEHIND = 1e6
 """px, residual of a point behind the camera: no step goes there"""
@@ -146,54 +151,60 @@ def adjust(
     """
     plate = gather(pairs, plate_error)
     n_plate = plate.places.size if plate_error > 0.0 else 0
-    n_fixed = 2 * N_INTRINSIC + N_POSE * (1 + len(pairs))
-    start = _pack(guess)
-    full = np.concatenate([start, np.zeros(n_plate)])
+    full = np.concatenate([_pack(guess), np.zeros(n_plate)])
+    n_rest = full.size - 2 * N_INTRINSIC
     noise = 1.0
     for number in range(ROUNDS):
         # focal lengths and poses first: with wrong points a far start leads distortion astray
         inner = lens.is_free if number > 0 else np.array(FOCAL_LENGTHS)
-        free = np.concatenate([inner, inner, np.ones(n_fixed + n_plate - inner.size * 2, bool)])
-        low, high = np.full(full.size, -np.inf), np.full(full.size, np.inf)
-        for focal in (0, 1, N_INTRINSIC, N_INTRINSIC + 1):
-            low[focal], high[focal] = 0.2 * start[focal], 5.0 * start[focal]
-        shift = _circle_shifts(full, pairs)
-        stiffness = noise / plate_error if n_plate else 0.0
-
-        def residual(
-            x: Array,
-            free: npt.NDArray[np.bool_] = free,
-            shift: tuple[Array, ...] = shift,
-            stiffness: float = stiffness,
-        ) -> Array:
-            now = _insert(full, free, x)
-            off = _flat_residual(_residual(now, pairs, plate, shift))
-            return np.concatenate([off, stiffness * now[n_fixed:]])
-
-        def jacobian(
-            x: Array, free: npt.NDArray[np.bool_] = free, stiffness: float = stiffness
-        ) -> Array:
-            views = _jacobian(_insert(full, free, x), pairs, plate)
-            held = np.zeros((n_plate, full.size))
-            held[:, n_fixed:] = stiffness * np.eye(n_plate)
-            return np.vstack([views, held])[:, free]
-
-        fit = least_squares(
-            residual, full[free], jacobian, (low[free], high[free]), method="trf", loss="huber", f_scale=ROBUST * noise,
-            x_scale="jac", max_nfev=80, gtol=1e-10, xtol=1e-10,
-            ftol=1e-9 if number == ROUNDS - 1 else 1e-5,
-        )  # fmt: skip
-        if not fit.success:
-            raise ValueError(
-                f"plates: no pair of cameras fits them after {fit.nfev} steps; images of one pose do "
-                "not belong together"
-            )
-        full = _insert(full, free, fit.x)
-        off = residual(fit.x)
+        free = np.concatenate([inner, inner, np.ones(n_rest, dtype=np.bool_)])
+        tolerance = FINE if number == ROUNDS - 1 else COARSE
+        full, off, jacobian = _fit(full, free, pairs, plate, noise, tolerance)
         n_view = off.size - n_plate
-        lost = np.sqrt(n_view / max(n_view - fit.x.size + n_plate / 2, 1.0))
+        lost = np.sqrt(n_view / max(n_view - np.count_nonzero(free) + n_plate / 2, 1.0))
         noise = max(lost * MAD * float(np.median(np.abs(off[:n_view]))), 1e-9)
-    return _bundle(full, free, pairs, plate, off, jacobian(fit.x), noise)
+    return _bundle(full, free, pairs, plate, off, jacobian, noise)
+
+
+def _fit(
+    full: Array,
+    free: npt.NDArray[np.bool_],
+    pairs: tuple[Pair, ...],
+    plate: Plate,
+    noise: float,
+    tolerance: float,
+) -> tuple[Array, Array, Array]:
+    """One robust fit: all parameters, residuals in px and their derivative by the free ones."""
+    shift = _circle_shifts(full, pairs)
+    n_plate = plate.places.size if plate.error > 0.0 else 0
+    first = full.size - n_plate
+    stiffness = noise / plate.error if n_plate else 0.0
+    low, high = np.full(full.size, -np.inf), np.full(full.size, np.inf)
+    for focal in (0, 1, N_INTRINSIC, N_INTRINSIC + 1):
+        low[focal], high[focal] = full[focal] / FOCAL_RANGE, full[focal] * FOCAL_RANGE
+
+    def residual(x: Array) -> Array:
+        now = _insert(full, free, x)
+        off = _flat_residual(_residual(now, pairs, plate, shift))
+        return np.concatenate([off, stiffness * now[first:]])
+
+    def jacobian(x: Array) -> Array:
+        views = _jacobian(_insert(full, free, x), pairs, plate)
+        held = np.zeros((n_plate, full.size))
+        held[:, first:] = stiffness * np.eye(n_plate)
+        return np.vstack([views, held])[:, free]
+
+    fit = least_squares(
+        residual, full[free], jacobian, (low[free], high[free]), method="trf", loss="huber",
+        f_scale=ROBUST * noise, x_scale="jac", max_nfev=MOST_STEPS, gtol=1e-10, xtol=1e-10,
+        ftol=tolerance,
+    )  # fmt: skip
+    if not fit.success:
+        raise ValueError(
+            f"plates: no pair of cameras fits them after {fit.nfev} steps; images of one pose do "
+            "not belong together"
+        )
+    return _insert(full, free, fit.x), residual(fit.x), jacobian(fit.x)
 
 
 def _insert(full: Array, free: npt.NDArray[np.bool_], values: Array) -> Array:
@@ -312,7 +323,9 @@ def _circle_shifts(full: Array, pairs: tuple[Pair, ...]) -> tuple[Array, ...]:
         plate_turn, plate_move = _pose(full, number + 1)
         plate = Rotation.from_rotvec(plate_turn).as_matrix()
         shifts.append(circle_shift(left, plate, plate_move, pair.left))
-        shifts.append(circle_shift(right, relative @ plate, relative @ plate_move + move, pair.right))
+        shifts.append(
+            circle_shift(right, relative @ plate, relative @ plate_move + move, pair.right)
+        )
     return tuple(shifts)
 
 

@@ -74,7 +74,8 @@ def read_calibration(path: Path | str) -> Calibration:
         return _dice_text(text)
     except (ValueError, KeyError, TypeError, IndexError, ElementTree.ParseError) as error:
         raise ValueError(
-            f"{path}: not a calibration of softcal, VIC-3D or DICe ({type(error).__name__}: {error})"
+            f"{path}: not a calibration of softcal, VIC-3D or DICe "
+            f"({type(error).__name__}: {error})"
         ) from error
 
 

@@ -48,7 +48,10 @@ class Intrinsics:
 
 @dataclass(frozen=True)
 class Camera:
-    """Intrinsics and pose, X_camera = rotation X + translation. Raises ValueError if no rotation."""
+    """Intrinsics and pose: X_camera = rotation X + translation.
+
+    Raises ValueError for a matrix that is no rotation.
+    """
 
     intrinsics: Intrinsics
     rotation: Array = field(default_factory=lambda: np.eye(3))
@@ -109,9 +112,7 @@ def project_in_camera(intrinsics: Intrinsics, points: Array) -> Projection:
 
 def project(camera: Camera, points: Array) -> tuple[Array, Array]:
     """Pixels (n, 2) of points (n, 3) [mm] and their derivative (n, 2, 3) by the points, px/mm."""
-    seen = project_in_camera(
-        camera.intrinsics, points @ camera.rotation.T + camera.translation
-    )
+    seen = project_in_camera(camera.intrinsics, points @ camera.rotation.T + camera.translation)
     return seen.pixels, seen.by_point @ camera.rotation
 
 

@@ -69,7 +69,8 @@ def _median(rig: StereoRig, left: Array, right: Array) -> float:
 def refine_pose(rig: StereoRig, left: Array, right: Array) -> Refined:
     """The relative pose that brings matched pixels (n, 2) to their epipolar lines.
 
-    Intrinsics and the length of the baseline are kept, and of the pose what the points leave open. Raises ValueError with too few points.
+    Intrinsics and the length of the baseline are kept, and of the pose what the points leave
+    open. Raises ValueError with too few points, and when the points come to lie behind a camera.
     """
     good = np.all(np.isfinite(left) & np.isfinite(right), axis=1)
     if np.count_nonzero(good) < LEAST_POINTS:

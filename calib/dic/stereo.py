@@ -149,7 +149,9 @@ def place_reference(
     match = correlate_prepared(left_ready, right_grey, spline, points, options)
     right = points + match.displacement
     if not match.valid.any():
-        raise ValueError("right: found none of the points of the left image, expected the same view")
+        raise ValueError(
+            "right: found none of the points of the left image, expected the same view"
+        )
     turned = 0.0
     if settings.refine_pose:
         rig, turned, _ = refine_pose(rig, points, right)

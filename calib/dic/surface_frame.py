@@ -52,7 +52,9 @@ def surface_frame(rig: StereoRig, points: Array) -> SurfaceFrame:
     for _ in range(ROUNDS):
         # a plane through weighted points; those far from it count less (Cauchy)
         middle = np.average(cloud, axis=0, weights=weight)
-        normal = np.linalg.svd((cloud - middle) * np.sqrt(weight)[:, None], full_matrices=False)[2][2]
+        normal = np.linalg.svd((cloud - middle) * np.sqrt(weight)[:, None], full_matrices=False)[2][
+            2
+        ]
         off = (cloud - middle) @ normal
         scale = max(1.4826 * float(np.median(np.abs(off))), 1e-12)
         weight = 1.0 / (1.0 + (off / (2.0 * scale)) ** 2)

@@ -42,8 +42,7 @@ def _calibrated(plates: Plates, folder: Path, say: Say) -> Calibration:
     )
     if len(left) != len(right):
         raise ValueError(
-            f"calibration.right: expected {len(left)} files as calibration.left, "
-            f"found {len(right)}"
+            f"calibration.right: expected {len(left)} files as calibration.left, found {len(right)}"
         )
     views, first = [], None
     for paths in zip(left, right, strict=True):

@@ -111,7 +111,9 @@ def has_stereo(document: Document) -> bool:
     return "stereo" in document.values
 
 
-def named_files(names: tuple[str, ...], folder: Path, key: str, leave: set[str]) -> tuple[Path, ...]:
+def named_files(
+    names: tuple[str, ...], folder: Path, key: str, leave: set[str]
+) -> tuple[Path, ...]:
     """Files in their order, * written out by name; `leave` are left out of these.
 
     Raises ValueError for a pattern that no file has.

@@ -157,9 +157,7 @@ def _sentence(found: StereoFrame, axes: SurfaceFrame) -> str:
     return text
 
 
-def _write(
-    out: Path, stem: str, found: StereoFrame, ready: Prepared, time: float | None
-) -> None:
+def _write(out: Path, stem: str, found: StereoFrame, ready: Prepared, time: float | None) -> None:
     frame = point_frame(found, stem, time, ready.grid, ready.axes)
     with replacing(out / POINTS / f"{stem}.csv") as temporary:
         write_points(temporary, frame)

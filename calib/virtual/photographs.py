@@ -75,7 +75,9 @@ def photograph(
     """
     static_seed, *seeds = np.random.SeedSequence(seed).spawn(len(samples) + 1)
     at_rest = np.zeros(studio.static_frames + 1)
-    frames = dic_series(truth, STRAIGHT, at_rest, at_rest, studio, np.random.default_rng(static_seed))
+    frames = dic_series(
+        truth, STRAIGHT, at_rest, at_rest, studio, np.random.default_rng(static_seed)
+    )
     _replace(folder / "static", frames)
     say("static frames photographed")
     for sample, own in zip(samples, seeds, strict=True):

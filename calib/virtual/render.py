@@ -142,7 +142,7 @@ def _rasterise(material: Array, pixels: Array, depth: Array, guess: Array, neare
 def _see(
     place: Array, lens: Array, turn: Array, move: Array, pixel: Array, by_place: Array
 ) -> float:
-    """Pixel of one place and its slopes (2, 3); returns the depth. Brown's lens, as the cameras'."""
+    """Pixel of one place and its slopes (2, 3), with Brown's lens; returns the depth."""
     c = turn @ place + move
     x, y = c[0] / c[2], c[1] / c[2]
     r2 = x * x + y * y
@@ -178,7 +178,7 @@ def _trace(
         pixel, by = np.empty(2), np.empty((2, 2))
         for column in range(columns):
             x, y = guess[row, column, 0], guess[row, column, 1]
-            if not x == x:
+            if np.isnan(x):
                 continue
             depth, found = 0.0, False
             for _ in range(NEWTON_STEPS):
@@ -202,7 +202,11 @@ def _trace(
                 # pixels at the face's edge: a step beyond it is taken back
                 x = min(max(x, knots_x[0]), knots_x[-1])
                 y = min(max(y, knots_y[0]), knots_y[-1])
-            if not found or not knots_x[0] <= x <= knots_x[-1] or not knots_y[0] <= y <= knots_y[-1]:
+            if (
+                not found
+                or not knots_x[0] <= x <= knots_x[-1]
+                or not knots_y[0] <= y <= knots_y[-1]
+            ):
                 continue
             n0 = surface[1, 1] * surface[2, 2] - surface[1, 2] * surface[2, 1]
             n1 = surface[1, 2] * surface[2, 0] - surface[1, 0] * surface[2, 2]
@@ -215,7 +219,9 @@ def _trace(
             total = 0.0
             for a in range(-1, 2):
                 for b in range(-1, 2):
-                    weight = (2.0 / 3.0 if a == 0 else 1.0 / 6.0) * (2.0 / 3.0 if b == 0 else 1.0 / 6.0)
+                    weight = (2.0 / 3.0 if a == 0 else 1.0 / 6.0) * (
+                        2.0 / 3.0 if b == 0 else 1.0 / 6.0
+                    )
                     px, py = a * spread, b * spread
                     at_x = x + (by[1, 1] * px - by[0, 1] * py) / determinant
                     at_y = y + (by[0, 0] * py - by[1, 0] * px) / determinant
