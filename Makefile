@@ -11,7 +11,7 @@ PYTEST_ARGS ?=
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help study test test-all test-lowest lint types bench bench-fe verify-fe verify-data clean
+.PHONY: help study test test-all test-lowest lint types bench bench-fe verify-fe verify-data verify-dic clean
 VERIFY_ARGS ?=
 
 # One thread a process: the runs are spread over processes, and sums come in one order.
@@ -57,6 +57,9 @@ verify-fe: $(INSTALLED)  ## measure docs/verification/fe.json (hours; VERIFY_ARG
 
 verify-data: $(INSTALLED)  ## measure docs/verification/data.json (three quarters of an hour; SOFTCAL_DATA names the real files)
 	$(BIN)/python -m benchmarks.verify_data $(VERIFY_ARGS)
+
+verify-dic: $(INSTALLED)  ## measure docs/verification/dic.json (some 10 minutes; SOFTCAL_DATA names the real images)
+	$(BIN)/python -m benchmarks.verify_dic $(VERIFY_ARGS)
 
 $(LOWEST)/.installed: pyproject.toml $(INSTALLED)
 	$(BIN)/uv venv --quiet --clear --python 3.11 $(LOWEST)

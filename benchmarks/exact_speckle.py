@@ -1,7 +1,7 @@
 """Speckle images whose truth is exact: sums of Gaussian spots, evaluated where each pixel looks.
 
 No image is interpolated. The maps have the form X(x), Y(y) (shifts, stretches along the axes, any
-u(x)), for which the sum over the spots is a product of two matrices.
+u(x)), for which the sum over the spots is a product of two matrices, tile by tile.
 """
 
 from __future__ import annotations
@@ -12,7 +12,9 @@ import numpy as np
 import numpy.typing as npt
 
 Array = npt.NDArray[np.float64]
-CHUNK = 2048
+TILE = 48
+"""px of a square that is summed at once"""
+REACH = 6.5
 
 
 @dataclass(frozen=True)
@@ -27,15 +29,33 @@ class Speckle:
     """(k,)"""
 
     def __call__(self, X: Array, Y: Array) -> Array:
-        """(h, w) brightness seen by pixels that look at the material's places X (w,), Y (h,)."""
-        out = np.zeros((Y.size, X.size))
-        for start in range(0, self.radii.size, CHUNK):
-            part = slice(start, start + CHUNK)
-            (x, y), r = self.centres[part].T, self.radii[part]
-            across = np.exp(-0.5 * ((X - x[:, None]) / r[:, None]) ** 2)
-            down = np.exp(-0.5 * ((Y - y[:, None]) / r[:, None]) ** 2) * self.heights[part, None]
-            out += down.T @ across
+        """(h, w) brightness seen by pixels that look at the material's places X (w,), Y (h,).
+
+        X and Y grow along the array. A spot counts to REACH of its radii (1e-9 of its height).
+        """
+        out = np.empty((Y.size, X.size))
+        reach = REACH * float(self.radii.max())
+        for top in range(0, Y.size, TILE):
+            rows = slice(top, top + TILE)
+            near = np.abs(self.centres[:, 1] - _middle(Y[rows])) < _half(Y[rows]) + reach
+            strip = Speckle(self.centres[near], self.radii[near], self.heights[near])
+            for left in range(0, X.size, TILE):
+                columns = slice(left, left + TILE)
+                across = np.abs(strip.centres[:, 0] - _middle(X[columns]))
+                part = across < _half(X[columns]) + reach
+                (x, y), r = strip.centres[part].T, strip.radii[part, None]
+                along = np.exp(-0.5 * ((X[columns] - x[:, None]) / r) ** 2)
+                down = np.exp(-0.5 * ((Y[rows] - y[:, None]) / r) ** 2)
+                out[rows, columns] = (down * strip.heights[part, None]).T @ along
         return out
+
+
+def _middle(places: Array) -> float:
+    return float(places[0] + places[-1]) / 2
+
+
+def _half(places: Array) -> float:
+    return float(places[-1] - places[0]) / 2
 
 
 def speckle(

@@ -1,15 +1,7 @@
-"""Figures of stereo DIC: parts of docs/verification/dic.json (`make verify-dic`).
-
-    python -m benchmarks.verify_stereo [--only plates static accuracy end_to_end] [--data DIR]
-
-`plates` and `static` need the real images, whose folder SOFTCAL_DATA or --data names.
-"""
+"""Figures of stereo DIC: parts `plates`, `static`, `stereo` and `end_to_end` of `verify_dic`."""
 
 from __future__ import annotations
 
-import argparse
-import json
-import os
 from pathlib import Path
 from typing import Any
 
@@ -195,27 +187,3 @@ def end_to_end(runs: Path, n: int = 20) -> dict[str, Any]:
     """Truths inside the region of 95 % of posteriors from photographs."""
     found = over_seeds(range(n), runs)
     return {"end_to_end_covered": sum(one.is_covered for one in found), "end_to_end_seeds": n}
-
-
-def main() -> None:
-    """Measure the parts asked for and print them as json."""
-    parser = argparse.ArgumentParser()
-    parser.add_argument("--only", nargs="*", default=["plates", "static", "accuracy", "end_to_end"])
-    parser.add_argument(
-        "--data", type=Path, default=Path(os.environ.get("SOFTCAL_DATA", "../shared/data"))
-    )
-    parser.add_argument("--runs", type=Path, default=Path("runs") / "end_to_end")
-    arguments = parser.parse_args()
-    result: dict[str, Any] = {}
-    for name in arguments.only:
-        if name in ("plates", "static"):
-            result |= {"plates": plates, "static": static}[name](arguments.data)
-        elif name == "accuracy":
-            result |= accuracy()
-        else:
-            result |= end_to_end(arguments.runs)
-    print(json.dumps(result, indent=1))
-
-
-if __name__ == "__main__":
-    main()

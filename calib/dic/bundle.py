@@ -26,7 +26,7 @@ N_INTRINSIC = len(INTRINSIC_NAMES)
 FOCAL_LENGTHS = (True, True, *[False] * (N_INTRINSIC - 2))
 FOCAL_RANGE = 5.0
 """factor by which a focal length may change in one fit"""
-MOST_STEPS = 80
+MOST_STEPS = 200
 COARSE, FINE = 1e-5, 1e-9
 """relative change of the sum of squares that ends the earlier fits, and the last"""
 N_POSE = 6

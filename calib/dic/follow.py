@@ -22,7 +22,15 @@ from calib.dic.settings import CorrelationSettings
 
 LEAST_KEPT = 0.5
 """share of the valid points that a guess has to keep; else the search starts from scratch"""
-RENEWED = (Reason.LOW_CORRELATION, Reason.NOT_CONVERGED, Reason.NOT_REACHED, Reason.STRAY)
+GOOD = 0.9
+"""correlation below which a later reference is tried too"""
+RENEWED = (
+    Reason.LOW_CORRELATION,
+    Reason.NOT_CONVERGED,
+    Reason.NOT_REACHED,
+    Reason.STRAY,
+    Reason.UNCERTAIN,
+)
 """reasons that a later reference may mend"""
 
 
@@ -78,9 +86,10 @@ def next_state(
     previous = None if state.last is None else state.last.found
     found = _direct(reference, image, spline, points, settings, previous)
     base = state.base
-    for candidate in (state.base, state.last):
+    for candidate, least in ((state.base, GOOD), (state.last, 0.0)):
         if candidate is not None and _broken(found, candidate.found).any():
-            found = _renewed(candidate, image, spline, points, settings, found)
+            asked = replace(settings, min_zncc=max(settings.min_zncc, least))
+            found = _renewed(candidate, image, spline, points, asked, found)
             base = candidate
     return State(Base(number, image, found), base)
 
@@ -104,8 +113,9 @@ def _direct(
 
 
 def _broken(found: Correlation, before: Correlation) -> BoolArray:
-    """(n,) points lost against the first image that the frame before has."""
-    return np.asarray(np.isin(found.reason, RENEWED) & before.valid)
+    """(n,) points lost, or changed much, that the earlier frame has."""
+    weak = np.isin(found.reason, RENEWED) | (found.valid & (found.zncc < GOOD))
+    return np.asarray(weak & before.valid)
 
 
 def _renewed(
@@ -116,13 +126,15 @@ def _renewed(
     settings: CorrelationSettings,
     found: Correlation,
 ) -> Correlation:
-    """`found` with its broken points measured from the base image."""
+    """`found` with broken points measured from the base image, where that has less uncertainty."""
     lost = np.flatnonzero(_broken(found, base.found))
     before = base.found
     places = points[lost] + before.displacement[lost]
     renewed = prepare(base.image, settings.degree)
     step = correlate_prepared(renewed, image, spline, places, settings)
-    good = step.valid
+    sigma_sum = np.hypot(before.sigma[lost], step.sigma)
+    worse = found.valid[lost] & ~(sigma_sum.max(axis=1) < found.sigma[lost].max(axis=1))
+    good = step.valid & ~worse & (sigma_sum.max(axis=1) <= settings.max_sigma)
     index = lost[good]
     eye = np.eye(2)
     displacement, gradient = found.displacement.copy(), found.gradient.copy()
@@ -131,7 +143,7 @@ def _renewed(
     displacement[index] = before.displacement[index] + step.displacement[good]
     # F of both steps, one after the other
     gradient[index] = (eye + step.gradient[good]) @ (eye + before.gradient[index]) - eye
-    sigma[index] = np.hypot(before.sigma[index], step.sigma[good])
+    sigma[index] = sigma_sum[good]
     reason[index], zncc[index] = Reason.VALID, step.zncc[good]
     iterations[index] += step.iterations[good]
     parameters[index] = 0.0

@@ -30,4 +30,6 @@ def error_correlation(settings: CorrelationSettings, x: Array, y: Array) -> Arra
     far = a.size - 1
     shape = np.broadcast_shapes(np.shape(x), np.shape(y))
     places = [np.broadcast_to(np.asarray(v, dtype=np.float64) + far, shape) for v in (y, x)]
-    return np.asarray(ndimage.map_coordinates(both, places, order=1, mode="constant", cval=0.0))
+    flat = np.array([place.ravel() for place in places])
+    values = ndimage.map_coordinates(both, flat, order=1, mode="constant", cval=0.0)
+    return np.asarray(values).reshape(shape)

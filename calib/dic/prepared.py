@@ -104,6 +104,7 @@ def refine(
     that the result does not depend on the number of threads.
     """
     n = 6 if settings.order == 1 else N_PARAMETER
+    n_light = 3 if settings.light == "plane" else 1
     limits = np.array(
         [
             settings.tolerance,
@@ -111,6 +112,7 @@ def refine(
             settings.min_zncc,
             settings.max_sigma,
             settings.min_share,
+            settings.glare,
         ]
     )
     noise = noise_of_spline(settings.degree)
@@ -120,7 +122,7 @@ def refine(
         correlate_range(
             reference.image, reference.slope_x, reference.slope_y,
             reference.mask, deformed.coefficients,
-            deformed.is_quintic, noise, points, part, settings.radius, n, limits,
+            deformed.is_quintic, noise, points, part, settings.radius, n, n_light, limits,
             parameters, results,
         )  # fmt: skip
 

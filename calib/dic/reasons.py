@@ -17,6 +17,7 @@ class Reason(IntEnum):
     FOLDED = 6
     NOT_REACHED = 7
     STRAY = 8
+    UNCERTAIN = 9
 
     @property
     def text(self) -> str:
@@ -33,5 +34,6 @@ _TEXT = {
     Reason.LOW_CORRELATION: "low correlation: hidden, glare or changed surface",
     Reason.FOLDED: "folded: determinant of the deformation not positive",
     Reason.NOT_REACHED: "no neighbour or seed from which to start",
+    Reason.UNCERTAIN: "its standard deviation is above the largest allowed",
     Reason.STRAY: "correlates at a place that its neighbours exclude",
 }

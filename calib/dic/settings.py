@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 from calib.dic.interpolation import Degree
 
@@ -28,9 +29,14 @@ class CorrelationSettings:
     min_zncc: float = 0.7
     """a point that correlates less is lost"""
     max_sigma: float = 0.3
-    """a point with a larger predicted standard deviation has no speckle, px"""
+    """a point whose standard deviation is larger is lost, px"""
     min_share: float = 0.25
     """share of the subset's pixels that have to lie in the region"""
+    light: Literal["constant", "plane"] = "plane"
+    """change of light over a subset that is taken out: constant is the plain ZNSSD"""
+    glare: float = 4.0
+    """pixels whose residual is more than this many standard deviations are left out, where the
+    residuals of a subset have heavier tails than noise; 0: never"""
     threads: int = 0
     """0: as many as there are cores; results do not depend on it"""
 
@@ -51,6 +57,10 @@ class CorrelationSettings:
             raise ValueError(f"max_sigma: expected a positive value, found {self.max_sigma}")
         if not 0 < self.min_share <= 1:
             raise ValueError(f"min_share: expected 0 to 1, found {self.min_share}")
+        if self.light not in ("constant", "plane"):
+            raise ValueError(f"light: expected constant or plane, found {self.light}")
+        if not (self.glare == 0 or self.glare >= 2):
+            raise ValueError(f"glare: expected 0, or 2 or more, found {self.glare}")
         if self.threads < 0:
             raise ValueError(f"threads: expected 0 or more, found {self.threads}")
 

@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def compose_inverse(p, d):  # type: ignore[no-untyped-def]
     """Parameters of W(p) after the inverse of W(d), in place of p (12,), to second order.
 

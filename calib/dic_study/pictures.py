@@ -2,13 +2,32 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 from matplotlib.figure import Figure
 
 from calib.dic import Correlation, GreyImage, Reason
+from fe.atomic_file import replacing
 from fe.response import Array
 
-LOST = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#F0E442", "#000000")
+LOST = (
+    "#0072B2",
+    "#D55E00",
+    "#009E73",
+    "#CC79A7",
+    "#E69F00",
+    "#56B4E9",
+    "#F0E442",
+    "#000000",
+    "#888888",
+)
+
+
+def save_png(figure: Figure, path: Path) -> None:
+    """Write a picture whole or not at all; the same numbers give the same file."""
+    with replacing(path) as temporary:
+        figure.savefig(temporary, format="png", dpi=120, metadata={"Software": None})
 
 
 def overlay(image: GreyImage, points: Array, found: Correlation) -> Figure:

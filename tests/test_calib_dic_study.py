@@ -1,0 +1,199 @@
+"""`calib dic`: image files, quality, point files that the readers read, going on, wrong input."""
+
+import json
+
+import numpy as np
+import pytest
+from skimage import io
+
+from benchmarks.exact_speckle import exposed, speckle
+from calib.cli import main
+from calib.data.readers import read_dic
+from calib.dic import (
+    GreyImage,
+    grid_points,
+    image_noise,
+    polygon_mask,
+    quality,
+    read_image,
+    rectangle_mask,
+)
+
+W, H = 160, 110
+X, Y = np.arange(float(W)), np.arange(float(H))
+CORNERS = "[[20.0, 20.0], [140.0, 20.0], [140.0, 90.0], [20.0, 90.0]]"
+STUDY = """
+[images]
+reference = "a.tif"
+repeat = "r.png"
+deformed = ["d*.bmp"]
+times_s = [1.0, 2.0]
+[region]
+polygon_px = [[20.0, 20.0], [140.0, 20.0], [140.0, 90.0], [20.0, 90.0]]
+[correlation]
+subset_px = 21
+step_px = 10
+[scale]
+mm_per_px = 0.02
+origin_px = [20.0, 90.0]
+[strain]
+radius_px = 25.0
+"""
+
+
+@pytest.fixture(scope="module")
+def pattern():
+    return speckle(W, H, np.random.default_rng(4))
+
+
+def flat(level, width=W, height=H):
+    return np.full((height, width), level, np.uint8)
+
+
+def grey(pattern, seed, x=X, y=Y):
+    image = exposed(pattern(x, y), np.random.default_rng(seed), spread=1.7)
+    return image.astype(np.uint8)
+
+
+@pytest.fixture
+def folder(pattern, tmp_path):
+    io.imsave(tmp_path / "a.tif", grey(pattern, 0), check_contrast=False)
+    io.imsave(tmp_path / "r.png", grey(pattern, 1), check_contrast=False)
+    for k in (1, 2):
+        image = grey(pattern, 1 + k, X / (1 + 0.02 * k), Y + 0.5 * k)
+        io.imsave(tmp_path / f"d{k}.bmp", image, check_contrast=False)
+    (tmp_path / "study.toml").write_text(STUDY)
+    return tmp_path
+
+
+def test_point_files_are_read_back_in_mm_with_y_up(folder, capsys):
+    assert main(["dic", str(folder / "study.toml")]) == 0
+    out = folder / "study-dic"
+    (frame,) = read_dic(out / "points" / "d2.csv").frames
+    assert frame.is_planar
+    assert frame.time == 2.0
+    assert frame.grid_shape == (8, 13)
+    assert frame.n_valid == 104
+    x_px = frame.position[:, 0] / 0.02 + 20
+    truth = np.column_stack([0.04 * x_px, np.full(104, 1.0)]) * 0.02
+    error = frame.displacement[:, :2] - truth
+    assert np.abs(error).max() < 0.1 * 0.02
+    assert np.std(error / frame.sigma[:, :2]) == pytest.approx(1.0, abs=0.25)
+    assert frame.position[:, 1].min() == pytest.approx(0.0, abs=0.02 * 5)
+    assert frame.position[:, 1].max() > 1.2
+    table = np.loadtxt(out / "d2-strain.csv", delimiter=",", skiprows=1)
+    np.testing.assert_allclose(np.median(table[:, 2:], axis=0), [0.0408, 0, 0], atol=3e-3)
+    report = json.loads((out / "dic.json").read_text())
+    assert [entry["valid"] for entry in report["frames"]] == [104, 104]
+    assert report["quality"]["noise"] == pytest.approx(2.55, rel=0.1)
+    assert sorted(p.name for p in (out / "pictures").iterdir()) == [
+        "d1-lost.png", "d1.png", "d2-lost.png", "d2.png",
+    ]  # fmt: skip
+
+
+def test_series_goes_on_with_the_same_bits_and_starts_again_when_images_change(
+    folder, pattern, capsys
+):
+    study = str(folder / "study.toml")
+    assert main(["dic", study]) == 0
+    points = folder / "study-dic" / "points"
+    whole = (points / "d2.csv").read_bytes()
+    (folder / "study-dic" / "frames" / "d2.npz").write_bytes(b"torn")
+    (points / "d2.csv").unlink()
+    assert main(["dic", study]) == 0
+    assert "d1.bmp: 104 of 104" in capsys.readouterr().out
+    assert (points / "d2.csv").read_bytes() == whole
+    io.imsave(folder / "d1.bmp", grey(pattern, 9, X + 1.0), check_contrast=False)
+    assert main(["dic", study]) == 0
+    last = capsys.readouterr().out
+    assert last.count("(measured)") == 2
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (("a.tif", "b.tif"), "b.tif: found no such file, expected an image"),
+        (("d*.bmp", "e*.bmp"), "images.deformed: expected files"),
+        (("[1.0, 2.0]", "[1.0]"), "images.times_s: expected 2 times, found 1"),
+        (("= 21", "= 20"), "subset_px: found 20, expected an odd number of px"),
+        (
+            (CORNERS, "[[900.0, 20.0], [950.0, 20.0], [950.0, 90.0]]"),
+            "polygon: expected a region in the image of 160 x 110 px, found none",
+        ),
+        (("mm_per_px = 0.02", "mm_per_px = 0.0"), "mm_per_px: found 0"),
+    ],
+)  # fmt: skip
+def test_wrong_studies_are_refused_in_one_sentence(folder, capsys, change, message):
+    text = (folder / "study.toml").read_text()
+    assert change[0] in text
+    (folder / "study.toml").write_text(text.replace(*change))
+    assert main(["dic", str(folder / "study.toml")]) == 2
+    error = capsys.readouterr().err
+    assert message in error
+    assert error.count("\n") == 1
+    assert "Traceback" not in error
+
+
+@pytest.mark.parametrize(
+    ("name", "image", "message"),
+    [
+        ("d2.bmp", flat(7, 60, 50), "d2.bmp: expected 160 x 110 px as in a.tif, found 60 x 50"),
+        ("a.tif", flat(255), "a.tif: expected an exposed image, found more than 50% of the region"),
+        ("a.tif", flat(99), "a.tif: expected speckle in the region, found grey levels of 99"),
+        ("a.tif", np.zeros((H, W), np.float32), "expected 8 to 16 bit grey levels, found float32"),
+    ],
+)  # fmt: skip
+def test_wrong_images_are_refused_in_one_sentence(folder, capsys, name, image, message):
+    io.imsave(folder / name, image, check_contrast=False)
+    assert main(["dic", str(folder / "study.toml")]) == 2
+    error = capsys.readouterr().err
+    assert message in error
+    assert error.count("\n") == 1
+
+
+def test_file_that_is_no_image_is_refused(tmp_path):
+    (tmp_path / "x.tif").write_text("no image")
+    with pytest.raises(ValueError, match=r"x\.tif: expected an image, could not read it"):
+        read_image(tmp_path / "x.tif")
+
+
+def test_images_of_16_bit_keep_their_grey_levels_and_find_their_scale(tmp_path):
+    values = np.arange(4000, dtype=np.uint16).reshape(50, 80)
+    io.imsave(tmp_path / "x.png", values, check_contrast=False)
+    image = read_image(tmp_path / "x.png")
+    np.testing.assert_array_equal(image.grey, values)
+    assert image.full_scale == 4095
+    colour = np.stack([values.astype(np.uint8)] * 3, axis=-1)
+    io.imsave(tmp_path / "y.bmp", colour, check_contrast=False)
+    np.testing.assert_array_equal(read_image(tmp_path / "y.bmp").grey, values.astype(np.uint8))
+
+
+def test_quality_finds_speckle_size_noise_and_gradient_of_a_known_pattern(pattern):
+    mask = np.ones((H, W), dtype=bool)
+    clean = 127.5 + pattern(X, Y) * 45 / 1.7
+    rng = np.random.default_rng(0)
+    a, b = (GreyImage("x", clean + rng.normal(0, 3, (H, W)), 255.0) for _ in range(2))
+    found = quality(a, mask, 31, b)
+    # the autocorrelation of Gaussian spots of SD r is a Gaussian of SD r sqrt 2
+    assert found.speckle == pytest.approx(1.5 * np.sqrt(2) * 2.3548, rel=0.12)
+    assert found.noise == pytest.approx(3, rel=0.03)
+    other = 0.8 * clean + 5 + rng.normal(0, 3, (H, W))
+    assert image_noise(a.grey, other, mask) == pytest.approx(3, rel=0.03)
+    slopes = np.gradient(clean)
+    assert found.mean_gradient == pytest.approx(np.mean(np.hypot(*slopes)), rel=0.15)
+    assert found.warnings == ()
+    dull = GreyImage("x", np.clip(250 + (a.grey - 127.5) / 4, 0, 255), 255.0)
+    text = " ".join(quality(dull, mask, 11).warnings)
+    assert "saturated" in text
+    assert "a subset of 11 px has few speckles" in text
+
+
+def test_region_and_grid_are_in_px_of_the_image():
+    box = rectangle_mask((40, 60), (10, 5, 31, 26))
+    assert box.sum() == 21 * 21
+    assert (box == polygon_mask((40, 60), [(10, 5), (30, 5), (30, 25), (10, 25)])).mean() > 0.98
+    points, shape = grid_points(box, 10)
+    assert shape == (3, 3)
+    np.testing.assert_array_equal(points[:4], [[10, 5], [20, 5], [30, 5], [10, 15]])
+    with pytest.raises(ValueError, match="rectangle: expected a region in the image of 60 x 40 px"):
+        rectangle_mask((40, 60), (100, 5, 200, 26))
