@@ -5,8 +5,9 @@
 Parts on synthetic images, whose truth is exact: shift (bias, noise against the Cramer-Rao bound),
 sigma (is the stated deviation right, with and without glare), compression (to 60 %). Parts on the
 images of the DIC Challenge and others, in the folder of --data or SOFTCAL_DATA: sample5,
-sample12, sample14, stretch, strip; plates and static (stereo). Two cameras, rendered: stereo
-(accuracy), end_to_end (20 posteriors from photographs, half an hour and more). Each part replaces its own figures in FILE, leaves the others.
+sample12, sample14, stretch, strip; of two cameras: plates, static. Two cameras, rendered: stereo
+(accuracy), end_to_end (20 posteriors from photographs, half an hour and more). Each part replaces
+its own figures in FILE, leaves the others.
 """
 
 from __future__ import annotations

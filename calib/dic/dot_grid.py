@@ -61,6 +61,10 @@ class DotPlate:
             )
 
 
+Ellipse = tuple[tuple[float, float], tuple[float, float], float]
+"""centre, full axes [px], turn [degrees], as OpenCV gives them"""
+
+
 class Dots(NamedTuple):
     """What looks like a dot in one image."""
 
@@ -81,7 +85,8 @@ def find_dots(image: Array) -> Dots:
     )
     found = []
     for outline, hole in _outlines(image):
-        ellipse = cv2.fitEllipse(outline)
+        (x, y), (a, b), turn = cv2.fitEllipse(outline)
+        ellipse = ((float(x), float(y)), (float(a), float(b)), float(turn))
         fitted = _dual_fit(gradient, ellipse, hole)
         if fitted is not None:
             found.append((*fitted, hole > 0.0))
@@ -132,10 +137,10 @@ def _largest_hole(contours: object, tree: npt.NDArray[np.int32], index: int) -> 
 
 
 def _dual_fit(
-    gradient: tuple[Array, Array], ellipse: object, hole: float
+    gradient: tuple[Array, Array], ellipse: Ellipse, hole: float
 ) -> tuple[Array, float] | None:
     """Centre (2,) and area by the tangents near a first ellipse; None if no ellipse."""
-    (x, y), axes, turn = ellipse  # type: ignore[misc]
+    (x, y), axes, turn = ellipse
     a, b = 0.5 * axes[0], 0.5 * axes[1]
     radius = float(np.sqrt(a * b))
     # a marker's inner edge must stay out of the band
@@ -190,7 +195,9 @@ def dot_view(image: Array, plate: DotPlate, name: str) -> PlateView:
     places = plate.spacing * index[known]
     centre = dots.centre[known]
     homography = fit_homography(places, centre) if len(places) >= LEAST_POINTS else np.eye(3)
-    off = np.linalg.norm(map_plane(np.linalg.inv(homography), centre) - places, axis=1)
+    off = np.linalg.norm(
+        map_plane(np.asarray(np.linalg.inv(homography), np.float64), centre) - places, axis=1
+    )
     is_grid = np.sqrt(np.mean(off**2)) < FLATNESS * plate.spacing
     if not is_grid or len(places) < max(ON_GRID * len(dots.centre), LEAST_POINTS):
         raise ValueError(
@@ -233,7 +240,7 @@ def _grow(centre: Array, index: Array) -> Array:
     for _ in range(40):
         known = np.flatnonzero(np.all(np.isfinite(index), axis=1))
         homography = _map_from(index[known], centre[known])
-        back = np.linalg.inv(homography)
+        back = np.asarray(np.linalg.inv(homography), dtype=np.float64)
         place = map_plane(back, centre)
         nearest = np.round(place)
         steps = np.abs(nearest[:, None, :] - index[known][None]).max(axis=2).min(axis=1)

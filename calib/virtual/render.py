@@ -162,7 +162,8 @@ def _see(
         dx, dy = (turn[0, k] - x * turn[2, k]) / c[2], (turn[1, k] - y * turn[2, k]) / c[2]
         by_place[0, k] = ax * dx + ay * dy
         by_place[1, k] = bx * dx + by * dy
-    return c[2]
+    depth: float = c[2]
+    return depth
 
 
 @nb.njit(cache=True, nogil=True)

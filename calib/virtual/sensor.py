@@ -80,4 +80,5 @@ def expose(
         seen = seen + glare.added(brightness.shape)
     noisy = seen + sensor.noise_sd(seen) * rng.standard_normal(seen.shape)
     counts = np.clip(np.round(noisy * sensor.full_scale), 0, sensor.full_scale)
-    return counts.astype(np.uint16)
+    image: npt.NDArray[np.uint16] = counts.astype(np.uint16)
+    return image
