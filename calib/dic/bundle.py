@@ -72,7 +72,7 @@ class Plate(NamedTuple):
 
     places: Array
     """(n_place, 3) mm, z = 0: as it should be"""
-    index: tuple[tuple[IntArray, IntArray], ...]
+    shown: tuple[tuple[IntArray, IntArray], ...]
     """per pose, which of them the left and the right view show"""
     error: float
     """SD of a place's deviation from that along each axis, mm; 0: the plate is exact"""
@@ -260,7 +260,7 @@ def _residual(
     turn, move = _pose(full, 0)
     points = _points(full, plate)
     parts = []
-    for number, (pair, (in_left, in_right)) in enumerate(zip(pairs, plate.index, strict=True)):
+    for number, (pair, (in_left, in_right)) in enumerate(zip(pairs, plate.shown, strict=True)):
         plate_turn, plate_move = _pose(full, number + 1)
         placed = rotate(plate_turn, points)[0] + plate_move
         at_left = project_in_camera(left, placed[in_left]).pixels
@@ -287,7 +287,7 @@ def _jacobian(full: Array, pairs: tuple[Pair, ...], plate: Plate) -> Array:
         own = Rotation.from_rotvec(vector).as_matrix()
         start = n + N_POSE * (number + 1)
         turned, by_own = rotate(vector, points)
-        for side, index in enumerate(plate.index[number]):
+        for side, index in enumerate(plate.shown[number]):
             block = np.zeros((len(index), 2, full.size))
             placed, by_turn, by_move = turned[index] + shift, by_own[index], np.eye(3)
             if side == 1:
