@@ -11,7 +11,7 @@ PYTEST_ARGS ?=
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help study test test-all test-lowest lint types bench bench-fe bench-inference verify-fe verify-data verify-inference baseline clean
+.PHONY: help study test test-all test-lowest lint types bench bench-fe bench-inference verify-fe verify-data verify-dic verify-inference baseline clean
 VERIFY_ARGS ?=
 
 # One thread a process: the runs are spread over processes, and sums come in one order.
@@ -66,6 +66,9 @@ bench-inference: $(INSTALLED)  ## time log-probabilities, samplers and a study (
 
 baseline: $(INSTALLED)  ## renew the stored posteriors that a test compares with, and say what moved
 	$(BIN)/python tests/posterior_baseline.py
+
+verify-dic: $(INSTALLED)  ## measure docs/verification/dic.json (some 10 minutes; SOFTCAL_DATA names the real images)
+	$(BIN)/python -m benchmarks.verify_dic $(VERIFY_ARGS)
 
 $(LOWEST)/.installed: pyproject.toml $(INSTALLED)
 	$(BIN)/uv venv --quiet --clear --python 3.11 $(LOWEST)

@@ -1,6 +1,6 @@
 """Speed and error of image correlation beside SUN-DIC, muDIC and pyvale, on the same images.
 
-    python benchmarks/dic.py [--json FILE] [--peers DIR] [--install]
+    python benchmarks/dic.py [--json FILE] [--peers DIR] [--install] [--step 5]
 
 The pair is synthetic with exact truth: 1280 x 960 px, 8 bit, noise 1 % of full scale, shifted by a
 few px and stretched by 1 %; subset 31, step 5, as many threads as cores. Each program runs twice;
@@ -29,7 +29,7 @@ from benchmarks.dic_peers import PEERS
 from benchmarks.exact_speckle import Array, exposed, speckle
 from calib.dic import CorrelationSettings, correlate, read_image
 
-WIDTH, HEIGHT, SUBSET, STEP = 1280, 960, 31, 5
+WIDTH, HEIGHT, SUBSET = 1280, 960, 31
 BOX = (40, 40, 1240, 920)
 STRETCH, SHIFT = np.array([1.01, 0.99]), np.array([2.37, -3.61])
 CENTRE = np.array([WIDTH / 2, HEIGHT / 2])
@@ -42,7 +42,7 @@ def truth(points: Array) -> Array:
     return (points - CENTRE) * (STRETCH - 1) + SHIFT
 
 
-def write_pair(folder: Path) -> None:
+def write_pair(folder: Path, step: int) -> None:
     """The two images and what is to be done with them."""
     rng = np.random.default_rng(0)
     pattern = speckle(WIDTH, HEIGHT, rng, 1.8)
@@ -56,7 +56,7 @@ def write_pair(folder: Path) -> None:
         io.imsave(folder / "pair" / f"{name}.tif", grey, check_contrast=False)
     job = {
         "subset": SUBSET,
-        "step": STEP,
+        "step": step,
         "box": BOX,
         "threads": len(os.sched_getaffinity(0)),
         "shape": [HEIGHT, WIDTH],
@@ -77,9 +77,9 @@ def judged(points: Array, displacement: Array, seconds: float) -> dict[str, Any]
     }
 
 
-def ours(folder: Path, degree: int) -> dict[str, Any]:
+def ours(folder: Path, degree: int, step: int) -> dict[str, Any]:
     """softcal, from the files to displacements with deviations."""
-    x, y = np.meshgrid(np.arange(BOX[0], BOX[2], STEP), np.arange(BOX[1], BOX[3], STEP))
+    x, y = np.meshgrid(np.arange(BOX[0], BOX[2], step), np.arange(BOX[1], BOX[3], step))
     points = np.column_stack([x.ravel(), y.ravel()]).astype(float)
     settings = CorrelationSettings(subset=SUBSET, degree=5 if degree == 5 else 3)
     for _ in range(2):
@@ -117,15 +117,16 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="benchmarks/dic.py", description=__doc__.splitlines()[0])
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures there too")
     parser.add_argument("--peers", type=Path, default=Path("runs/dic-peers"), metavar="DIR")
+    parser.add_argument("--step", type=int, default=5, help="px between points")
     parser.add_argument("--install", action="store_true", help="make missing environments")
     options = parser.parse_args()
-    figures: dict[str, Any] = {}
+    figures: dict[str, Any] = {"subset": SUBSET, "step": options.step}
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
-        write_pair(folder)
-        figures["softcal"] = ours(folder, 5)
+        write_pair(folder, options.step)
+        figures["softcal"] = ours(folder, 5, options.step)
         print("softcal", figures["softcal"], flush=True)
-        figures["softcal cubic"] = ours(folder, 3)
+        figures["softcal cubic"] = ours(folder, 3, options.step)
         print("softcal cubic", figures["softcal cubic"], flush=True)
         for name in PEERS:
             home = (options.peers / name).resolve()
@@ -137,6 +138,7 @@ def main() -> None:
             )
             print(name, figures[name], flush=True)
     figures["load_average"] = [round(value, 2) for value in os.getloadavg()]
+    figures["cores"] = len(os.sched_getaffinity(0))
     if options.json is not None:
         options.json.write_text(json.dumps(figures, indent=1) + "\n")
 

@@ -85,7 +85,7 @@ def sample14(data: Path) -> dict[str, Any]:
                 "noise_px": round(float(np.sqrt(np.nanmean(np.nanvar(u, axis=0)))), 5),
                 "lost": int(np.sum(~found.valid)),
             }
-    best = figures["order_2_subset_31"]
+    best = figures["order_2_subset_51"]
     return {
         "sample14_amplitude_error_px": best["L5"]["amplitude_error_px"],
         "sample14_noise_px": best["L5"]["noise_px"],

@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from calib.data import Dataset
+from calib.data.dataset_file import load_dataset, save_dataset
 from calib.data.qc import analyse
 from calib.dic.settings import CorrelationSettings
 from calib.dic.stereo import StereoSettings
@@ -46,11 +47,12 @@ from fe.specimens.block_pin import BlockPin, BlockPinModel, Contact
 from surrogate import Emulator, ScaledEmulator, TrainingSet
 
 CONTACT = Contact(0.15, 0.15)
-COARSE, CHECK, TRUTH = (6, 3, 2), (8, 4, 3), (9, 4, 2)
-"""cells of the emulator's runs, of the measure of their error, and of the truths"""
+COARSE, CHECK, TRUTH = (6, 3, 2), (8, 4, 3), (9, 4, 3)
+"""cells of the emulator's runs, of the measure of their error, and of the truths, which are as fine
+as the measure: what finer meshes change is the business of the mesh studies"""
 N_TRAINING = 24
-TRAVEL = (0.2, 0.4, 0.6, 0.7)
-USED = (2, 3)
+TRAVEL = (0.1, 0.3, 0.6, 0.7)
+USED = (1, 2)
 PRIOR = Prior(
     Marginal("uniform", 0.005, 0.02), Marginal("uniform", 0.0, 1.0), Marginal("uniform", 0.0, 0.5)
 )
@@ -81,25 +83,26 @@ class Outcome:
 
 
 def studio() -> Studio:
-    """Cameras of 700 x 280 px, a noise of 1 % of full scale, subsets of 25 px."""
+    """Cameras of 560 x 224 px, a noise of 1 % of full scale, subsets of 21 px."""
     return Studio(
-        cameras=CameraPair(columns=700, rows=280, pixel_mm=0.0064, target=(0.4, 0.1, 2.0)),
+        cameras=CameraPair(columns=560, rows=224, pixel_mm=0.008, target=(0.4, 0.1, 2.0)),
         sensor=Sensor(read_noise=0.01),
-        speckle=SpeckleSettings(0.085, 0.12),
+        speckle=SpeckleSettings(0.1, 0.14),
         stereo=StereoSettings(
-            CorrelationSettings(subset=25, order=2, min_zncc=0.85, max_sigma=0.5), max_epipolar=1.0
+            CorrelationSettings(subset=21, order=2, min_zncc=0.85, max_sigma=0.5), max_epipolar=1.0
         ),
+        static_frames=3,
     )
 
 
 def settings() -> LaboratorySettings:
-    """Four samples, three increments, of which two are used."""
+    """Four samples, two increments of 0.3 mm."""
     return LaboratorySettings(
-        samples=6,
+        samples=4,
         machine_format="softcal",
         cameras=Cameras(format="softcal", grid=(30, 8)),
         placing=Placing(misplaced=0, camera_roll_deg=0.0),
-        protocol=Protocol(increments=3, preconditioning_travel_mm=0.6),
+        protocol=Protocol(increment_mm=0.3, increments=2, preconditioning_travel_mm=0.6),
         use=USED,
     )
 
@@ -155,6 +158,9 @@ def draw_truth(seed: int) -> Array:
 def dataset_of(seed: int, runs: Path) -> tuple[Array, Dataset]:
     """The truth of a seed, and what photographs and the test machine's files make of it."""
     theta = draw_truth(seed)
+    kept = runs / f"photographs-{seed}.npz"
+    if kept.exists():
+        return theta, load_dataset(kept)[0]
     kappa, r, s = theta
     truth = BlockTruth(
         kappa * (1.0 - r), kappa * r, kappa * s, contact=CONTACT, cells=TRUTH, shift_cells=None,
@@ -168,6 +174,7 @@ def dataset_of(seed: int, runs: Path) -> tuple[Array, Dataset]:
         found = analyse(folder)
     if found.dataset is None:
         raise ValueError(f"seed {seed}: expected a data set, found {found.rejections}")
+    save_dataset(kept, found.dataset)
     return theta, found.dataset
 
 

@@ -5,7 +5,9 @@
 Parts on synthetic images, whose truth is exact: shift (bias, noise against the Cramer-Rao bound),
 sigma (is the stated deviation right, with and without glare), compression (to 60 %). Parts on the
 images of the DIC Challenge and others, in the folder of --data or SOFTCAL_DATA: sample5,
-sample12, sample14, stretch, strip. Each part replaces its own figures in FILE, leaves the others.
+sample12, sample14, stretch, strip; of two cameras: plates, static. Two cameras, rendered: stereo
+(accuracy), end_to_end (20 posteriors from photographs, half an hour and more). Each part replaces
+its own figures in FILE, leaves the others.
 """
 
 from __future__ import annotations
@@ -18,7 +20,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from benchmarks import dic_challenge, dic_synthetic
+from benchmarks import dic_challenge, dic_synthetic, verify_stereo
 from benchmarks.verify_data import data_folder
 from benchmarks.verify_fe import merge
 
@@ -44,6 +46,10 @@ PARTS: dict[str, Part] = {
     "sample14": lambda s: dic_challenge.sample14(s.data),
     "stretch": lambda s: dic_challenge.stretch(s.data),
     "strip": lambda s: dic_challenge.strip(s.data),
+    "plates": lambda s: verify_stereo.plates(s.data),
+    "static": lambda s: verify_stereo.static(s.data),
+    "stereo": lambda _: verify_stereo.accuracy(),
+    "end_to_end": lambda _: verify_stereo.end_to_end(ROOT / "runs" / "end_to_end"),
 }
 
 

@@ -23,6 +23,12 @@ from calib.dic.plate_view import PlateView
 INTRINSIC_NAMES = ("fx", "fy", "cx", "cy", "skew", "k1", "k2", "k3", "p1", "p2")
 IntArray = npt.NDArray[np.int64]
 N_INTRINSIC = len(INTRINSIC_NAMES)
+FOCAL_LENGTHS = (True, True, *[False] * (N_INTRINSIC - 2))
+FOCAL_RANGE = 5.0
+"""factor by which a focal length may change in one fit"""
+MOST_STEPS = 200
+COARSE, FINE = 1e-5, 1e-9
+"""relative change of the sum of squares that ends the earlier fits, and the last"""
 N_POSE = 6
 BEHIND = 1e6
 """px, residual of a point behind the camera: no step goes there"""
@@ -66,7 +72,7 @@ class Plate(NamedTuple):
 
     places: Array
     """(n_place, 3) mm, z = 0: as it should be"""
-    index: tuple[tuple[IntArray, IntArray], ...]
+    shown: tuple[tuple[IntArray, IntArray], ...]
     """per pose, which of them the left and the right view show"""
     error: float
     """SD of a place's deviation from that along each axis, mm; 0: the plate is exact"""
@@ -89,6 +95,8 @@ class Bundle(NamedTuple):
     poses: tuple[tuple[Array, Array], ...]
     residual: tuple[tuple[Array, Array], ...]
     """per pose, (n, 2) of the left and (n, 2) of the right image, px"""
+    shift: tuple[Array, ...]
+    """(n, 2) a view, left and right of each pose: what the shape of dots moves their centres, px"""
     sigma: dict[str, float]
     """standard deviation of each parameter: px, 1, degrees, mm"""
     noise: float
@@ -143,42 +151,60 @@ def adjust(
     """
     plate = gather(pairs, plate_error)
     n_plate = plate.places.size if plate_error > 0.0 else 0
-    n_fixed = 2 * N_INTRINSIC + N_POSE * (1 + len(pairs))
-    free = np.ones(n_fixed + n_plate, dtype=np.bool_)
-    free[:N_INTRINSIC] = free[N_INTRINSIC : 2 * N_INTRINSIC] = lens.is_free
     full = np.concatenate([_pack(guess), np.zeros(n_plate)])
-    full[~free] = 0.0
+    n_rest = full.size - 2 * N_INTRINSIC
     noise = 1.0
     for number in range(ROUNDS):
-        shift = _circle_shifts(full, pairs)
-        stiffness = noise / plate_error if n_plate else 0.0
-
-        def residual(
-            x: Array, shift: tuple[Array, ...] = shift, stiffness: float = stiffness
-        ) -> Array:
-            now = _insert(full, free, x)
-            off = _flat_residual(_residual(now, pairs, plate, shift))
-            return np.concatenate([off, stiffness * now[n_fixed:]])
-
-        def jacobian(x: Array, stiffness: float = stiffness) -> Array:
-            views = _jacobian(_insert(full, free, x), pairs, plate)
-            held = np.zeros((n_plate, full.size))
-            held[:, n_fixed:] = stiffness * np.eye(n_plate)
-            return np.vstack([views, held])[:, free]
-
-        fit = least_squares(
-            residual, full[free], jacobian, method="trf", loss="huber", f_scale=ROBUST * noise,
-            x_scale="jac", max_nfev=200, gtol=1e-10, xtol=1e-10,
-            ftol=1e-9 if number == ROUNDS - 1 else 1e-5,
-        )  # fmt: skip
-        if not fit.success:
-            raise ValueError(f"calibration: the fit did not converge ({fit.message})")
-        full = _insert(full, free, fit.x)
-        off = residual(fit.x)
+        # focal lengths and poses first: with wrong points a far start leads distortion astray
+        inner = lens.is_free if number > 0 else np.array(FOCAL_LENGTHS)
+        free = np.concatenate([inner, inner, np.ones(n_rest, dtype=np.bool_)])
+        tolerance = FINE if number == ROUNDS - 1 else COARSE
+        full, off, jacobian = _fit(full, free, pairs, plate, noise, tolerance)
         n_view = off.size - n_plate
-        lost = np.sqrt(n_view / max(n_view - fit.x.size + n_plate / 2, 1.0))
+        lost = np.sqrt(n_view / max(n_view - np.count_nonzero(free) + n_plate / 2, 1.0))
         noise = max(lost * MAD * float(np.median(np.abs(off[:n_view]))), 1e-9)
-    return _bundle(full, free, pairs, plate, off, jacobian(fit.x), noise)
+    return _bundle(full, free, pairs, plate, off, jacobian, noise)
+
+
+def _fit(
+    full: Array,
+    free: npt.NDArray[np.bool_],
+    pairs: tuple[Pair, ...],
+    plate: Plate,
+    noise: float,
+    tolerance: float,
+) -> tuple[Array, Array, Array]:
+    """One robust fit: all parameters, residuals in px and their derivative by the free ones."""
+    shift = _circle_shifts(full, pairs)
+    n_plate = plate.places.size if plate.error > 0.0 else 0
+    first = full.size - n_plate
+    stiffness = noise / plate.error if n_plate else 0.0
+    low, high = np.full(full.size, -np.inf), np.full(full.size, np.inf)
+    for focal in (0, 1, N_INTRINSIC, N_INTRINSIC + 1):
+        low[focal], high[focal] = full[focal] / FOCAL_RANGE, full[focal] * FOCAL_RANGE
+
+    def residual(x: Array) -> Array:
+        now = _insert(full, free, x)
+        off = _flat_residual(_residual(now, pairs, plate, shift))
+        return np.concatenate([off, stiffness * now[first:]])
+
+    def jacobian(x: Array) -> Array:
+        views = _jacobian(_insert(full, free, x), pairs, plate)
+        held = np.zeros((n_plate, full.size))
+        held[:, first:] = stiffness * np.eye(n_plate)
+        return np.vstack([views, held])[:, free]
+
+    fit = least_squares(
+        residual, full[free], jacobian, (low[free], high[free]), method="trf", loss="huber",
+        f_scale=ROBUST * noise, x_scale="jac", max_nfev=MOST_STEPS, gtol=1e-10, xtol=1e-10,
+        ftol=tolerance,
+    )  # fmt: skip
+    if not fit.success:
+        raise ValueError(
+            f"plates: no pair of cameras fits them after {fit.nfev} steps; images of one pose do "
+            "not belong together"
+        )
+    return _insert(full, free, fit.x), residual(fit.x), jacobian(fit.x)
 
 
 def _insert(full: Array, free: npt.NDArray[np.bool_], values: Array) -> Array:
@@ -234,7 +260,7 @@ def _residual(
     turn, move = _pose(full, 0)
     points = _points(full, plate)
     parts = []
-    for number, (pair, (in_left, in_right)) in enumerate(zip(pairs, plate.index, strict=True)):
+    for number, (pair, (in_left, in_right)) in enumerate(zip(pairs, plate.shown, strict=True)):
         plate_turn, plate_move = _pose(full, number + 1)
         placed = rotate(plate_turn, points)[0] + plate_move
         at_left = project_in_camera(left, placed[in_left]).pixels
@@ -261,7 +287,7 @@ def _jacobian(full: Array, pairs: tuple[Pair, ...], plate: Plate) -> Array:
         own = Rotation.from_rotvec(vector).as_matrix()
         start = n + N_POSE * (number + 1)
         turned, by_own = rotate(vector, points)
-        for side, index in enumerate(plate.index[number]):
+        for side, index in enumerate(plate.shown[number]):
             block = np.zeros((len(index), 2, full.size))
             placed, by_turn, by_move = turned[index] + shift, by_own[index], np.eye(3)
             if side == 1:
@@ -353,10 +379,11 @@ def _bundle(
         Camera(left), Camera(right, Rotation.from_rotvec(turn).as_matrix(), move.copy())
     )
     poses = tuple(
-        (Rotation.from_rotvec(vector).as_matrix(), shift.copy())
-        for vector, shift in (_pose(full, number + 1) for number in range(len(pairs)))
+        (Rotation.from_rotvec(vector).as_matrix(), moved.copy())
+        for vector, moved in (_pose(full, number + 1) for number in range(len(pairs)))
     )
-    residual = _residual(full, pairs, plate, _circle_shifts(full, pairs))
+    shift = _circle_shifts(full, pairs)
+    residual = _residual(full, pairs, plate, shift)
     stated = dict(zip(names, sigma[: len(names)].tolist(), strict=True))
     off_plate = float(np.sqrt(np.mean((_points(full, plate) - plate.places) ** 2)))
-    return Bundle(rig, poses, residual, stated, noise, int(far.sum()), off_plate)
+    return Bundle(rig, poses, residual, shift, stated, noise, int(far.sum()), off_plate)

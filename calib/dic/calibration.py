@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -168,7 +168,15 @@ def _rms(off: Array) -> float:
 
 
 def _result(pairs: tuple[Pair, ...], bundle: Bundle, size: tuple[int, int]) -> Calibration:
-    both = [shared(pair) for pair in pairs]
+    both = [
+        shared(
+            Pair(
+                replace(pair.left, pixels=pair.left.pixels - bundle.shift[2 * number]),
+                replace(pair.right, pixels=pair.right.pixels - bundle.shift[2 * number + 1]),
+            )
+        )
+        for number, pair in enumerate(pairs)
+    ]
     left, right = (np.concatenate(part) for part in zip(*both, strict=True))
     all_left, all_right = (np.concatenate(part) for part in zip(*bundle.residual, strict=True))
     per_pose = tuple(

@@ -11,6 +11,7 @@ import json
 import re
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
@@ -74,11 +75,12 @@ def read_calibration(path: Path | str) -> Calibration:
         return _dice_text(text)
     except (ValueError, KeyError, TypeError, IndexError, ElementTree.ParseError) as error:
         raise ValueError(
-            f"{path}: not a calibration of softcal, VIC-3D or DICe ({type(error).__name__}: {error})"
+            f"{path}: not a calibration of softcal, VIC-3D or DICe "
+            f"({type(error).__name__}: {error})"
         ) from error
 
 
-def _softcal(content: dict[str, dict[str, object]]) -> Calibration:
+def _softcal(content: dict[str, Any]) -> Calibration:
     if content.get("format") != MARK:
         raise ValueError(f"expected format {MARK!r}")
     cameras = [_intrinsics_of(content[side]) for side in ("left", "right")]
@@ -88,21 +90,21 @@ def _softcal(content: dict[str, dict[str, object]]) -> Calibration:
         np.array(relative["rotation"], dtype=np.float64),
         np.array(relative["translation"], dtype=np.float64),
     )
-    quality: dict[str, object] = dict(content["quality"])
-    quality["reprojection"] = tuple(quality["reprojection"])  # type: ignore[arg-type]
-    quality["per_pose"] = tuple(tuple(row) for row in quality["per_pose"])  # type: ignore[attr-defined]
+    quality: dict[str, Any] = dict(content["quality"])
+    quality["reprojection"] = tuple(quality["reprojection"])
+    quality["per_pose"] = tuple(tuple(row) for row in quality["per_pose"])
     columns, rows = content["size"]
     return Calibration(
         StereoRig(Camera(cameras[0]), right),
         (int(columns), int(rows)),
-        **quality,  # type: ignore[arg-type]
+        **quality,
     )
 
 
-def _intrinsics_of(values: dict[str, object]) -> Intrinsics:
-    lens: dict[str, list[float]] = dict(values["distortion"])  # type: ignore[call-overload]
+def _intrinsics_of(values: dict[str, Any]) -> Intrinsics:
+    lens: dict[str, list[float]] = dict(values["distortion"])
     k, p, powers = lens["radial"], lens["tangential"], lens["powers"]
-    numbers = {name: float(values[name]) for name in ("fx", "fy", "cx", "cy", "skew")}  # type: ignore[arg-type]
+    numbers = {name: float(values[name]) for name in ("fx", "fy", "cx", "cy", "skew")}
     a, b, c = (int(power) for power in powers)
     return Intrinsics(**numbers, distortion=Distortion((k[0], k[1], k[2]), (p[0], p[1]), (a, b, c)))
 

@@ -48,7 +48,10 @@ class Intrinsics:
 
 @dataclass(frozen=True)
 class Camera:
-    """Intrinsics and pose, X_camera = rotation X + translation. Raises ValueError if no rotation."""
+    """Intrinsics and pose: X_camera = rotation X + translation.
+
+    Raises ValueError for a matrix that is no rotation.
+    """
 
     intrinsics: Intrinsics
     rotation: Array = field(default_factory=lambda: np.eye(3))

@@ -10,6 +10,8 @@ from calib.dic.prepared import BoolArray
 DEGREES = (3, 2, 1)
 """of the polynomial from right to left: as high as the number of points allows"""
 POINTS_PER_TERM = 4
+BESIDE = 0.4
+"""of the points' extent: how far beside them the polynomial is trusted"""
 
 
 def carried_mask(mask: BoolArray, left: Array, right: Array, shape: tuple[int, int]) -> BoolArray:
@@ -38,7 +40,7 @@ def carried_mask(mask: BoolArray, left: Array, right: Array, shape: tuple[int, i
     row, column = np.mgrid[: shape[0], : shape[1]]
     pixels = np.column_stack([column.ravel(), row.ravel()]).astype(np.float64)
     # far from the points a polynomial is no map: only their surroundings are looked at
-    near = np.all((pixels > low - 0.15 * scale) & (pixels < high + 0.15 * scale), axis=1)
+    near = np.all((pixels > low - BESIDE * scale) & (pixels < high + BESIDE * scale), axis=1)
     x, y = np.round(terms(pixels[near], degree) @ fit).astype(np.int64).T
     inside = (x >= 0) & (x < mask.shape[1]) & (y >= 0) & (y < mask.shape[0])
     seen = np.zeros(len(x), dtype=np.bool_)

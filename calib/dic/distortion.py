@@ -81,7 +81,11 @@ def distort(distortion: Distortion, points: Array) -> Distorted:
 
 
 def undistort(distortion: Distortion, points: Array) -> Array:
-    """The inverse of `distort` by Newton's method; NaN where it has none near the point."""
+    """The inverse of `distort` by Newton's method; NaN where it has none.
+
+    Beyond the radius at which a lens folds the image over, the polynomial has solutions that no
+    lens shows: on the other side of the middle, or turned inside out.
+    """
     found = points.copy()
     if not np.any(distortion.coefficients):
         return found
@@ -89,10 +93,14 @@ def undistort(distortion: Distortion, points: Array) -> Array:
     found[~is_open] = np.nan
     for _ in range(INVERSE_STEPS):
         if not is_open.any():
-            return found
+            break
         now = distort(distortion, found[is_open])
         error = now.points - points[is_open]
         found[is_open] -= np.linalg.solve(now.by_point, error[..., None])[..., 0]
         is_open[is_open] = np.abs(error).max(axis=1) > CONVERGED
     found[is_open] = np.nan
+    known = np.isfinite(found).all(axis=1)
+    slopes = np.linalg.det(distort(distortion, found[known]).by_point)
+    is_shown = (slopes > 0.0) & ((found[known] * points[known]).sum(axis=1) >= 0.0)
+    found[np.flatnonzero(known)[~is_shown]] = np.nan
     return found

@@ -9,7 +9,7 @@ pixel's gradient gives a tangent, and an ellipse is a linear fit to its tangents
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import cv2
@@ -18,7 +18,7 @@ import numpy.typing as npt
 from scipy.ndimage import gaussian_filter1d
 
 from calib.dic.distortion import Array
-from calib.dic.plate_view import PlateView, fit_homography, map_plane
+from calib.dic.plate_view import LEAST_POINTS, PlateView, fit_homography, map_plane
 
 GRADIENT_WIDTH = 1.0
 """px, of the derivative of a Gaussian that finds edges"""
@@ -34,6 +34,10 @@ NEAR = 0.25
 """of the spacing: dots this close to where the grid has one are that one"""
 FLATNESS = 0.05
 """of the spacing: a grid that a homography misses by more is wrongly numbered"""
+MOST_UNLIKE = 1.0
+"""log ratio of the two steps by the markers plus the cosine between them"""
+ON_GRID = 0.7
+"""share of the dots found that have to be the plate's"""
 BAND = (2.0, 7.0)
 """px, least and most of the half width of the edge's band that is fitted"""
 
@@ -57,13 +61,15 @@ class DotPlate:
             )
 
 
+Ellipse = tuple[tuple[float, float], tuple[float, float], float]
+"""centre, full axes [px], turn [degrees], as OpenCV gives them"""
+
+
 class Dots(NamedTuple):
     """What looks like a dot in one image."""
 
     centre: Array
     """(n, 2) px"""
-    sigma: Array
-    """(n,) SD of a coordinate of the centre by the fit's residuals, px"""
     area: Array
     """(n,) px^2"""
     is_marker: npt.NDArray[np.bool_]
@@ -79,14 +85,15 @@ def find_dots(image: Array) -> Dots:
     )
     found = []
     for outline, hole in _outlines(image):
-        ellipse = cv2.fitEllipse(outline)
+        (x, y), (a, b), turn = cv2.fitEllipse(outline)
+        ellipse = ((float(x), float(y)), (float(a), float(b)), float(turn))
         fitted = _dual_fit(gradient, ellipse, hole)
         if fitted is not None:
             found.append((*fitted, hole > 0.0))
     if not found:
-        return Dots(np.empty((0, 2)), np.empty(0), np.empty(0), np.empty(0, dtype=np.bool_))
-    centre, sigma, area, marker = zip(*found, strict=True)
-    dots = Dots(np.array(centre), np.array(sigma), np.array(area), np.array(marker))
+        return Dots(np.empty((0, 2)), np.empty(0), np.empty(0, dtype=np.bool_))
+    centre, area, marker = zip(*found, strict=True)
+    dots = Dots(np.array(centre), np.array(area), np.array(marker))
     alike = np.abs(np.log(dots.area / np.median(dots.area))) < np.log(3.0)
     return Dots(*(values[alike] for values in dots))
 
@@ -130,10 +137,10 @@ def _largest_hole(contours: object, tree: npt.NDArray[np.int32], index: int) -> 
 
 
 def _dual_fit(
-    gradient: tuple[Array, Array], ellipse: object, hole: float
-) -> tuple[Array, float, float] | None:
-    """Centre (2,), its SD and the area by the tangents near a first ellipse; None if no ellipse."""
-    (x, y), axes, turn = ellipse  # type: ignore[misc]
+    gradient: tuple[Array, Array], ellipse: Ellipse, hole: float
+) -> tuple[Array, float] | None:
+    """Centre (2,) and area by the tangents near a first ellipse; None if no ellipse."""
+    (x, y), axes, turn = ellipse
     a, b = 0.5 * axes[0], 0.5 * axes[1]
     radius = float(np.sqrt(a * b))
     # a marker's inner edge must stay out of the band
@@ -159,17 +166,14 @@ def _dual_fit(
     if near.sum() < 12 or not np.linalg.cond(normal) < 1e12:
         return None
     dual = np.linalg.solve(normal, matrix.T @ right)
-    residual = matrix @ dual - right
-    variance = residual @ residual / (near.sum() - 5) * np.linalg.inv(normal)
     centre = np.array([0.5 * dual[3], 0.5 * dual[4]])
-    sigma = 0.5 * radius * np.sqrt(0.5 * (variance[3, 3] + variance[4, 4]))
     spread = np.array([[dual[0], 0.5 * dual[1]], [0.5 * dual[1], dual[2]]])
     shape = np.outer(centre, centre) - spread
     determinant = float(np.linalg.det(shape))
     if not determinant > 0.0 or np.abs(centre).max() > 0.5:
         return None
     area = np.pi * radius**2 * np.sqrt(determinant)
-    return np.array([x, y]) + radius * centre, float(sigma), float(area)
+    return np.array([x, y]) + radius * centre, float(area)
 
 
 def dot_view(image: Array, plate: DotPlate, name: str) -> PlateView:
@@ -190,16 +194,18 @@ def dot_view(image: Array, plate: DotPlate, name: str) -> PlateView:
     known = np.all(np.isfinite(index), axis=1)
     places = plate.spacing * index[known]
     centre = dots.centre[known]
-    view = PlateView(name, places, centre)
-    homography = fit_homography(places, centre)
-    off = np.linalg.norm(map_plane(np.linalg.inv(homography), centre) - places, axis=1)
-    if np.sqrt(np.mean(off**2)) > FLATNESS * plate.spacing:
+    homography = fit_homography(places, centre) if len(places) >= LEAST_POINTS else np.eye(3)
+    off = np.linalg.norm(
+        map_plane(np.asarray(np.linalg.inv(homography), np.float64), centre) - places, axis=1
+    )
+    is_grid = np.sqrt(np.mean(off**2)) < FLATNESS * plate.spacing
+    if not is_grid or len(places) < max(ON_GRID * len(dots.centre), LEAST_POINTS):
         raise ValueError(
-            f"{name}: the dots found lie {np.sqrt(np.mean(off**2)):.2g} mm from a grid of "
-            f"{plate.spacing:g} mm, expected the markers {plate.to_x_marker} and "
-            f"{plate.to_y_marker} steps from the origin"
+            f"{name}: {len(places)} of {len(dots.centre)} dots lie on a grid by the markers, "
+            f"expected all but a few: markers {plate.to_x_marker} and {plate.to_y_marker} steps "
+            "from the origin, seen from the front"
         )
-    return replace(view, radius=_radius(homography, places, dots.area[known]))
+    return PlateView(name, places, centre, _radius(homography, places, dots.area[known]))
 
 
 def _markers(dots: Dots, plate: DotPlate, name: str) -> tuple[int, int, int]:
@@ -221,7 +227,7 @@ def _markers(dots: Dots, plate: DotPlate, name: str) -> tuple[int, int, int]:
             off = abs(np.log(np.hypot(*x) / np.hypot(*y))) + abs(float(x @ y)) / size
             if off < least:
                 best, least = (int(origin), int(along_x), along_y), off
-    if best is None or least > 1.0:
+    if best is None or least > MOST_UNLIKE:
         raise ValueError(
             f"{name}: the marker dots do not stand {plate.to_x_marker} and {plate.to_y_marker} "
             "steps from a corner, seen from the front; expected those of the plate"
@@ -234,7 +240,7 @@ def _grow(centre: Array, index: Array) -> Array:
     for _ in range(40):
         known = np.flatnonzero(np.all(np.isfinite(index), axis=1))
         homography = _map_from(index[known], centre[known])
-        back = np.linalg.inv(homography)
+        back = np.asarray(np.linalg.inv(homography), dtype=np.float64)
         place = map_plane(back, centre)
         nearest = np.round(place)
         steps = np.abs(nearest[:, None, :] - index[known][None]).max(axis=2).min(axis=1)

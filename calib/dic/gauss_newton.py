@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import njit
 
-from calib.dic.interpolation import FAST
+from calib.dic.interpolation import FAST, Array
+from calib.dic.residual import clumping, deviations, noise_share, reject_glare
 from calib.dic.subset import (
     FOLDED,
     LEFT_IMAGE,
@@ -17,39 +20,56 @@ from calib.dic.subset import (
     SMALLEST_DETERMINANT,
     UNCERTAIN,
     VALID,
-    clumping,
     deformed_sums,
     factorise,
     load,
     reference_sums,
-    reject_glare,
     solve,
     take_light_off,
 )
 from calib.dic.warp import compose_inverse
 
-CLUMPED = 2.5
-"""ratio that white noise does not reach: it is 1 with a deviation of some 0.3"""
 MOST_TRIALS = 4
 """iterations from start to end, with fewer pixels each time"""
 
 
+class Fit(NamedTuple):
+    """What an iteration ended with."""
+
+    reason: int
+    iterations: int
+    zncc: float
+    scale: float
+    """of g to f"""
+    pixels: float
+    """of weight 1"""
+    squares: float
+    """sum of f²"""
+    inverse: Array
+    """(2, 2) of the Hessian, at the displacement"""
+    diagonal: Array
+    """(2,) of the Hessian"""
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+def size_of(step, n, radius):  # type: ignore[no-untyped-def]
+    """Square of how far a step moves the edge of the subset, px²."""
+    size = step[0] ** 2 + step[1] ** 2
+    for k in range(2, 6):
+        size += (step[k] * radius) ** 2
+    for k in range(6, n):
+        size += (0.5 * step[k] * radius * radius) ** 2
+    return size
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
-def noise_share(table, coefficients, x, y, p, radius):  # type: ignore[no-untyped-def]
-    """Mean variance of interpolated unit noise over the deformed subset (table over [0, 1])."""
-    total, count = 0.0, 0
-    for j in range(-radius, radius + 1, 3):
-        for i in range(-radius, radius + 1, 3):
-            a, b = float(i), float(j)
-            gx = x + a + p[0] + p[2] * a + p[3] * b + 0.5 * p[6] * a * a + p[7] * a * b
-            gy = y + b + p[1] + p[4] * a + p[5] * b + 0.5 * p[9] * a * a + p[10] * a * b
-            gx += 0.5 * p[8] * b * b
-            gy += 0.5 * p[11] * b * b
-            tx, ty = gx - np.floor(gx), gy - np.floor(gy)
-            last = table.size - 1
-            total += table[int(tx * last + 0.5)] * table[int(ty * last + 0.5)]
-            count += 1
-    return total / count
+def judged(reason, p, zncc, least):  # type: ignore[no-untyped-def]
+    """The reason after the iteration, with what its end says."""
+    if reason == VALID and (1.0 + p[2]) * (1.0 + p[5]) - p[3] * p[4] < SMALLEST_DETERMINANT:
+        return FOLDED
+    if reason in (VALID, NOT_CONVERGED) and zncc < least:
+        return LOW_CORRELATION
+    return reason
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
@@ -59,8 +79,7 @@ def iterate(  # type: ignore[no-untyped-def]
     """Gauss-Newton from p (12,), in place.
 
     limits: tolerance px, iterations, smallest zncc. values (side, side) and fitted (3,): g and its
-    light at the end. Returns reason, iterations, zncc, scale of g to f, pixels, sum of f², and the
-    inverse of the Hessian (2, 2) with its diagonal (2,) at the displacement.
+    light at the end. Returns a Fit.
     """
     side = 2 * radius + 1
     hessian, light, grey, gram = np.zeros((n, n)), np.zeros((n, 3)), np.zeros(n), np.zeros((3, 3))
@@ -70,7 +89,7 @@ def iterate(  # type: ignore[no-untyped-def]
         squares = reference_sums(sub, radius, n, gram, n_light, hessian, light, grey)
     diagonal[0], diagonal[1] = hessian[0, 0], hessian[1, 1]
     if squares <= 1e-12 or not factorise(hessian, n):
-        return NO_SPECKLE, 0, np.nan, 1.0, count, squares, inverse, diagonal
+        return Fit(NO_SPECKLE, 0, np.nan, 1.0, count, squares, inverse, diagonal)
     right, lit, step = np.zeros(n), np.zeros(3), np.zeros(N_PARAMETER)
     zncc, scale, reason, iteration = np.nan, 1.0, NOT_CONVERGED, 0
     work, first = np.empty((15, side)), np.empty(side, np.int64)
@@ -98,11 +117,7 @@ def iterate(  # type: ignore[no-untyped-def]
                 off += light[k, q] * fitted[q]
             step[k] = scale * (right[k] - off)
         solve(hessian, n, step)
-        size = step[0] ** 2 + step[1] ** 2
-        for k in range(2, 6):
-            size += (step[k] * radius) ** 2
-        for k in range(6, n):
-            size += (0.5 * step[k] * radius * radius) ** 2
+        size = size_of(step, n, radius)
         if not compose_inverse(p, step):
             break
         if (p[0] - x0) ** 2 + (p[1] - y0) ** 2 > (2.0 * radius) ** 2:
@@ -110,19 +125,13 @@ def iterate(  # type: ignore[no-untyped-def]
         if size < limits[0] ** 2:
             reason = VALID
             break
-    if reason == VALID:
-        if (1.0 + p[2]) * (1.0 + p[5]) - p[3] * p[4] < SMALLEST_DETERMINANT:
-            reason = FOLDED
-        elif zncc < limits[2]:
-            reason = LOW_CORRELATION
-    elif reason == NOT_CONVERGED and zncc < limits[2]:
-        reason = LOW_CORRELATION
     for k in range(2):
         step[:] = 0.0
         step[k] = 1.0
         solve(hessian, n, step)
         inverse[0, k], inverse[1, k] = step[0], step[1]
-    return reason, iteration, zncc, scale, count, squares, inverse, diagonal
+    reason = judged(reason, p, zncc, limits[2])
+    return Fit(reason, iteration, zncc, scale, count, squares, inverse, diagonal)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -140,8 +149,7 @@ def correlate_range(  # type: ignore[no-untyped-def]
     """
     side = 2 * radius + 1
     sub = np.zeros((4, side, side))
-    values, fitted = np.empty((side, side)), np.zeros(3)
-    table = noise[1:]
+    values, fitted, ratio = np.empty((side, side)), np.zeros(3), np.zeros(2)
     for index in todo:
         x, y = points[index]
         p = parameters[index]
@@ -153,41 +161,22 @@ def correlate_range(  # type: ignore[no-untyped-def]
             out[3] = OUTSIDE_REGION
             continue
         for trial in range(MOST_TRIALS):
-            reason, iterations, zncc, scale, count, squares, inverse, diagonal = iterate(
+            fit = iterate(
                 deformed, is_quintic, sub, radius, x, y, p, n, n_light, limits, values, fitted
             )
-            out[0], out[3], out[4] = zncc, reason, out[4] + iterations
-            may_hide = reason in (VALID, LOW_CORRELATION)
+            out[0], out[3], out[4] = fit.zncc, fit.reason, out[4] + fit.iterations
+            may_hide = fit.reason in (VALID, LOW_CORRELATION)
             if limits[5] == 0.0 or not may_hide or trial == MOST_TRIALS - 1:
                 break
-            if reject_glare(sub, values, radius, fitted, scale, limits[5]) == 0:
+            if reject_glare(sub, values, radius, fitted, fit.scale, limits[5]) == 0:
                 break
             if sub[3].sum() < limits[4] * side * side:
                 out[3] = LOW_CORRELATION
                 break
         if out[3] != VALID:
             continue
-        share = noise_share(table, deformed, x, y, p, radius)
-        # the noise of one image from the residual, both being equally noisy in grey levels
-        variance = squares * (1.0 - zncc**2) / max(count - n - 2.0, 1.0)
-        variance /= 1.0 + scale**2 * share
-        # in the deformed image: increments belong to the reference's frame, d x = F d X
-        f00, f01, f10, f11 = 1.0 + p[2], p[3], p[4], 1.0 + p[5]
-        # where the image shrinks, its pixels are fewer than those of the subset
-        density = scale**2 / (f00 * f11 - f01 * f10)
-        spread, ratio = np.zeros(3), np.zeros(2)
-        clumping(sub, values, radius, fitted, scale, ratio)
-        for k in range(2):
-            # noise in the slopes of the reference makes the Hessian too large
-            excess = min(count * variance * noise[0] / diagonal[k], 0.75)
-            growth = 1.0 / (1.0 - excess)
-            spread[k] = variance * max(inverse[k, k], 0.0) * (growth + density * growth**2)
-            if ratio[k] > CLUMPED:
-                spread[k] *= ratio[k]
-        spread[2] = inverse[0, 1] / np.sqrt(max(inverse[0, 0] * inverse[1, 1], 1e-300))
-        spread[2] *= np.sqrt(spread[0] * spread[1])
-        across = f00 * f00 * spread[0] + 2.0 * f00 * f01 * spread[2] + f01 * f01 * spread[1]
-        down = f10 * f10 * spread[0] + 2.0 * f10 * f11 * spread[2] + f11 * f11 * spread[1]
-        out[1], out[2] = np.sqrt(across), np.sqrt(down)
+        share = noise_share(noise[1:], deformed, x, y, p, radius)
+        clumping(sub, values, radius, fitted, fit.scale, ratio)
+        out[1], out[2] = deviations(p, fit, n + n_light + 1, noise[0], share, ratio)
         if not max(out[1], out[2]) <= limits[3]:
             out[3] = UNCERTAIN

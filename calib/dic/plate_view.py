@@ -52,8 +52,9 @@ def fit_homography(places: Array, pixels: Array) -> Array:
         ]
     )
     normalised = np.linalg.svd(rows, full_matrices=False)[2][-1].reshape(3, 3)
-    found: Array = np.linalg.inv(to_pixels) @ normalised @ to_places
-    return found / found[2, 2]
+    found = np.linalg.inv(to_pixels) @ normalised @ to_places
+    scaled: Array = found / found[2, 2]
+    return scaled
 
 
 def _normalising(points: Array) -> Array:

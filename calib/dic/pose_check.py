@@ -19,6 +19,11 @@ from calib.dic.triangulate import triangulate
 
 LEAST_POINTS = 12
 ROBUST_PX = 0.1
+HELD_RAD = 0.01
+"""SD by which a pose is held to that of the calibration: what a narrow view does not show of it
+stays as it was"""
+NOISE_PX = 0.02
+"""of an epipolar distance, against which it is held"""
 MOST_BEFORE = 0.9
 """share of the points that a right pose has before both cameras"""
 
@@ -39,14 +44,15 @@ def check_belongs(rig: StereoRig, left: Array, right: Array, limit: float) -> No
     `limit` px for the median. Says so when the two cameras are swapped.
     """
     distance = _median(rig, left, right)
-    if distance <= limit:
-        return
     swapped = _median(StereoRig(rig.right, rig.left), left, right)
-    if swapped <= limit:
+    # of two cameras alike the swapped lines are close too, but not as close as the true ones
+    if swapped < 0.5 * min(distance, limit):
         raise ValueError(
-            f"left, right: the images are swapped; points lie {distance:.1f} px from their "
+            f"left, right: the images are swapped; points lie {distance:.2g} px from their "
             f"epipolar lines, and {swapped:.2g} px with left and right exchanged"
         )
+    if distance <= limit:
+        return
     raise ValueError(
         f"calibration: points matched between the cameras lie {distance:.1f} px from their "
         f"epipolar lines, expected below {limit:g}; it is of another set-up, or the cameras have "
@@ -63,7 +69,8 @@ def _median(rig: StereoRig, left: Array, right: Array) -> float:
 def refine_pose(rig: StereoRig, left: Array, right: Array) -> Refined:
     """The relative pose that brings matched pixels (n, 2) to their epipolar lines.
 
-    Intrinsics and the length of the baseline are kept. Raises ValueError with too few points.
+    Intrinsics and the length of the baseline are kept, and of the pose what the points leave
+    open. Raises ValueError with too few points, and when the points come to lie behind a camera.
     """
     good = np.all(np.isfinite(left) & np.isfinite(right), axis=1)
     if np.count_nonzero(good) < LEAST_POINTS:
@@ -85,8 +92,11 @@ def refine_pose(rig: StereoRig, left: Array, right: Array) -> Refined:
         )
         return StereoRig(Camera(rig.left.intrinsics), right_camera)
 
-    def residual(x: Array) -> Array:
+    def distance(x: Array) -> Array:
         return epipolar_distance(moved(x), left[good], right[good])
+
+    def residual(x: Array) -> Array:
+        return np.concatenate([distance(x), NOISE_PX / HELD_RAD * x])
 
     # from far off the robust loss is flat: a plain fit brings it near
     start = least_squares(residual, np.zeros(5), x_scale="jac", xtol=1e-12, ftol=1e-12).x
@@ -100,7 +110,7 @@ def refine_pose(rig: StereoRig, left: Array, right: Array) -> Refined:
             "refine_pose: found a pose with points behind the cameras, expected all before them; "
             "the calibration is of another set-up"
         )
-    rms = float(np.sqrt(np.mean(residual(fit.x) ** 2)))
+    rms = float(np.sqrt(np.mean(distance(fit.x) ** 2)))
     in_place = StereoRig(
         rig.left,
         Camera(

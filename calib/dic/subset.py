@@ -27,10 +27,6 @@ FACTOR = np.array([1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 0.5, 1.0, 0.5, 0.5, 1.0, 0.5])
 VALID, OUTSIDE_REGION, NO_SPECKLE, LEFT_IMAGE, NOT_CONVERGED, LOW_CORRELATION, FOLDED = range(7)
 UNCERTAIN = 9
 SMALLEST_DETERMINANT = 0.02
-BLOCK = 6
-"""px; a little more than a usual speckle"""
-HEAVY_TAIL = 5.0
-"""fourth moment over squared second (3 for normal noise) above which residuals are searched"""
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
@@ -281,67 +277,3 @@ def deformed_sums(  # type: ignore[no-untyped-def]
     for k in range(n):
         right[k] = FACTOR[k] * sums[COMPONENT[k], POWER_A[k], POWER_B[k]]
     return True, sum_gg, sum_fg
-
-
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
-def reject_glare(sub, values, radius, fitted, scale, threshold):  # type: ignore[no-untyped-def]
-    """Take out pixels whose residual is no noise, and their neighbours; returns how many.
-
-    values (side, side): g; fitted (3,): its plane; scale of g to f. A pixel is out when its
-    residual is more than `threshold` robust standard deviations from the median of all, and only
-    where the residuals have heavier tails than noise has.
-    """
-    side = 2 * radius + 1
-    residual = np.empty((side, side))
-    count, second, fourth = 0.0, 0.0, 0.0
-    for j in range(side):
-        level = fitted[0] + fitted[2] * float(j - radius)
-        for i in range(side):
-            g = values[j, i] - level - fitted[1] * float(i - radius)
-            r = (sub[0, j, i] - scale * g) * sub[3, j, i]
-            residual[j, i] = r
-            count += sub[3, j, i]
-            second += r * r
-            fourth += r * r * r * r
-    if fourth * count <= HEAVY_TAIL * second * second:
-        return 0
-    kept = residual.ravel()[sub[3].ravel() > 0.0]
-    middle = np.median(kept)
-    limit = threshold * 1.4826 * np.median(np.abs(kept - middle))
-    out = 0
-    for j in range(side):
-        for i in range(side):
-            if sub[3, j, i] > 0.0 and abs(residual[j, i] - middle) > limit:
-                residual[j, i] = np.nan
-    for j in range(side):
-        for i in range(side):
-            if np.isnan(residual[j, i]):
-                for m in range(max(j - 1, 0), min(j + 2, side)):
-                    for k in range(max(i - 1, 0), min(i + 2, side)):
-                        out += 1 if sub[3, m, k] > 0.0 else 0
-                        sub[:, m, k] = 0.0
-    return out
-
-
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
-def clumping(sub, values, radius, fitted, scale, ratio):  # type: ignore[no-untyped-def]
-    """How much larger than by white noise the variance of the slopes' sums with the residual is.
-
-    ratio (2,) of u and v: sum over blocks of squared sums, over the sum of squares. 1 for white
-    noise, more where the residual goes with the speckle: changed surface, shape, interpolation.
-    """
-    side = 2 * radius + 1
-    blocks = (side + BLOCK - 1) // BLOCK
-    sums = np.zeros((2, blocks, blocks))
-    alone_x, alone_y = 1e-300, 1e-300
-    for j in range(side):
-        level = fitted[0] + fitted[2] * float(j - radius)
-        for i in range(side):
-            g = values[j, i] - level - fitted[1] * float(i - radius)
-            r = (sub[0, j, i] - scale * g) * sub[3, j, i]
-            x, y = r * sub[1, j, i], r * sub[2, j, i]
-            alone_x += x * x
-            alone_y += y * y
-            sums[0, j // BLOCK, i // BLOCK] += x
-            sums[1, j // BLOCK, i // BLOCK] += y
-    ratio[0], ratio[1] = np.sum(sums[0] ** 2) / alone_x, np.sum(sums[1] ** 2) / alone_y

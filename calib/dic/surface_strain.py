@@ -40,7 +40,8 @@ def surface_strain(position: Array, displacement: Array, radius: float) -> Surfa
     good = np.flatnonzero(np.isfinite(position).all(axis=1) & np.isfinite(displacement).all(axis=1))
     if good.size >= LEAST_POINTS:
         around = cKDTree(position[good]).query_ball_point(position[good], radius)
-        for index, near in zip(good, around, strict=True):
+        for index, found in zip(good, around, strict=True):
+            near = np.atleast_1d(found)
             if len(near) >= LEAST_POINTS:
                 chosen = good[near]
                 strain[index] = _at(position[chosen], displacement[chosen], radius)

@@ -94,5 +94,5 @@ def blur_circle(
     A.4 it is the circle of confusion, to the f by which Eq. A.1 is short.
     """
     aperture = focal_length / f_stop
-    off = abs(object_distance - focus) / object_distance
+    off: Values = np.abs(object_distance - focus) / object_distance
     return aperture * magnification(focal_length, focus) * off

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -33,7 +33,7 @@ class CameraPair:
     half_angle_deg: float = 17.0
     target: tuple[float, float, float] = (0.0, 1.25, 0.0)
     """mm"""
-    distortion: Distortion = Distortion((-0.2, 0.5, 0.0))
+    distortion: Distortion = field(default_factory=lambda: Distortion((-0.2, 0.5, 0.0)))
 
     def __post_init__(self) -> None:
         positive = (self.columns, self.rows, self.pixel_mm, self.f_stop)

@@ -47,7 +47,7 @@ class Studio:
     edge_mm: float = 0.3
     """of the outermost points from the edges of the face: half a subset or more"""
     static_frames: int = 5
-    material_step_mm: float = 0.1
+    material_step_mm: float = 0.05
     """of the grid through which a deformed face is a smooth surface"""
     glare: Glare = field(default_factory=Glare)
 

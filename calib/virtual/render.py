@@ -142,7 +142,7 @@ def _rasterise(material: Array, pixels: Array, depth: Array, guess: Array, neare
 def _see(
     place: Array, lens: Array, turn: Array, move: Array, pixel: Array, by_place: Array
 ) -> float:
-    """Pixel of one place and its slopes (2, 3); returns the depth. Brown's lens, as the cameras'."""
+    """Pixel of one place and its slopes (2, 3), with Brown's lens; returns the depth."""
     c = turn @ place + move
     x, y = c[0] / c[2], c[1] / c[2]
     r2 = x * x + y * y
@@ -162,7 +162,8 @@ def _see(
         dx, dy = (turn[0, k] - x * turn[2, k]) / c[2], (turn[1, k] - y * turn[2, k]) / c[2]
         by_place[0, k] = ax * dx + ay * dy
         by_place[1, k] = bx * dx + by * dy
-    return c[2]
+    depth: float = c[2]
+    return depth
 
 
 @nb.njit(cache=True, nogil=True)
@@ -178,7 +179,7 @@ def _trace(
         pixel, by = np.empty(2), np.empty((2, 2))
         for column in range(columns):
             x, y = guess[row, column, 0], guess[row, column, 1]
-            if not x == x:
+            if np.isnan(x):
                 continue
             depth, found = 0.0, False
             for _ in range(NEWTON_STEPS):

@@ -27,7 +27,8 @@ class Sensor:
     def __post_init__(self) -> None:
         if not 8 <= self.bits <= 16 or not self.full_well > 0:
             raise ValueError(
-                f"bits, full_well: expected 8 to 16 and above 0, found {self.bits}, {self.full_well}"
+                f"bits, full_well: expected 8 to 16 and above 0, "
+                f"found {self.bits}, {self.full_well}"
             )
         if min(self.read_noise, self.gain_drift, self.tilt_drift) < 0:
             raise ValueError(
@@ -79,4 +80,5 @@ def expose(
         seen = seen + glare.added(brightness.shape)
     noisy = seen + sensor.noise_sd(seen) * rng.standard_normal(seen.shape)
     counts = np.clip(np.round(noisy * sensor.full_scale), 0, sensor.full_scale)
-    return counts.astype(np.uint16)
+    image: npt.NDArray[np.uint16] = counts.astype(np.uint16)
+    return image

@@ -93,7 +93,8 @@ def make_speckle(
 
 @nb.njit(cache=True, fastmath=False)
 def brightness(
-    x: float, y: float, centre: Array, radius: Array, first: Array, origin: Array, cell: float,
+    x: float, y: float, centre: Array, radius: Array, first: npt.NDArray[np.int64], origin: Array,
+    cell: float,
     shape: tuple[int, int], bright: float, dark: float,
 ) -> float:  # fmt: skip
     """Share of full scale at one material point, mm: spots darken as layers of paint do."""
@@ -108,4 +109,5 @@ def brightness(
                 squared = (dx * dx + dy * dy) / (radius[k] * radius[k])
                 if squared < REACH * REACH:
                     paint += np.exp(-squared)
-    return dark + (bright - dark) * np.exp(-2.0 * paint)
+    value: float = dark + (bright - dark) * np.exp(-2.0 * paint)
+    return value

@@ -1,0 +1,249 @@
+"""Stereo correlation on rendered pairs, whose truth is known to the last digit."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from skimage import io
+from stereo_scenes import CAMERAS, STEREO, face, points_on, shoot, still, turned
+
+from calib.cli import main
+from calib.data.readers import read_dic
+from calib.dic.calibration import Calibration
+from calib.dic.calibration_files import write_calibration
+from calib.dic.camera import StereoRig
+from calib.dic.carried_mask import carried_mask
+from calib.dic.stereo import StereoReason, StereoSettings, follow_pair, place_reference
+from calib.dic.surface_frame import surface_frame
+from calib.dic.surface_strain import surface_strain
+
+MOVED = {"move": (0.011, -0.017, 0.043), "stretch": (0.008, -0.012)}
+
+
+def measured(seed, settings=STEREO, **moved):
+    rest = still(seed)
+    pixels, material = points_on(rest)
+    later = shoot(face(**moved), None if seed is None else seed + 50)
+    reference = place_reference(CAMERAS.rig, rest.left, rest.right, pixels, settings)
+    found, _ = follow_pair(reference, later.left, later.right, settings)
+    truth = face(**moved).at(material) - face().at(material)
+    return reference, found, truth, material
+
+
+def test_without_noise_points_and_displacements_are_exact():
+    reference, found, truth, material = measured(None, **MOVED)
+    assert found.valid.all()
+    # shares of the field of view of some 5 mm
+    view = CAMERAS.field_of_view
+    assert np.abs(reference.space.points - face().at(material)).max() < view / 20_000
+    off = found.displacement - truth
+    assert np.sqrt((off[:, :2] ** 2).mean()) < view / 1_000_000
+    assert np.sqrt((off[:, 2] ** 2).mean()) < view / 200_000
+
+
+def test_errors_are_as_large_as_stated():
+    scores = []
+    for seed in (0, 1):
+        _, found, truth, _ = measured(seed, **MOVED)
+        assert found.valid.mean() > 0.98
+        scores.append(((found.displacement - truth) / found.sigma)[found.valid])
+    # neighbours overlap: some 2 x 100 independent points, 3 components
+    scores = np.concatenate(scores)
+    assert 0.85 < np.sqrt(np.mean(scores**2)) < 1.2
+    assert 0.91 < np.mean(np.abs(scores) < 1.96) < 0.98
+
+
+def test_a_face_at_rest_moves_by_its_stated_noise():
+    _, found, _, _ = measured(2)
+    z = (found.displacement / found.sigma)[found.valid]
+    assert 0.8 < z.std() < 1.2
+    assert np.abs(z.mean(axis=0)).max() < 0.4
+
+
+def test_strain_of_the_surface_is_that_of_the_stretch():
+    _, found, _, _ = measured(None, **MOVED)
+    strain = surface_strain(found.position, found.displacement, 0.4)
+    assert strain.xx == pytest.approx(0.008 + 0.008**2 / 2, abs=2e-5)
+    assert strain.yy == pytest.approx(-0.012 + 0.012**2 / 2, abs=2e-5)
+    assert strain.xy == pytest.approx(0.0, abs=2e-5)
+
+
+def test_strain_of_a_turned_and_bent_surface_does_not_see_the_turn():
+    rng = np.random.default_rng(0)
+    flat = np.column_stack([rng.uniform(-1, 1, (400, 2)), np.zeros(400)])
+    angle = 0.3
+    turn = np.array(
+        [[np.cos(angle), 0, np.sin(angle)], [0, 1, 0], [-np.sin(angle), 0, np.cos(angle)]]
+    )
+    moved = flat @ np.diag([1.05, 0.97, 1.0]) @ turn.T - flat
+    strain = surface_strain(flat, moved, 0.3)
+    assert strain.xx == pytest.approx((1.05**2 - 1) / 2, abs=1e-12)
+    assert strain.yy == pytest.approx((0.97**2 - 1) / 2, abs=1e-12)
+    alone = surface_strain(flat[:3], moved[:3], 0.3)
+    assert np.isnan(alone.xx).all()
+    with pytest.raises(ValueError, match="radius"):
+        surface_strain(flat, moved, 0.0)
+
+
+def test_swapped_cameras_and_a_strange_calibration_are_told_apart():
+    rest = still(0)
+    rig = CAMERAS.rig
+    points = points_on(rest)[0]
+    with pytest.raises(ValueError, match="images are swapped"):
+        place_reference(StereoRig(rig.right, rig.left), rest.left, rest.right, points, STEREO)
+    with pytest.raises(ValueError, match="another set-up, or the cameras have moved"):
+        place_reference(turned(rig, 1.0), rest.left, rest.right, points, STEREO)
+
+
+def test_a_knocked_camera_is_found_again():
+    rest = still(0)
+    knocked = turned(CAMERAS.rig, 0.3)
+    settings = StereoSettings(STEREO.correlation, refine_pose=True)
+    points = points_on(rest)[0]
+    found = place_reference(knocked, rest.left, rest.right, points, settings)
+    assert np.sqrt(np.nanmean(found.epipolar**2)) < 0.05
+    right = place_reference(CAMERAS.rig, rest.left, rest.right, points, STEREO)
+    assert np.sqrt(np.nanmean(right.epipolar**2)) < 0.05
+    assert found.turned == pytest.approx(0.3, abs=0.4)
+    later = shoot(face(**MOVED), 50)
+    both = [follow_pair(one, later.left, later.right, STEREO)[0] for one in (found, right)]
+    assert both[0].displacement == pytest.approx(both[1].displacement, abs=2.5e-3)
+
+
+def test_points_seen_by_one_camera_alone_have_no_place():
+    rest = still(0)
+    hidden = rest.right.copy()
+    hidden[:, : hidden.shape[1] // 2] = hidden.min()
+    points = points_on(rest)[0]
+    found = place_reference(CAMERAS.rig, rest.left, hidden, points, STEREO)
+    lost = found.reason == StereoReason.NO_PARTNER
+    assert 0.3 < lost.mean() < 0.7
+    assert np.isnan(found.space.points[lost]).all()
+    frame, _ = follow_pair(found, rest.left, rest.right, STEREO)
+    assert not frame.valid[lost].any() and np.isnan(frame.displacement[lost]).all()
+
+
+def test_a_camera_that_loses_a_point_says_so():
+    rest = still(0)
+    points = points_on(rest)[0]
+    reference = place_reference(CAMERAS.rig, rest.left, rest.right, points, STEREO)
+    for side, reason in ((0, StereoReason.LOST_LEFT), (1, StereoReason.LOST_RIGHT)):
+        images = [rest.left.copy(), rest.right.copy()]
+        images[side][:, :140] = 200.0
+        found, _ = follow_pair(reference, *images, STEREO)
+        assert np.mean(found.reason == reason) > 0.2
+    with pytest.raises(ValueError, match="left: expected an image of"):
+        follow_pair(reference, rest.left[:-1], rest.right, STEREO)
+
+
+def test_a_region_goes_with_the_surface_into_the_right_image():
+    rest = still(None)
+    points = points_on(rest)[0]
+    found = place_reference(CAMERAS.rig, rest.left, rest.right, points, STEREO)
+    mask = np.isfinite(rest.material[..., 0])
+    there = carried_mask(mask, points, found.right, rest.right.shape)
+    face_there = rest.right > 0.05 * 4095
+    assert np.mean(there == face_there) > 0.985
+    with pytest.raises(ValueError, match="matched between the cameras"):
+        carried_mask(mask, points[:5], found.right[:5], rest.right.shape)
+
+
+def test_the_frame_of_the_surface_has_z_towards_the_cameras():
+    rng = np.random.default_rng(1)
+    axes = np.linalg.qr(rng.standard_normal((3, 3)))[0]
+    x, y, z = CAMERAS.rig.left.rotation[0], axes[1], axes[2]
+    points = np.column_stack([rng.uniform(-2, 2, (300, 2)), 0.01 * rng.standard_normal(300)])
+    points[:20, 2] += 1.0
+    frame = surface_frame(CAMERAS.rig, np.vstack([points, np.full((2, 3), np.nan)]))
+    assert frame.rotation == pytest.approx(np.eye(3), abs=0.01)
+    assert np.linalg.det(frame.rotation) == pytest.approx(1.0)
+    del x, y, z
+
+
+STUDY = """
+[images]
+reference = "left0.tif"
+deformed = ["left1.tif"]
+times_s = [2.5]
+
+[stereo]
+right_reference = "{right}0.tif"
+right_deformed = ["{right}1.tif"]
+calibration = "rig.json"
+axes = "camera"
+strain_radius_mm = 0.4
+
+[region]
+rectangle_px = [60, 30, 240, 120]
+
+[correlation]
+subset_px = 25
+step_px = 12
+"""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory) -> Path:
+    place = tmp_path_factory.mktemp("stereo")
+    rest, later = still(0), shoot(face(**MOVED), 9)
+    for number, shot in enumerate((rest, later)):
+        io.imsave(place / f"left{number}.tif", shot.left.astype(np.uint16), check_contrast=False)
+        io.imsave(place / f"right{number}.tif", shot.right.astype(np.uint16), check_contrast=False)
+    write_calibration(place / "rig.json", Calibration(CAMERAS.rig, CAMERAS.size))
+    return place
+
+
+def test_the_command_writes_points_that_the_readers_read(folder, capsys):
+    (folder / "s.toml").write_text(STUDY.format(right="right"))
+    assert main(["dic", str(folder / "s.toml")]) == 0
+    out = folder / "s-dic"
+    first, second = read_dic(out / "points").frames
+    assert second.time == 2.5 and second.sigma is not None
+    assert np.all(first.displacement[first.valid] == 0.0)
+    # the left camera's frame: turn the truth into it
+    rig = CAMERAS.rig
+    places = (second.position[second.valid] - rig.left.translation) @ rig.left.rotation
+    expected = (face(**MOVED).at(places[:, :2]) - face().at(places[:, :2])) @ rig.left.rotation.T
+    assert second.displacement[second.valid] == pytest.approx(expected, abs=0.004)
+    report = json.loads((out / "dic.json").read_text())
+    assert report["frames"][0]["valid"] > 0.9 * report["frames"][0]["points"]
+    assert (out / "pictures" / "left1.png").stat().st_size > 1000
+    strain = np.genfromtxt(out / "left1-strain.csv", delimiter=",", skip_header=1)
+    assert np.nanmedian(strain[:, 3]) == pytest.approx(0.008, abs=5e-4)
+    assert "stereo angle 34.00 degrees" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (
+            (
+                ("left0", "#0"),
+                ("left1", "#1"),
+                ("right0", "left0"),
+                ("right1", "left1"),
+                ("#0", "right0"),
+                ("#1", "right1"),
+            ),
+            "swapped",
+        ),
+        ((('calibration = "rig.json"\n', ""),), "either a file here or a section"),
+        (
+            (('["left1.tif"]', '["left1.tif", "left0.tif"]'), ("[2.5]", "[1.0, 2.0]")),
+            "expected 2 files",
+        ),
+        ((("rig.json", "left0.tif"),), "not a calibration"),
+    ],
+)
+def test_wrong_studies_of_two_cameras_get_one_sentence(folder, capsys, change, words):
+    text = STUDY.format(right="right")
+    for old, new in change:
+        assert old in text
+        text = text.replace(old, new)
+    (folder / "wrong.toml").write_text(text)
+    assert main(["dic", str(folder / "wrong.toml")]) == 2
+    said = capsys.readouterr().err.strip()
+    assert words in said and "\n" not in said
