@@ -88,7 +88,10 @@ def pyvale(folder: Path, job: dict[str, Any]) -> Found:
         output_prefix="pyvale_",
         print_level=0,
     )
-    table = np.genfromtxt(next(folder.glob("pyvale_*.csv")), delimiter=",", names=True)
+    # the last lines may be shorter
+    table = np.genfromtxt(
+        next(folder.glob("pyvale_*.csv")), delimiter=",", names=True, invalid_raise=False
+    )
     names = table.dtype.names or ()
     x, y, u, v = (table[names[k]] for k in range(4))
     return x, y, u, v
