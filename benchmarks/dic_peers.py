@@ -88,12 +88,9 @@ def pyvale(folder: Path, job: dict[str, Any]) -> Found:
         output_prefix="pyvale_",
         print_level=0,
     )
-    # the last lines may be shorter
-    table = np.genfromtxt(
-        next(folder.glob("pyvale_*.csv")), delimiter=",", names=True, invalid_raise=False
-    )
-    names = table.dtype.names or ()
-    x, y, u, v = (table[names[k]] for k in range(4))
+    # its header has one name more than its lines have values
+    path = next(folder.glob("pyvale_*.csv"))
+    x, y, u, v = np.genfromtxt(path, delimiter=",", skip_header=1, usecols=(0, 1, 2, 3)).T
     return x, y, u, v
 
 
