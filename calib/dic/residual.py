@@ -9,7 +9,7 @@ from calib.dic.interpolation import FAST
 
 BLOCK = 6
 """px; a little more than a usual speckle"""
-CLUMPED = 2.5
+CLUMPED = 1.6
 """ratio that white noise does not reach: it is 1 with a deviation of some 0.3"""
 MOST_EXCESS = 0.75
 HEAVY_TAIL = 5.0
