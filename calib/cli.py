@@ -1,6 +1,5 @@
-"""The command `calib`: one verb a function; what is wrong with the input is said in one sentence.
+"""The command `calib`: its verbs and their arguments; wrong input is answered by one sentence.
 
-Heavy modules are imported by the verb that needs them, so that `calib --help` answers at once.
 Exit codes: 0 done, 1 simulations or diagnostics failed, 2 wrong input, 130 stopped by the user.
 """
 
@@ -8,16 +7,27 @@ from __future__ import annotations
 
 import argparse
 import os
-import shlex
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from calib.study.summary import Summary
+from calib.verbs import (
+    FAILED,
+    ask_verb,
+    design_next_verb,
+    dic_verb,
+    init_verb,
+    laboratory_verb,
+    lens_verb,
+    qc_verb,
+    run_verb,
+    studies_verb,
+    summary_verb,
+    validate_verb,
+)
 
-FAILED = 1
+__all__ = ["FAILED", "STOPPED", "WRONG_INPUT", "main"]
+
 WRONG_INPUT = 2
 STOPPED = 130  # 128 + SIGINT, as shells have it
 
@@ -66,7 +76,7 @@ def _parser() -> argparse.ArgumentParser:
     ):
         verb = verbs.add_parser(name, help=text)
         _add_study(verb)
-        verb.set_defaults(verb=_run, until=name)
+        verb.set_defaults(verb=run_verb, until=name)
 
     qc = verbs.add_parser(
         "qc", help="make a data set of a laboratory's files, and say what is in it"
@@ -77,28 +87,28 @@ def _parser() -> argparse.ArgumentParser:
         help="folder with experiment.toml, or a study that names it",
     )
     qc.add_argument("--out", type=Path, metavar="DIR", help="results (default: qc in that folder)")
-    qc.set_defaults(verb=_qc)
+    qc.set_defaults(verb=qc_verb)
 
     dic = verbs.add_parser(
         "dic", help="measure displacements in images, and write them as point files"
     )
     dic.add_argument("study", type=Path, metavar="STUDY.toml", help="images, region and scale")
     dic.add_argument("--out", type=Path, metavar="DIR", help="results (default: STUDY-dic)")
-    dic.set_defaults(verb=_dic)
+    dic.set_defaults(verb=dic_verb)
 
     summary = verbs.add_parser("summary", help="print the table of a posterior")
     summary.add_argument("path", type=Path, metavar="PATH", help="posterior.nc, or its folder")
     style = summary.add_mutually_exclusive_group()
     style.add_argument("--json", action="store_true", help="a list, one object per hypothesis")
     style.add_argument("--csv", action="store_true", help="one line per hypothesis and constant")
-    summary.set_defaults(verb=_summary)
+    summary.set_defaults(verb=summary_verb)
 
     init = verbs.add_parser("init", help="write a commented study and example data to start from")
     init.add_argument("folder", type=Path, metavar="DIR", help="folder to make")
-    init.set_defaults(verb=_init)
+    init.set_defaults(verb=init_verb)
 
     studies = verbs.add_parser("studies", help="list the embedded studies")
-    studies.set_defaults(verb=_studies)
+    studies.set_defaults(verb=studies_verb)
 
     lens = verbs.add_parser("lens", help="find lens and set-up for stereo images of a small face")
     lens.add_argument(
@@ -108,7 +118,7 @@ def _parser() -> argparse.ArgumentParser:
         help="what is at hand and needed (default: the thesis' tables again, and a 4 mm sample)",
     )
     lens.add_argument("--figure", type=Path, metavar="PNG", help="field and depth over distance")
-    lens.set_defaults(verb=_lens)
+    lens.set_defaults(verb=lens_verb)
     _add_laboratory(verbs)
     _add_questions(verbs)
     _add_predictions(verbs)
@@ -124,7 +134,7 @@ def _add_questions(verbs: argparse._SubParsersAction[argparse.ArgumentParser]) -
     ):
         verb = verbs.add_parser(name, help=text)
         verb.add_argument("folder", type=Path, metavar="RUN", help="folder of a finished study")
-        verb.set_defaults(verb=_ask, question=name)
+        verb.set_defaults(verb=ask_verb, question=name)
     verb.add_argument("--hypothesis", metavar="NAME", help="contact (default: the first)")
     verb.add_argument(
         "--truth",
@@ -140,7 +150,7 @@ def _add_predictions(verbs: argparse._SubParsersAction[argparse.ArgumentParser])
     validate = verbs.add_parser("validate", help=text)
     validate.add_argument("folder", type=Path, metavar="RUNDIR", help="folder of a finished study")
     validate.add_argument("second", metavar="SECOND", help="file of the test, or notched-plate")
-    validate.set_defaults(verb=_validate)
+    validate.set_defaults(verb=validate_verb)
 
     text = "rank what to measure next by the information it is expected to give"
     following = verbs.add_parser("design-next", help=text)
@@ -151,7 +161,7 @@ def _add_predictions(verbs: argparse._SubParsersAction[argparse.ArgumentParser])
     following.add_argument(
         "--no-runs", action="store_true", help="increments and instruments only, without FE runs"
     )
-    following.set_defaults(verb=_design_next)
+    following.set_defaults(verb=design_next_verb)
 
 
 def _add_laboratory(verbs: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -184,7 +194,7 @@ def _add_laboratory(verbs: argparse._SubParsersAction[argparse.ArgumentParser]) 
         metavar="DIR",
         help="where the simulations of the truth are kept (default: runs/laboratory)",
     )
-    laboratory.set_defaults(verb=_laboratory)
+    laboratory.set_defaults(verb=laboratory_verb)
 
 
 def _add_study(verb: argparse.ArgumentParser) -> None:
@@ -212,198 +222,6 @@ def _count(text: str) -> int:
     if not (text.isascii() and text.isdigit()):
         raise argparse.ArgumentTypeError(f"found {text}, expected a whole number, 0 or more")
     return int(text)
-
-
-def _say(line: str) -> None:
-    print(line, flush=True)
-
-
-def _run(arguments: argparse.Namespace) -> int:
-    from calib.study.config import load_study
-
-    _check_executor(arguments)
-    study = load_study(arguments.study)
-    out = arguments.out or Path("runs") / study.name
-
-    if out.exists() and not out.is_dir():
-        raise ValueError(f"--out: found the file {out}, expected a folder or a new name")
-
-    from calib.study.stages import HowToRun, run_part, run_study
-    from calib.study.train_report import EmulatorRefused
-    from fe.campaign import CampaignFailed
-    from fe.executors import WorkerDied
-
-    how = HowToRun(
-        workers=arguments.workers,
-        executor=arguments.executor,
-        scheduler=arguments.scheduler,
-        echo=_say,
-    )
-    try:
-        if arguments.until != "run":
-            return _failed(run_part(study, out, arguments.until, **how))
-        return _verdict(run_study(study, out, **how).summaries)
-    except (CampaignFailed, EmulatorRefused, WorkerDied) as error:
-        print(f"calib: {error}", file=sys.stderr)
-        return FAILED
-
-
-def _qc(arguments: argparse.Namespace) -> int:
-    from calib.study.experiment_data import QC_FOLDER, experiment_folder, make_dataset, qc_lines
-
-    folder = experiment_folder(arguments.study)
-    result, paths = make_dataset(folder, arguments.out or folder / QC_FOLDER, with_figures=True)
-    for line in qc_lines(result, paths):
-        _say(line)
-    if result.dataset is None:
-        return _failed(["fewer than two samples meet the rules: there is no data set"])
-    return 0
-
-
-def _ask(arguments: argparse.Namespace) -> int:
-    if arguments.question == "baseline":
-        from calib.study.baseline import baseline
-
-        truth = None if arguments.truth is None else tuple(arguments.truth)
-        lines, paths = baseline(arguments.folder, arguments.hypothesis, truth)
-    elif arguments.question == "identify":
-        from calib.study.identify import identify
-
-        lines, paths = identify(arguments.folder)
-    else:
-        from calib.study.evidence import evidence
-
-        lines, paths = evidence(arguments.folder)
-    for line in [*lines, *(f"wrote {path}" for path in paths)]:
-        _say(line)
-    return 0
-
-
-def _dic(arguments: argparse.Namespace) -> int:
-    from calib.dic_study import run
-
-    run(arguments.study, arguments.out, _say)
-    return 0
-
-
-def _check_executor(arguments: argparse.Namespace) -> None:
-    """Refuse options that contradict one another."""
-    if arguments.scheduler is not None and arguments.executor != "dask":
-        raise ValueError(
-            f"--scheduler: found {arguments.scheduler} with --executor {arguments.executor}, "
-            "expected --executor dask with it"
-        )
-    fixed = "serial is one process" if arguments.scheduler is None else "the cluster has its own"
-    if arguments.workers is not None and (arguments.executor == "serial" or arguments.scheduler):
-        raise ValueError(f"--workers: found {arguments.workers}, expected none: {fixed}")
-
-
-def _summary(arguments: argparse.Namespace) -> int:
-    from calib.study.summary import format_table, load_summary, to_csv, to_json
-
-    path = arguments.path / "posterior.nc" if arguments.path.is_dir() else arguments.path
-    if not path.is_file():
-        raise ValueError(f"{path}: found no such file, expected the posterior of a finished study")
-    summaries = load_summary(path)
-    style = to_json if arguments.json else to_csv if arguments.csv else format_table
-    print(style(summaries).rstrip("\n"))
-    return _verdict(summaries)
-
-
-def _verdict(summaries: Sequence[Summary]) -> int:
-    """Say which diagnostics are outside their limits; returns the exit code."""
-    return _failed([f"{s.hypothesis}: {failure}" for s in summaries for failure in s.failures])
-
-
-def _failed(failures: Sequence[str]) -> int:
-    """Say what is outside the limits of the study; returns the exit code."""
-    for failure in failures:
-        print(f"calib: {failure}", file=sys.stderr)
-    return FAILED if failures else 0
-
-
-def _init(arguments: argparse.Namespace) -> int:
-    from calib.study.template import write_template
-
-    for path in write_template(arguments.folder):
-        print(f"wrote {path}")
-    study = shlex.quote(str(arguments.folder / "study.toml"))
-    print(f"Put your data into it, then: calib run {study}")
-    return 0
-
-
-def _studies(_: argparse.Namespace) -> int:
-    from calib.study.config import embedded_studies
-
-    studies = embedded_studies()
-    width = max(len(name) for name in studies)
-    for name, title in studies.items():
-        print(f"{name:{width}}  {title}")
-    return 0
-
-
-def _lens(arguments: argparse.Namespace) -> int:
-    from calib.optics import load_design, published_checks, published_limits, search, tables
-
-    figure: Path | None = arguments.figure
-    if figure is not None and figure.suffix.lower() != ".png":
-        raise ValueError(f"--figure: found {figure}, expected a file name that ends in .png")
-    found = search(load_design(arguments.design or "sample-4mm"))
-    remarks = list(tables.verdicts(found))
-    if arguments.design is None:
-        checks = published_checks()
-        print(tables.checks_table(checks), end="\n\n")
-        remarks = [*tables.warnings(checks), *published_limits(), *remarks]
-    print(tables.found_table(found), flush=True)
-    for remark in remarks:
-        print(f"calib: {remark}", file=sys.stderr)
-    if figure is not None:
-        from calib.optics.figures import distance_figure
-        from calib.study.figure_style import save_png
-
-        save_png(distance_figure(found), figure)
-        print(f"wrote {figure}")
-    return 0 if found[0].is_feasible else FAILED
-
-
-def _laboratory(arguments: argparse.Namespace) -> int:
-    from calib.virtual.laboratory import check_new, make_laboratory
-    from calib.virtual.laboratory_settings import chosen
-    from calib.virtual.truth import BlockTruth, solve_truth
-
-    settings = chosen(arguments.samples, arguments.format, arguments.machine_format)
-    check_new(arguments.folder)
-    _say("the simulations of the truth take minutes unless they are in " + str(arguments.runs))
-    truth = solve_truth(BlockTruth(), arguments.runs)
-    make_laboratory(arguments.folder, truth, settings, arguments.seed, _say)
-    _say(f"wrote {arguments.folder}, synthetic; what is true of it stands in truth.json")
-    return 0
-
-
-def _validate(arguments: argparse.Namespace) -> int:
-    from calib.study.second_test import load_second_test
-    from calib.study.validate import validate
-    from calib.study.validation_tables import validation_tables, verdicts
-
-    test, data_folder = load_second_test(arguments.second)
-    found, paths = validate(arguments.folder, test, data_folder, _say)
-    for table in validation_tables(found):
-        _say(f"\n{table.text()}")
-    for line in ("", *verdicts(found), *(f"wrote {path}" for path in paths)):
-        _say(line)
-    posteriors = [one for one in found["predictions"].values() if one["n_draws"] > 1]
-    return 0 if all(one["passed"] for one in posteriors) else FAILED
-
-
-def _design_next(arguments: argparse.Namespace) -> int:
-    from calib.study.design_next import design_next, gains_table
-
-    found, paths = design_next(
-        arguments.folder, arguments.hypothesis, _say, with_runs=not arguments.no_runs
-    )
-    for line in (gains_table(found).text(), *(f"wrote {path}" for path in paths)):
-        _say(line)
-    return 0
 
 
 if __name__ == "__main__":

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 from matplotlib.figure import Figure
 
 from calib.dic import Correlation, GreyImage, Reason
+from fe.atomic_file import replacing
 from fe.response import Array
 
 LOST = (
@@ -19,6 +22,12 @@ LOST = (
     "#000000",
     "#888888",
 )
+
+
+def save_png(figure: Figure, path: Path) -> None:
+    """Write a picture whole or not at all; the same numbers give the same file."""
+    with replacing(path) as temporary:
+        figure.savefig(temporary, format="png", dpi=120, metadata={"Software": None})
 
 
 def overlay(image: GreyImage, points: Array, found: Correlation) -> Figure:

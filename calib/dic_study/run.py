@@ -29,12 +29,11 @@ from calib.dic.follow import Base
 from calib.dic.images import check_sizes
 from calib.dic_study import frame_store
 from calib.dic_study.config import DicStudy, image_paths, read_study
-from calib.dic_study.pictures import lost_points, overlay
+from calib.dic_study.pictures import lost_points, overlay, save_png
 from calib.dic_study.point_frame import point_frame
 from calib.dic_study.region_mask import region_mask
 from calib.dic_study.stereo_config import StereoStudy, has_stereo
 from calib.dic_study.stereo_run import run_stereo
-from calib.study.figure_style import save_png
 from fe.atomic_file import replacing
 from fe.response import Array
 

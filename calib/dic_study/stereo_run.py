@@ -25,12 +25,12 @@ from calib.dic.stereo import (
 )
 from calib.dic.surface_frame import SurfaceFrame, surface_frame, unturned
 from calib.dic.surface_strain import surface_strain
+from calib.dic_study.pictures import save_png
 from calib.dic_study.plates import calibration_of
 from calib.dic_study.region_mask import region_mask
 from calib.dic_study.stereo_config import StereoStudy, named_files
 from calib.dic_study.stereo_pictures import stereo_overlay
 from calib.stereo_points import point_frame, reference_frame
-from calib.study.figure_style import save_png
 from fe.atomic_file import replacing
 from fe.response import Array
 

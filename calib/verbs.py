@@ -1,0 +1,221 @@
+"""What each verb of the command does; each returns an exit code.
+
+Heavy modules are imported by the verb that needs them, so that `calib --help` answers at once.
+"""
+
+from __future__ import annotations
+
+import argparse
+import shlex
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from calib.study.summary import Summary
+
+FAILED = 1
+
+
+def _say(line: str) -> None:
+    print(line, flush=True)
+
+
+def run_verb(arguments: argparse.Namespace) -> int:
+    """Carry out a study, whole or up to a stage."""
+    from calib.study.config import load_study
+
+    _check_executor(arguments)
+    study = load_study(arguments.study)
+    out = arguments.out or Path("runs") / study.name
+
+    if out.exists() and not out.is_dir():
+        raise ValueError(f"--out: found the file {out}, expected a folder or a new name")
+
+    from calib.study.stages import HowToRun, run_part, run_study
+    from calib.study.train_report import EmulatorRefused
+    from fe.campaign import CampaignFailed
+    from fe.executors import WorkerDied
+
+    how = HowToRun(
+        workers=arguments.workers,
+        executor=arguments.executor,
+        scheduler=arguments.scheduler,
+        echo=_say,
+    )
+    try:
+        if arguments.until != "run":
+            return _failed(run_part(study, out, arguments.until, **how))
+        return _verdict(run_study(study, out, **how).summaries)
+    except (CampaignFailed, EmulatorRefused, WorkerDied) as error:
+        print(f"calib: {error}", file=sys.stderr)
+        return FAILED
+
+
+def qc_verb(arguments: argparse.Namespace) -> int:
+    """Make a data set of a laboratory's files."""
+    from calib.study.experiment_data import QC_FOLDER, experiment_folder, make_dataset, qc_lines
+
+    folder = experiment_folder(arguments.study)
+    result, paths = make_dataset(folder, arguments.out or folder / QC_FOLDER, with_figures=True)
+    for line in qc_lines(result, paths):
+        _say(line)
+    if result.dataset is None:
+        return _failed(["fewer than two samples meet the rules: there is no data set"])
+    return 0
+
+
+def ask_verb(arguments: argparse.Namespace) -> int:
+    """Ask a finished study."""
+    if arguments.question == "baseline":
+        from calib.study.baseline import baseline
+
+        truth = None if arguments.truth is None else tuple(arguments.truth)
+        lines, paths = baseline(arguments.folder, arguments.hypothesis, truth)
+    elif arguments.question == "identify":
+        from calib.study.identify import identify
+
+        lines, paths = identify(arguments.folder)
+    else:
+        from calib.study.evidence import evidence
+
+        lines, paths = evidence(arguments.folder)
+    for line in [*lines, *(f"wrote {path}" for path in paths)]:
+        _say(line)
+    return 0
+
+
+def dic_verb(arguments: argparse.Namespace) -> int:
+    """Correlate images."""
+    from calib.dic_study import run
+
+    run(arguments.study, arguments.out, _say)
+    return 0
+
+
+def _check_executor(arguments: argparse.Namespace) -> None:
+    """Refuse options that contradict one another."""
+    if arguments.scheduler is not None and arguments.executor != "dask":
+        raise ValueError(
+            f"--scheduler: found {arguments.scheduler} with --executor {arguments.executor}, "
+            "expected --executor dask with it"
+        )
+    fixed = "serial is one process" if arguments.scheduler is None else "the cluster has its own"
+    if arguments.workers is not None and (arguments.executor == "serial" or arguments.scheduler):
+        raise ValueError(f"--workers: found {arguments.workers}, expected none: {fixed}")
+
+
+def summary_verb(arguments: argparse.Namespace) -> int:
+    """Print the constants of a finished study."""
+    from calib.study.summary import format_table, load_summary, to_csv, to_json
+
+    path = arguments.path / "posterior.nc" if arguments.path.is_dir() else arguments.path
+    if not path.is_file():
+        raise ValueError(f"{path}: found no such file, expected the posterior of a finished study")
+    summaries = load_summary(path)
+    style = to_json if arguments.json else to_csv if arguments.csv else format_table
+    print(style(summaries).rstrip("\n"))
+    return _verdict(summaries)
+
+
+def _verdict(summaries: Sequence[Summary]) -> int:
+    """Say which diagnostics are outside their limits; returns the exit code."""
+    return _failed([f"{s.hypothesis}: {failure}" for s in summaries for failure in s.failures])
+
+
+def _failed(failures: Sequence[str]) -> int:
+    """Say what is outside the limits of the study; returns the exit code."""
+    for failure in failures:
+        print(f"calib: {failure}", file=sys.stderr)
+    return FAILED if failures else 0
+
+
+def init_verb(arguments: argparse.Namespace) -> int:
+    """Write a study to start from."""
+    from calib.study.template import write_template
+
+    for path in write_template(arguments.folder):
+        print(f"wrote {path}")
+    study = shlex.quote(str(arguments.folder / "study.toml"))
+    print(f"Put your data into it, then: calib run {study}")
+    return 0
+
+
+def studies_verb(_: argparse.Namespace) -> int:
+    """List the embedded studies."""
+    from calib.study.config import embedded_studies
+
+    studies = embedded_studies()
+    width = max(len(name) for name in studies)
+    for name, title in studies.items():
+        print(f"{name:{width}}  {title}")
+    return 0
+
+
+def lens_verb(arguments: argparse.Namespace) -> int:
+    """Find lens and set-up of stereo images."""
+    from calib.optics import load_design, published_checks, published_limits, search, tables
+
+    figure: Path | None = arguments.figure
+    if figure is not None and figure.suffix.lower() != ".png":
+        raise ValueError(f"--figure: found {figure}, expected a file name that ends in .png")
+    found = search(load_design(arguments.design or "sample-4mm"))
+    remarks = list(tables.verdicts(found))
+    if arguments.design is None:
+        checks = published_checks()
+        print(tables.checks_table(checks), end="\n\n")
+        remarks = [*tables.warnings(checks), *published_limits(), *remarks]
+    print(tables.found_table(found), flush=True)
+    for remark in remarks:
+        print(f"calib: {remark}", file=sys.stderr)
+    if figure is not None:
+        from calib.optics.figures import distance_figure
+        from calib.study.figure_style import save_png
+
+        save_png(distance_figure(found), figure)
+        print(f"wrote {figure}")
+    return 0 if found[0].is_feasible else FAILED
+
+
+def laboratory_verb(arguments: argparse.Namespace) -> int:
+    """Write a synthetic experiment."""
+    from calib.virtual.laboratory import check_new, make_laboratory
+    from calib.virtual.laboratory_settings import chosen
+    from calib.virtual.truth import BlockTruth, solve_truth
+
+    settings = chosen(arguments.samples, arguments.format, arguments.machine_format)
+    check_new(arguments.folder)
+    _say("the simulations of the truth take minutes unless they are in " + str(arguments.runs))
+    truth = solve_truth(BlockTruth(), arguments.runs)
+    make_laboratory(arguments.folder, truth, settings, arguments.seed, _say)
+    _say(f"wrote {arguments.folder}, synthetic; what is true of it stands in truth.json")
+    return 0
+
+
+def validate_verb(arguments: argparse.Namespace) -> int:
+    """Hold a finished study against a second test."""
+    from calib.study.second_test import load_second_test
+    from calib.study.validate import validate
+    from calib.study.validation_tables import validation_tables, verdicts
+
+    test, data_folder = load_second_test(arguments.second)
+    found, paths = validate(arguments.folder, test, data_folder, _say)
+    for table in validation_tables(found):
+        _say(f"\n{table.text()}")
+    for line in ("", *verdicts(found), *(f"wrote {path}" for path in paths)):
+        _say(line)
+    posteriors = [one for one in found["predictions"].values() if one["n_draws"] > 1]
+    return 0 if all(one["passed"] for one in posteriors) else FAILED
+
+
+def design_next_verb(arguments: argparse.Namespace) -> int:
+    """Rank what to measure next."""
+    from calib.study.design_next import design_next, gains_table
+
+    found, paths = design_next(
+        arguments.folder, arguments.hypothesis, _say, with_runs=not arguments.no_runs
+    )
+    for line in (gains_table(found).text(), *(f"wrote {path}" for path in paths)):
+        _say(line)
+    return 0
