@@ -17,7 +17,8 @@ from calib.cli import main
 from calib.data.dataset_file import load_dataset
 from calib.data.qc import analyse, read_experiment
 from calib.data.qc.pipeline import QcResult
-from calib.data.qc.statistics import accuracy_table, force_table, relaxation_table
+from calib.data.qc.statistics import accuracy_table, force_table, noise_table, relaxation_table
+from calib.data.readers import read_dic, write_points
 from calib.inference.field_noise import field_covariance
 from calib.inference.forward import DirectForward
 from calib.inference.likelihood import build_likelihood
@@ -398,3 +399,35 @@ def test_a_study_that_does_not_fit_the_experiment_is_refused_by_line(lab, tmp_pa
             load_study(study_file(tmp_path, lab, **{old: new}))
         assert sentence in str(caught.value)
         assert str(caught.value).startswith(f"{tmp_path / 'study.toml'}:")
+
+
+def stating(folder: Path, sigma: tuple[float, float, float]) -> None:
+    """Let every point file of a laboratory state standard deviations, mm, in the file's axes."""
+    for path in folder.glob("S*/dic/*.csv"):
+        frame = read_dic(path).frames[0]
+        write_points(path, replace(frame, sigma=np.tile(sigma, (frame.valid.size, 1))))
+
+
+def test_what_a_dic_program_states_stands_in_for_static_frames(some):
+    folder = some(*list(GOOD)[:3])
+    alone = analyse(folder)
+    assert alone.noise.stated is None
+    stating(folder, (0.02, 0.03, 0.04))
+    beside = analyse(folder)
+    # halves are folded; with static frames, which measure it, the noise stays what it was
+    expected = np.array([0.02, 0.03, 0.04]) / np.sqrt(2)
+    np.testing.assert_allclose(beside.noise.stated, expected, rtol=1e-9)
+    np.testing.assert_array_equal(beside.noise.mean_std, alone.noise.mean_std)
+    assert "stated by the DIC program, field" in [row[0] for row in noise_table(beside).rows]
+    shutil.rmtree(folder / "static")
+    without = analyse(folder).noise.mean_std
+    assert without.min() > 0
+    np.testing.assert_allclose(without, expected / np.sqrt(3), rtol=0.05)
+
+
+def test_stated_deviations_turn_with_the_axes(some):
+    folder = some(*list(GOOD)[:2], text=EXPERIMENT)
+    stating(folder, (0.02, 0.03, 0.04))
+    turned = analyse(folder).samples[0].face.stated_std
+    axes = read_experiment(folder).axes.matrix
+    np.testing.assert_allclose(turned, np.abs(axes) @ [0.02, 0.03, 0.04], rtol=1e-9)

@@ -37,6 +37,8 @@ class FieldNoise:
     """of the data set's points, by static frames"""
     repeats: NoiseFloor
     """of the data set's points, by what differs between the samples beyond their patterns"""
+    stated: Array | None
+    """(3,) of one sample's field, mm, by the SDs that the DIC program states for its points"""
     mean_std: Array
     """(3,) SD of the mean's noise, mm"""
 
@@ -179,7 +181,7 @@ def _with_dataset(
     limit = None if static is None else static[1].std
     travel, share = experiment.protocol.travel, experiment.field.min_share
     mean = mean_field(fields, result.points, travel, share, limit)
-    noise = _noise(fields, result.points, mean, static)
+    noise = _noise(fields, result.points, mean, static, _stated(result))
     force, covariance = mean_force(forces)
     n, n_step = forces.shape
     floor = noise.static or noise.repeats
@@ -209,16 +211,34 @@ def _with_dataset(
     return replace(result, mean=mean, noise=noise, dataset=dataset, seconds=seconds)
 
 
+def _stated(result: QcResult) -> Array | None:
+    """SD (3,) of one folded field by what the DIC program states, mm; None if nothing."""
+    faces = [s.face for s, good in zip(result.samples, result.kept, strict=True) if good]
+    stated = [face.stated_std for face in faces if face is not None and face.stated_std is not None]
+    if not stated:
+        return None
+    # the mean of one half and the mirror image of the other
+    return np.asarray(np.sqrt(np.mean(np.square(stated), axis=0) / 2), dtype=np.float64)
+
+
 def _noise(
-    fields: Array, points: Array, mean: MeanField, static: tuple[NoiseFloor, NoiseFloor] | None
+    fields: Array,
+    points: Array,
+    mean: MeanField,
+    static: tuple[NoiseFloor, NoiseFloor] | None,
+    stated: Array | None,
 ) -> FieldNoise:
-    """The larger of what static frames and what the samples' scatter say, over the root of n."""
+    """The larger of what the samples' scatter says and static frames say, over the root of n.
+
+    Without static frames what the DIC program states stands in for them.
+    """
     n = len(fields)
     repeats = _repeats(points[mean.kept], mean)
-    std = repeats.std if static is None else np.maximum(static[1].std, mean.residual_std)
+    other = stated if static is None else static[1].std
+    std = repeats.std if other is None else np.maximum(other, mean.residual_std)
     effective = len(mean.n_samples) / np.sum(1.0 / mean.n_samples)
     at_points, at_places = (None, None) if static is None else static
-    return FieldNoise(at_points, at_places, repeats, std / np.sqrt(min(effective, n)))
+    return FieldNoise(at_points, at_places, repeats, stated, std / np.sqrt(min(effective, n)))
 
 
 def _repeats(points: Array, mean: MeanField) -> NoiseFloor:

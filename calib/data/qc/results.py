@@ -81,6 +81,7 @@ def qc_report(result: QcResult, version: str) -> dict[str, object]:
             "at_points": _floor(noise.at_points),
             "static": _floor(noise.static),
             "repeats": _floor(noise.repeats),
+            "stated": noise.stated,
         },
         "dataset": None
         if dataset is None or dataset.field is None

@@ -35,6 +35,9 @@ class FaceField:
     placement: Placement
     cleaned: Cleaned
     """of the frames after the reference"""
+    stated_std: Array | None = None
+    """(3,) mm, root mean square of the SDs that the DIC program states for points under load; None
+    where it states none"""
     pin_travel: Array | None = None
     """(n_hold,) median u_y of the points on the pin, mm; None where none are named"""
 
@@ -123,7 +126,18 @@ def _face(
     placement = place(clean, loaded, width, options.edge_mm, options.base_mm)
     pin = experiment.mask.pin_rectangle_mm
     on_pin = None if pin is None else np.array([_pin_travel(f, axes, pin) for f in picked[1:]])
-    return FaceField(lattice, places, placement, cleaned, on_pin)
+    return FaceField(lattice, places, placement, cleaned, _stated(picked[1:], axes), on_pin)
+
+
+def _stated(frames: list[PointFrame], axes: Array) -> Array | None:
+    """Root mean square (3,) of the SDs that the frames' program states, in our axes, mm."""
+    known = [f.sigma[f.valid] for f in frames if f.sigma is not None]
+    squares = np.concatenate(known) ** 2 if known else np.zeros((0, 3))
+    squares = squares[np.isfinite(squares).all(axis=1)]
+    if not squares.size:
+        return None
+    stated: Array = np.sqrt(squares.mean(axis=0) @ (axes.T**2))
+    return stated
 
 
 def _pin_travel(frame: PointFrame, axes: Array, pin: Box) -> float:

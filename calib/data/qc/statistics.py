@@ -266,6 +266,9 @@ def noise_table(result: QcResult) -> QcTable:
         for name, floor in floors
         if floor is not None
     ]
+    if noise.stated is not None:
+        stated = (float(v) for v in noise.stated)
+        rows.append(("stated by the DIC program, field", *stated, "", "", "", ""))
     return QcTable("noise", "Noise", columns, tuple(rows))
 
 
