@@ -14,10 +14,12 @@ from calib.inference.inference_data import load_inference_data
 from calib.study.artifacts import read_json
 from calib.study.config import Study, StudyError, load_study, read_study
 from calib.study.context import block_pin_model
+from calib.study.finished import check_three_unknowns
 from calib.study.stages import run_study
 from calib.study.study_file import study_text
 from calib.study.summary import load_summary
 from calib.study.unknowns import (
+    ERRORS,
     design_points,
     fixed_values,
     inputs_of,
@@ -372,3 +374,14 @@ def test_bulk_ratio_and_height_are_inferred_with_the_fe_model(tmp_path: Path) ->
     diagnostics = read_json(tmp_path / "diagnostics.json")["sliding"]
     assert diagnostics["inputs"] == ["r [-]", "s [-]", "ln bulk_ratio [-]", "height [mm]"]
     assert diagnostics["n_with_gradients"] > 0
+
+
+def test_questions_of_three_unknowns_refuse_a_hypothesis_with_more() -> None:
+    plain, more = study_of(TEXT), study_of(TEXT + uniform("prior.height", 2.4, 2.6))
+    check_three_unknowns(plain, plain.hypotheses[0])
+    with pytest.raises(ValueError, match="found the unknowns kappa, r, s, height, expected"):
+        check_three_unknowns(more, more.hypotheses[0], *ERRORS)
+    noisy = study_of(TEXT + uniform("prior.force_noise", 0.5, 2.0))
+    check_three_unknowns(noisy, noisy.hypotheses[0], *ERRORS)
+    with pytest.raises(ValueError, match="force_noise, expected kappa, r, s"):
+        check_three_unknowns(noisy, noisy.hypotheses[0])

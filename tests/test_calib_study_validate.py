@@ -14,7 +14,7 @@ import xarray as xr
 from calib.cli import FAILED, WRONG_INPUT, main
 from calib.data.dataset import Dataset, FieldData
 from calib.data.dataset_file import save_dataset
-from calib.inference.inference_data import save_inference_data
+from calib.inference.inference_data import load_inference_data, save_inference_data
 from calib.study.second_data import plate_model, second_data, solve
 from calib.study.second_prediction import at_points
 from calib.study.second_test import SecondTest, load_second_test
@@ -170,6 +170,24 @@ def test_a_missing_study_or_hypothesis_is_said_in_one_sentence(
     asked: SecondTest = replace(test, hypothesis="other")
     with pytest.raises(ValueError, match="hypothesis: found other, expected one of right"):
         validate(_finished(tmp_path, right=1.0), asked, folder, lambda _: None)
+
+
+def test_a_posterior_of_another_law_or_of_an_unknown_bulk_ratio_is_refused(
+    tmp_path: Path, test_file: Path
+) -> None:
+    test, folder = load_second_test(test_file)
+    out = _finished(tmp_path, right=1.0)
+    stored = load_inference_data(out / "posterior.nc")
+    whole = stored["posterior"]
+    for posterior, says in (
+        (whole.drop_vars("C11"), "right: found no C11, expected"),
+        (whole.assign(C01=np.nan * whole["C01"]), "right: found no C01, expected"),
+        (whole.assign(bulk_ratio=whole["C10"]), "found bulk_ratio among the unknowns"),
+    ):
+        changed = az.InferenceData(attrs=stored.attrs, posterior=posterior)
+        save_inference_data(changed, out / "posterior.nc")
+        with pytest.raises(ValueError, match=says):
+            validate(out, test, folder, lambda _: None)
 
 
 def test_the_embedded_test_is_readable() -> None:

@@ -19,12 +19,13 @@ from calib.study.artifacts import write_json
 from calib.study.context import Context, stream
 from calib.study.data_stage import load_data
 from calib.study.figure_style import COLOURS, INK, MUTED, save_png, tidy
-from calib.study.finished import chosen, finished
+from calib.study.finished import check_three_unknowns, chosen, finished
 from calib.study.mesh_error import load_mesh_error
 from calib.study.sample_stage import load_samples, samples_path
 from calib.study.sections import Hypothesis
 from calib.study.tables import Table, number
 from calib.study.train_stage import load_emulator
+from calib.study.unknowns import ERRORS
 from fe.response import Array
 from surrogate import ScaledEmulator
 
@@ -66,10 +67,12 @@ def baseline(
 
     On the study's own field where it has one, else on a synthetic one: the emulator's field at
     `truth` (C10, C01, C11 in MPa; default those of thesis Table 5.4) with noise.
-    Raises ValueError where the folder holds no finished study and for a truth beside a field.
+    Raises ValueError where the folder holds no finished study, for a truth beside a field, and
+    for a hypothesis with other unknowns of the forward model than kappa, r and s.
     """
     context = finished(out)
     under = chosen(context.study, hypothesis)
+    check_three_unknowns(context.study, under, *ERRORS)
     found = _run(context, under, truth)
     write_json(out / FILE, facts(found))
     draws = _draws(context, under)

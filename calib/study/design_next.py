@@ -17,6 +17,7 @@ from calib.study.config import Study, load_study
 from calib.study.context import Context, block_pin_model, stream
 from calib.study.data_stage import load_data
 from calib.study.figure_style import save_png
+from calib.study.finished import check_three_unknowns
 from calib.study.information_figures import gains_figure
 from calib.study.mesh_error import load_mesh_error
 from calib.study.plans import ASSUMED_NOISE, Errors, Plan, by_emulator, by_runs
@@ -40,12 +41,13 @@ def design_next(
 
     `hypothesis` may be left out where there is one only. Without FE runs, increments and
     instruments alone are weighed. Raises ValueError when the study is not finished or has no such
-    hypothesis.
+    hypothesis, or one with other unknowns than kappa, r and s.
     """
     if not (out / "posterior.nc").is_file():
         raise ValueError(f"{out}: found no posterior.nc, expected the folder of a finished study")
     study = load_study(out / "study.toml")
     chosen = _hypothesis(study, hypothesis)
+    check_three_unknowns(study, chosen)
     context = Context(study, out, block_pin_model, serial_map, echo, show_progress=False)
     x = _draws(context, chosen)
     data = load_data(out).dataset
@@ -79,7 +81,8 @@ def _hypothesis(study: Study, name: str | None) -> Hypothesis:
     if name is None and len(known) == 1:
         return study.hypotheses[0]
     if name not in known:
-        raise ValueError(f"--hypothesis: found {name}, expected one of {', '.join(known)}")
+        expected = ", ".join(known)
+        raise ValueError(f"--hypothesis: found {name or 'none'}, expected one of {expected}")
     return known[name]
 
 

@@ -26,6 +26,7 @@ from fe.response import Array
 
 FOLDER = "validation"
 COMPONENTS = ("x", "y", "z")
+CONSTANTS = ("C10", "C01", "C11")
 Echo = Callable[[str], None]
 
 
@@ -35,7 +36,7 @@ def validate(
     """Predict the second test by the study in `out`; returns what was found and the files written.
 
     `folder` is where the test's data are looked for. Raises ValueError when the study is not
-    finished, has no such hypothesis, or the test cannot be read or solved.
+    finished, has no such hypothesis or one of another law, or the test cannot be read or solved.
     """
     draws, bulk_ratio = _posterior(out, test)
     echo(f"data       {test.data.source}")
@@ -76,9 +77,25 @@ def _posterior(out: Path, test: SecondTest) -> tuple[dict[str, Array], float]:
     draws = {}
     for name in names if test.hypothesis is None else [test.hypothesis]:
         one = posterior.sel(hypothesis=name)
-        values = np.stack([one[c].values.ravel() for c in ("C10", "C01", "C11")], axis=1)
+        _check_constants(path, name, one)
+        values = np.stack([one[c].values.ravel() for c in CONSTANTS], axis=1)
         draws[name] = values[rng.choice(len(values), test.draws, replace=False)]
     return draws, float(study["material"]["bulk_ratio"])
+
+
+def _check_constants(path: Path, name: str, posterior: Any) -> None:
+    """Refuse a posterior of a law or a bulk ratio that the second test is not solved with."""
+    lacking = [c for c in CONSTANTS if c not in posterior or np.isnan(posterior[c]).any()]
+    if lacking:
+        raise ValueError(
+            f"{path}: hypothesis {name}: found no {', '.join(lacking)}, "
+            "expected a posterior of the law mooney-rivlin-3"
+        )
+    if "bulk_ratio" in posterior and not np.isnan(posterior["bulk_ratio"]).any():
+        raise ValueError(
+            f"{path}: hypothesis {name}: found bulk_ratio among the unknowns, "
+            "expected one that the study gives"
+        )
 
 
 def _against(

@@ -10,7 +10,6 @@ import numpy as np
 import numpy.typing as npt
 
 from fe.materials.law import LAWS, MOONEY_RIVLIN_3, Law
-from fe.materials.law_codes import NEO_HOOKEAN
 from fe.materials.mooney_rivlin import from_ratios
 from fe.materials.volumetric import VOLUMETRIC_CODES, Volumetric
 
@@ -90,10 +89,6 @@ class Material:
         """
         code, constants = self.law.slope(np.array(self.constants, dtype=np.float64), direction)
         return KernelMaterial(code, constants, 1.0, VOLUMETRIC_CODES["quadratic"])
-
-    def bulk_slope(self) -> KernelMaterial:
-        """The material dW/dK: the volumetric law alone at a bulk modulus of 1 MPa."""
-        return KernelMaterial(NEO_HOOKEAN, np.zeros(1), 1.0, VOLUMETRIC_CODES[self.volumetric])
 
 
 def material(
