@@ -392,7 +392,7 @@ def test_the_field_is_held_against_its_predictions_by_increment_and_region(virtu
 def test_what_to_measure_next_is_ranked_and_checked(virtual: Run) -> None:
     from calib.study.design_next import design_next
 
-    with pytest.raises(ValueError, match="--hypothesis: found None, expected one of stuck"):
+    with pytest.raises(ValueError, match="--hypothesis: found none, expected one of stuck"):
         design_next(virtual.out, None, lambda _: None, with_runs=False)
     found, paths = design_next(virtual.out, "sliding", lambda _: None, with_runs=False)
     gains = {plan["name"]: plan["gain"]["mean"] for plan in found["plans"]}

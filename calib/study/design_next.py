@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +22,7 @@ from calib.study.finished import check_three_unknowns
 from calib.study.information_figures import gains_figure
 from calib.study.mesh_error import load_mesh_error
 from calib.study.plans import ASSUMED_NOISE, Errors, Plan, by_emulator, by_runs
-from calib.study.posterior_setup import emulator_posterior
+from calib.study.posterior_setup import emulator_posterior, noise_of
 from calib.study.sample_stage import load_samples
 from calib.study.sections import Hypothesis
 from calib.study.tables import Table, number
@@ -108,10 +109,8 @@ def errors_of(context: Context, hypothesis: Hypothesis, data: Dataset) -> Errors
     field: FieldData | None = data.field
     return Errors(
         own_share=own,
-        load_cell_sd=load_cell,
+        noise=replace(noise_of(context.study), load_cell_sd=load_cell),
         n_samples=data.n_samples,
-        correlation=noise.sample_correlation,
-        zero_sd=noise.travel_zero_sd,
         discretisation=mesh.force,
         floor=mesh.field_floor,
         noise_std=np.array(ASSUMED_NOISE) if field is None else field.noise_std,

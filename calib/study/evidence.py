@@ -46,7 +46,7 @@ class Standing:
 
     name: str
     quadrature: tuple[float, float] | None
-    """ln evidence and its error; None where there are not three unknowns"""
+    """ln evidence and its error by quadrature, or by importance sampling with many unknowns"""
     nested: tuple[float, float]
     """ln evidence by nested sampling and its SD"""
     increments: Scores

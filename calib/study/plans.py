@@ -31,12 +31,9 @@ class Errors:
 
     own_share: Array
     """(n_step,) SD of the force between samples, load cell left out, over the force"""
-    load_cell_sd: float
-    """N"""
+    noise: NoiseSettings
+    """the study's, its load cell not above what the samples differ by"""
     n_samples: int
-    correlation: float
-    zero_sd: float
-    """mm"""
     discretisation: Array
     """(n_step,) relative SD of the force's mesh error"""
     floor: Array
@@ -47,6 +44,10 @@ class Errors:
     """correlation length of the noise, mm"""
     reference_share: float
     nugget: float
+
+    def with_noise(self, **changed: float) -> Errors:
+        """With other noise of the test."""
+        return replace(self, noise=replace(self.noise, **changed))
 
     def scaled(self, scale: float, *, noise: float) -> Errors:
         """Of a block `scale` times as large, seen with `noise` times the noise.
@@ -98,15 +99,14 @@ def planned_likelihood(
         synthetic=True,
         travel=travel,
         force_mean=force,
-        force_sd=np.hypot(errors.own_share * force, errors.load_cell_sd),
+        force_sd=np.hypot(errors.own_share * force, errors.noise.load_cell_sd),
         n_samples=errors.n_samples,
         field=field,
     )
-    noise = NoiseSettings(errors.load_cell_sd, errors.correlation, errors.zero_sd)
     return build_likelihood(
         data,
         forward,
-        noise,
+        errors.noise,
         force_discretisation=errors.discretisation,
         field_floor=errors.floor,
     )
@@ -130,13 +130,15 @@ def by_emulator(
     yield plan(
         "load cell noise / 10",
         "instruments",
-        replace(errors, load_cell_sd=errors.load_cell_sd / 10),
+        errors.with_noise(load_cell_sd=errors.noise.load_cell_sd / 10),
     )
     yield plan(
         "4 times the samples", "instruments", replace(errors, n_samples=4 * errors.n_samples)
     )
     yield plan(
-        "zero of the travel / 10", "instruments", replace(errors, zero_sd=errors.zero_sd / 10)
+        "zero of the travel / 10",
+        "instruments",
+        errors.with_noise(travel_zero_sd=errors.noise.travel_zero_sd / 10),
     )
     if same.with_field:
         halved = replace(errors, noise_std=errors.noise_std / 2)
