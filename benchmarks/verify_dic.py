@@ -6,7 +6,7 @@ Parts on synthetic images, whose truth is exact: shift (bias, noise against the 
 sigma (is the stated deviation right, with and without glare), compression (to 60 %). Parts on the
 images of the DIC Challenge and others, in the folder of --data or SOFTCAL_DATA: sample5,
 sample12, sample14, stretch, strip; of two cameras: plates, static. Two cameras, rendered: stereo
-(accuracy), end_to_end (20 posteriors from photographs, half an hour and more). Each part replaces
+(accuracy), end_to_end (20 posteriors from photographs, some 17 minutes). Each part replaces
 its own figures in FILE, leaves the others.
 """
 
