@@ -149,11 +149,35 @@ def test_the_nugget_is_part_of_the_fields_covariance():
 
 def test_a_measured_covariance_is_that_of_the_likelihood():
     settings = NoiseSettings(load_cell_sd=0.01, sample_correlation=0.5)
-    np.testing.assert_allclose(mean_covariance(DATA, settings), COVARIANCE / 8)
+    # 8 samples, 3 increments: (8 - 1) / (8 - 3 - 2)
+    np.testing.assert_allclose(mean_covariance(DATA, settings), COVARIANCE / 8 * 7 / 3)
     plain = mean_covariance(replace(DATA, force_covariance=None), settings)
     assert plain[0, 1] == pytest.approx(
         0.5 * np.sqrt((DATA.force_sd[0] ** 2 - 1e-4) * (DATA.force_sd[1] ** 2 - 1e-4)) / 8
     )
+
+
+def test_means_scatter_about_the_truth_as_the_measured_covariance_says():
+    """False alarm below 1e-6: the mean of 4000 sums of squares, expected 3, within 5 of its SDs."""
+    n, rng = 12, np.random.default_rng(5)
+    sums = []
+    for _ in range(4000):
+        forces = rng.multivariate_normal(np.zeros(3), COVARIANCE, n)
+        covariance = np.cov(forces, rowvar=False)
+        drawn = replace(
+            DATA,
+            field=None,
+            samples=None,
+            n_samples=n,
+            force_mean=10.0 + forces.mean(axis=0),
+            force_sd=np.sqrt(np.diag(covariance)),
+            force_covariance=covariance,
+        )
+        stated = mean_covariance(drawn, NoiseSettings())
+        off = drawn.force_mean - 10.0
+        sums.append(off @ np.linalg.solve(stated, off))
+    error = np.std(sums) / np.sqrt(len(sums))
+    assert abs(np.mean(sums) - 3.0) < 5 * error < 0.4
 
 
 def test_patterns_of_the_data_are_part_of_the_fields_covariance():

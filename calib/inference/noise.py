@@ -100,10 +100,14 @@ def between_sample_covariance(force_sd: Array, load_cell_sd: float, correlation:
 def mean_covariance(dataset: Dataset, settings: NoiseSettings) -> Array:
     """(n_step, n_step) covariance of the mean force of `n_samples` samples, N^2.
 
-    As measured between the samples where the dataset has it, else by the settings.
+    As measured between the samples where the dataset has it, else by the settings. Of n samples at
+    p increments it is uncertain itself: given it, the mean is t-distributed with n - p degrees of
+    freedom, whose covariance is (n - 1) / (n - p - 2) times as large (Anderson, An Introduction to
+    Multivariate Statistical Analysis, 5.2). With n = p + 2, where there is none, n - 1 times.
     """
     if dataset.force_covariance is not None:
-        return dataset.force_covariance / dataset.n_samples
+        n, p = dataset.n_samples, dataset.travel.size
+        return dataset.force_covariance / n * ((n - 1) / max(n - p - 2, 1))
     covariance = between_sample_covariance(
         dataset.force_sd, settings.load_cell_sd, settings.sample_correlation
     )

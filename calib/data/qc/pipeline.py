@@ -203,7 +203,7 @@ def _with_dataset(
         force_sd=np.sqrt(np.diag(covariance)),
         n_samples=n,
         field=field,
-        # with fewer samples it has no inverse, or one that is chance
+        # with fewer samples it has no inverse, or one that is chance: see `mean_covariance`
         force_covariance=covariance if n >= n_step + 2 else None,
         samples=SampleData(names, forces, fields[:, :, mean.kept]),
     )
