@@ -7,16 +7,16 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from calib.dic.bundle import (
-    LensModel,
+from calib.dic.bundle import LensModel
+from calib.dic.bundle_residual import (
     Pair,
-    _circle_shifts,
-    _flat_residual,
-    _jacobian,
-    _pack,
-    _residual,
     circle_shift,
+    circle_shifts,
+    flat_residual,
     gather,
+    jacobian_of,
+    pack,
+    residual_of,
     rotate,
 )
 from calib.dic.calibration import CalibrationSettings, calibrate, first_guess, shared
@@ -77,17 +77,17 @@ def test_rotation_and_its_derivative():
 def test_the_jacobian_of_the_bundle_is_a_difference(plate_error):
     pairs = tuple(Pair(*two) for two in zip(*views(3, missing=0.1), strict=True))
     plate = gather(pairs, plate_error)
-    full = _pack(first_guess(pairs, SIZE))
+    full = pack(first_guess(pairs, SIZE))
     full[[5, 6, 8, 9, 15]] = -0.1, 0.2, 1e-3, -2e-3, 0.05
     if plate_error:
         full = np.append(full, 0.01 * np.random.default_rng(1).standard_normal(plate.places.size))
-    shifts = _circle_shifts(full, pairs)
-    exact = _jacobian(full, pairs, plate)
+    shifts = circle_shifts(full, pairs)
+    exact = jacobian_of(full, pairs, plate)
     rng = np.random.default_rng(2)
     for _ in range(6):
         direction = rng.standard_normal(full.size) * np.maximum(np.abs(full), 1e-3) * 1e-6
         ends = [
-            _flat_residual(_residual(full + sign * direction, pairs, plate, shifts))
+            flat_residual(residual_of(full + sign * direction, pairs, plate, shifts))
             for sign in (1, -1)
         ]
         assert exact @ direction == pytest.approx((ends[0] - ends[1]) / 2, rel=1e-5, abs=1e-9)

@@ -8,7 +8,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from calib.dic.bundle import Bundle, Guess, LensModel, Pair, adjust
+from calib.dic.bundle import Bundle, LensModel, adjust
+from calib.dic.bundle_residual import Guess, Pair
 from calib.dic.camera import Camera, Intrinsics, StereoRig, epipolar_distance
 from calib.dic.distortion import Array
 from calib.dic.plate_view import PlateView, fit_homography

@@ -52,6 +52,7 @@ def read_image(path: Path | str) -> GreyImage:
 
 
 def _values(path: Path) -> np.ndarray:
+    """What a file holds. Decoders raise anything at a damaged file: all of it is a refusal."""
     try:
         return np.asarray(io.imread(path))
     except Exception:

@@ -84,6 +84,7 @@ def refine_pose(rig: StereoRig, left: Array, right: Array) -> Refined:
     across = np.linalg.svd(shift[None, :])[2][1:]
 
     def moved(x: Array) -> StereoRig:
+        """The rig turned by the vector x[:3] [rad], its baseline by x[3:] [rad]."""
         direction = shift / length + x[3:] @ across
         right_camera = Camera(
             rig.right.intrinsics,

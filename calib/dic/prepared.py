@@ -119,6 +119,7 @@ def refine(
     results = np.empty((len(points), N_RESULT))
 
     def run(part: IntArray) -> None:
+        """Correlate some of the points, into `parameters` and `results`."""
         correlate_range(
             reference.image, reference.slope_x, reference.slope_y,
             reference.mask, deformed.coefficients,

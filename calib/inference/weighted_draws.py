@@ -74,12 +74,14 @@ class _Student:
     """(d, d) lower Cholesky factor of its scale"""
 
     def sample(self, rng: np.random.Generator, n: int) -> Array:
+        """(n, d) draws."""
         radius = np.sqrt(DEGREES / rng.chisquare(DEGREES, n))
         white = rng.standard_normal((n, self.mean.size))
         drawn: Array = self.mean + radius[:, None] * (white @ self.factor.T)
         return drawn
 
     def log_density(self, y: Array) -> Array:
+        """(n,) at y (n, d)."""
         d = self.mean.size
         white = np.linalg.solve(self.factor, (y - self.mean).T)
         norm = gammaln(0.5 * (DEGREES + d)) - gammaln(0.5 * DEGREES)

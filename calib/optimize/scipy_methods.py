@@ -43,6 +43,7 @@ def _run(
     best = first if _met(ask, x, settings) else np.inf
 
     def value(point: Array) -> float:
+        """The objective inside the bounds; a wall where it fails. Keeps the path of the best."""
         nonlocal best
         inside = problem.inside(point)
         found = ask.value(inside)

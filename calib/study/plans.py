@@ -119,6 +119,7 @@ def by_emulator(
     every = tuple(range(travel.size))
 
     def plan(name: str, group: str, changed: Errors, *, camera: bool = True) -> Plan:
+        """The study's experiment with other errors, with or without its camera."""
         likelihood = planned_likelihood(forward, travel, points, changed, theta)
         seen = camera and likelihood.field is not None
         return Plan(name, group, likelihood, every, seen, "emulator")
