@@ -88,7 +88,7 @@ def intrinsics_at(values: Array) -> Intrinsics:
 
 
 def pose_at(full: Array, number: int) -> tuple[Array, Array]:
-    """Rotation vector (3,), translation (3,) [mm]; number 0 is the right camera, then the plates."""
+    """Rotation vector (3,), translation (3,) [mm]; 0 is the right camera, then the plates."""
     start = 2 * N_INTRINSIC + N_POSE * number
     return full[start : start + 3], full[start + 3 : start + 6]
 

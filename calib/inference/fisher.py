@@ -58,7 +58,7 @@ def fisher_information(likelihood: Likelihood, x: Array, part: Part = "both") ->
     without modes (the direct model's).
     """
     theta = theta_of(x[None])
-    prediction = likelihood.forward.predict(theta)
+    prediction = likelihood.predict(theta)
     slope = likelihood.forward.jacobian(theta)
     found = []
     if part in ("force", "both"):

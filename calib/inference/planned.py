@@ -86,8 +86,8 @@ def reduce_experiment(
     """
     theta, centre = theta_of(x), theta_of(x.mean(axis=0))[None]
     chosen = np.arange(likelihood.force.size) if steps is None else steps
-    prediction, slope = likelihood.forward.predict(theta), likelihood.forward.jacobian(theta)
-    at_centre = likelihood.forward.predict(centre)
+    prediction, slope = likelihood.predict(theta), likelihood.forward.jacobian(theta)
+    at_centre = likelihood.predict(centre)
     column = np.ascontiguousarray(at_centre.force.T)
     noise = likelihood.errors.covariance(column, None)[np.ix_(chosen, chosen)][:, :, 0]
     shifts = likelihood.errors.shifts(column)[:, chosen, 0]
