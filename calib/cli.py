@@ -10,6 +10,7 @@ import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TypeAlias
 
 from calib.verbs import (
     FAILED,
@@ -27,6 +28,8 @@ from calib.verbs import (
 )
 
 __all__ = ["FAILED", "STOPPED", "WRONG_INPUT", "main"]
+
+_Verbs: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
 
 WRONG_INPUT = 2
 STOPPED = 130  # 128 + SIGINT, as shells have it
@@ -69,6 +72,19 @@ def _parser() -> argparse.ArgumentParser:
     )
     verbs = parser.add_subparsers(required=True, metavar="VERB")
 
+    _add_running(verbs)
+    _add_measured(verbs)
+    _add_beginnings(verbs)
+    _add_summary(verbs)
+    _add_lens(verbs)
+    _add_laboratory(verbs)
+    _add_questions(verbs)
+    _add_predictions(verbs)
+    return parser
+
+
+def _add_running(verbs: _Verbs) -> None:
+    """Verbs that carry out a study, whole or in part."""
     for name, text in (
         ("run", "carry out a study; what is up to date is not done again"),
         ("simulate", "run the simulations of a study's design; `run` and `train` go on from there"),
@@ -78,6 +94,9 @@ def _parser() -> argparse.ArgumentParser:
         _add_study(verb)
         verb.set_defaults(verb=run_verb, until=name)
 
+
+def _add_measured(verbs: _Verbs) -> None:
+    """Verbs from instruments to data."""
     qc = verbs.add_parser(
         "qc", help="make a data set of a laboratory's files, and say what is in it"
     )
@@ -96,13 +115,9 @@ def _parser() -> argparse.ArgumentParser:
     dic.add_argument("--out", type=Path, metavar="DIR", help="results (default: STUDY-dic)")
     dic.set_defaults(verb=dic_verb)
 
-    summary = verbs.add_parser("summary", help="print the table of a posterior")
-    summary.add_argument("path", type=Path, metavar="PATH", help="posterior.nc, or its folder")
-    style = summary.add_mutually_exclusive_group()
-    style.add_argument("--json", action="store_true", help="a list, one object per hypothesis")
-    style.add_argument("--csv", action="store_true", help="one line per hypothesis and constant")
-    summary.set_defaults(verb=summary_verb)
 
+def _add_beginnings(verbs: _Verbs) -> None:
+    """Verbs to start with."""
     init = verbs.add_parser("init", help="write a commented study and example data to start from")
     init.add_argument("folder", type=Path, metavar="DIR", help="folder to make")
     init.set_defaults(verb=init_verb)
@@ -110,6 +125,17 @@ def _parser() -> argparse.ArgumentParser:
     studies = verbs.add_parser("studies", help="list the embedded studies")
     studies.set_defaults(verb=studies_verb)
 
+
+def _add_summary(verbs: _Verbs) -> None:
+    summary = verbs.add_parser("summary", help="print the table of a posterior")
+    summary.add_argument("path", type=Path, metavar="PATH", help="posterior.nc, or its folder")
+    style = summary.add_mutually_exclusive_group()
+    style.add_argument("--json", action="store_true", help="a list, one object per hypothesis")
+    style.add_argument("--csv", action="store_true", help="one line per hypothesis and constant")
+    summary.set_defaults(verb=summary_verb)
+
+
+def _add_lens(verbs: _Verbs) -> None:
     lens = verbs.add_parser("lens", help="find lens and set-up for stereo images of a small face")
     lens.add_argument(
         "design",
@@ -119,13 +145,9 @@ def _parser() -> argparse.ArgumentParser:
     )
     lens.add_argument("--figure", type=Path, metavar="PNG", help="field and depth over distance")
     lens.set_defaults(verb=lens_verb)
-    _add_laboratory(verbs)
-    _add_questions(verbs)
-    _add_predictions(verbs)
-    return parser
 
 
-def _add_questions(verbs: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+def _add_questions(verbs: _Verbs) -> None:
     """Verbs that ask a finished study."""
     for name, text in (
         ("identify", "say what the data of a finished study know of each constant"),
@@ -145,7 +167,7 @@ def _add_questions(verbs: argparse._SubParsersAction[argparse.ArgumentParser]) -
     )
 
 
-def _add_predictions(verbs: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+def _add_predictions(verbs: _Verbs) -> None:
     text = "hold a finished study against a second test: other geometry, other loading"
     validate = verbs.add_parser("validate", help=text)
     validate.add_argument("folder", type=Path, metavar="RUNDIR", help="folder of a finished study")
@@ -164,7 +186,7 @@ def _add_predictions(verbs: argparse._SubParsersAction[argparse.ArgumentParser])
     following.set_defaults(verb=design_next_verb)
 
 
-def _add_laboratory(verbs: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+def _add_laboratory(verbs: _Verbs) -> None:
     text = "make a synthetic experiment: files of test machine and DIC with a known truth"
     laboratory = verbs.add_parser("laboratory", help=text)
     laboratory.add_argument("folder", type=Path, metavar="DIR", help="folder to make")
