@@ -10,7 +10,9 @@ from nbclient import NotebookClient
 
 from calib.study.stages import StudyResult
 
-NOTEBOOKS = sorted((Path(__file__).parent.parent / "notebooks").glob("*.ipynb"))
+FOLDER = Path(__file__).parent.parent / "notebooks"
+NOTEBOOKS = sorted(FOLDER.glob("*.ipynb"))
+THESIS_STUDY = "01_thesis_forces"
 
 
 def test_there_are_notebooks() -> None:
@@ -24,7 +26,7 @@ def test_notebooks_are_committed_without_output(path: Path) -> None:
 
 
 EXPECTED = {
-    "01_thesis_forces": (5, "simulate   up to date"),
+    THESIS_STUDY: (5, "simulate   up to date"),
     "02_forward_model": (4, "converged: reached every asked travel"),
     "03_emulator": (5, "16 runs of 3 travels, 840 points of the front face"),
     "04_experiment_to_dataset": (4, "rejected without cause: none"),
@@ -34,16 +36,29 @@ EXPECTED = {
 """pictures that a notebook shows, and words that it prints"""
 
 
-@pytest.mark.study
-@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
-def test_notebooks_run(
-    path: Path, thesis_study: StudyResult, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("SOFTCAL_RUNS", str(thesis_study.out.parent))
-    notebook = nbformat.read(path, as_version=4)
+def run_and_look(name: str) -> None:
+    """Run a notebook from first to last cell and look for its pictures and words."""
+    notebook = nbformat.read(FOLDER / f"{name}.ipynb", as_version=4)
     NotebookClient(notebook, timeout=1200).execute()
     outputs = [output for cell in notebook.cells for output in cell.get("outputs", [])]
     pictures = [o for o in outputs if "image/png" in o.get("data", {})]
-    n_pictures, words = EXPECTED[path.stem]
+    n_pictures, words = EXPECTED[name]
     assert len(pictures) == n_pictures
     assert words in "".join(o["text"] for o in outputs if o.output_type == "stream")
+
+
+@pytest.mark.study
+def test_the_notebook_of_the_thesis_study_runs(
+    thesis_study: StudyResult, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("SOFTCAL_RUNS", str(thesis_study.out.parent))
+    run_and_look(THESIS_STUDY)
+
+
+@pytest.mark.notebook
+@pytest.mark.parametrize(
+    "path", [path for path in NOTEBOOKS if path.stem != THESIS_STUDY], ids=lambda path: path.stem
+)
+def test_notebooks_run(path: Path, finished_studies: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("SOFTCAL_RUNS", str(finished_studies))
+    run_and_look(path.stem)
