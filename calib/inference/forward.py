@@ -217,6 +217,13 @@ class DirectForward:
         return len(self._runs)
 
     @property
+    def solved(self) -> Array:
+        """(k, d) inputs of the simulations that reached every travel, in the order of solving."""
+        good = [key for key, run in self._runs.items() if np.isfinite(run.force).all()]
+        rows: Array = np.array([np.frombuffer(key) for key in good])
+        return rows
+
+    @property
     def field_basis(self) -> FieldBasis | None:
         """Identity basis once a run has shown the field's shape; None for forces only."""
         return self._basis

@@ -30,6 +30,7 @@ from calib.study.simulate_stage import load_design, manifest_files
 from calib.study.train_stage import FIRST, design_runs, fit_and_judge, load_emulator
 from calib.study.training_runs import rows
 from calib.study.unknowns import parameters_of, prior_of
+from calib.study.verification import campaigns_added, refinement_is_kept
 from fe.campaign import CampaignFailed, CampaignPlan, load_campaign, run_campaigns
 from fe.campaign_result import Campaign
 from fe.response import Array
@@ -76,8 +77,27 @@ class Loop:
 def run(context: Context) -> list[Path]:
     """Add runs at the posterior, train again; returns emulators, diagnostics and runs.
 
+    In a round of verification (`calib.study.verification`) the runs at the posterior are those
+    there are, and the runs at the maximum train the emulator beside them.
     Raises CampaignFailed when more of a hypothesis' runs end early than the study allows.
     """
+    hypotheses = context.study.hypotheses
+    path = context.out / REFINEMENT
+    if not refinement_is_kept(context.out, path):
+        _add_runs(context)
+    kept = read_json(path)
+    plans = [_plan(context, h, np.asarray(kept[h.name]["ratios"], dtype=float)) for h in hypotheses]
+    runs = {
+        h.name: design_runs(context, h, refined, *campaigns_added(context, h))
+        for h, refined in zip(hypotheses, run_campaigns(plans, context.map_fn), strict=True)
+    }
+    paths = fit_and_judge(context, context.out, runs)
+    files = [file for h in hypotheses for file in manifest_files(refine_folder(context.out, h))]
+    return [*paths, path, *files]
+
+
+def _add_runs(context: Context) -> None:
+    """Rounds of runs where the posterior is, until its mean rests; writes refinement.json."""
     hypotheses = context.study.hypotheses
     loops = {h.name: Loop(np.zeros((0, len(parameters_of(context.study, h))))) for h in hypotheses}
     while not all(loop.done for loop in loops.values()):
@@ -87,10 +107,6 @@ def run(context: Context) -> list[Path]:
     added = {h.name: load_campaign(_plan(context, h, loops[h.name].ratios)) for h in hypotheses}
     found = {h.name: _described(context, h, loops[h.name], added[h.name]) for h in hypotheses}
     write_json(context.out / REFINEMENT, found)
-    runs = {h.name: design_runs(context, h, added[h.name]) for h in hypotheses}
-    paths = fit_and_judge(context, context.out, runs)
-    kept = [path for h in hypotheses for path in manifest_files(refine_folder(context.out, h))]
-    return [*paths, context.out / REFINEMENT, *kept]
 
 
 def load_refinement(context: Context, hypothesis: Hypothesis) -> Campaign:

@@ -201,6 +201,9 @@ def _check_errors(study: Study, index: int, hypothesis: Hypothesis) -> None:
         if prior.high > WIDEST * prior.low:
             expected = f"at most {WIDEST:g} times low ({prior.low:g})"
             raise Contradiction(f"{key}.high", prior.high, expected)
+        if name == "force_discrepancy" and study.noise.force_freedom is not None:
+            expected = "none beside noise.force_freedom: both explain forces that are off"
+            raise Contradiction(key, {}, expected)
         if name in OF_FIELD and study.virtual is None and not study.data.is_experiment:
             raise Contradiction(key, {}, "none: the data of this study have no field")
 
