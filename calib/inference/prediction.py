@@ -44,8 +44,9 @@ def _force_errors(
     drawn: Array = np.einsum("mij,mj->mi", factor, noise)
     if freedom is None:
         return drawn
-    shared = np.einsum("qim,qm->mi", shifts, rng.standard_normal((len(shifts), m)))
-    return drawn / np.sqrt(student_weights(freedom, m, rng))[:, None] + shared
+    shared: Array = np.einsum("qim,qm->mi", shifts, rng.standard_normal((len(shifts), m)))
+    own: Array = drawn / np.sqrt(student_weights(freedom, m, rng))[:, None]
+    return own + shared
 
 
 def expected_forces(likelihood: Likelihood, x: Array) -> Array:

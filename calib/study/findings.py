@@ -151,10 +151,7 @@ def _tables(findings: Findings, study: Study) -> dict[str, list[Table]]:
         "emulator": [emulator_table(findings.diagnostics, limits_of(study))],
         "partial": [partial_table(findings.diagnostics)],
         "refinement": [refinement_table(findings.refinement)],
-        "maximum": [
-            map_table(findings.maps),
-            rounds_table(findings.maps, findings.rounds, n_train),
-        ],
+        "maximum": [map_table(findings.maps), rounds],
         "starts": [optimization_table(findings.data["published"])],
         "published": [published_table(findings.comparison)],
         "comparison": [comparison_table(findings.comparison)],
