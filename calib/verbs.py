@@ -86,6 +86,18 @@ def ask_verb(arguments: argparse.Namespace) -> int:
     return 0
 
 
+def direct_chain_verb(arguments: argparse.Namespace) -> int:
+    """Sample a posterior by the FE model itself."""
+    from calib.study.direct_chain import direct_chain
+
+    table, paths = direct_chain(
+        arguments.folder, arguments.hypothesis, arguments.steps, arguments.inner, _say
+    )
+    for line in (table.text(), *(f"wrote {path}" for path in paths)):
+        _say(line)
+    return 0
+
+
 def dic_verb(arguments: argparse.Namespace) -> int:
     """Correlate images."""
     from calib.dic_study import run

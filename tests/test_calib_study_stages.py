@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -16,6 +17,7 @@ from calib.inference.coordinates import CONSTANTS
 from calib.study.config import Study, StudyError, load_study
 from calib.study.context import Context, stream
 from calib.study.data_stage import at_increments, load_data
+from calib.study.direct_chain import direct_chain
 from calib.study.mesh_error import MeshError, load_mesh_error
 from calib.study.posterior_setup import marginal
 from calib.study.sections import Cells, Hypothesis, ParameterPrior, Virtual
@@ -387,6 +389,26 @@ def test_the_field_is_held_against_its_predictions_by_increment_and_region(virtu
     with np.load(virtual.out / "predictive_sliding.npz") as maps:
         assert maps["correlation"].shape == maps["rmse"].shape == (len(maps["points"]), 3)
     assert (virtual.out / "figures" / "predictive_face_sliding.png").is_file()
+
+
+def test_a_chain_by_the_model_itself_goes_on_where_it_was_stopped(
+    thesis: Run, tmp_path: Path
+) -> None:
+    def chain(out: Path, n: int) -> tuple[dict[str, Any], list[str]]:
+        said: list[str] = []
+        context = _context(thesis.study, out)
+        table, paths = direct_chain(out, "sliding", n, 3, said.append, context)
+        assert "SD over emulator's" in table.text()
+        return json.loads(paths[0].read_text()), said
+
+    shutil.copytree(thesis.out, tmp_path / "copy")
+    first, _ = chain(thesis.out, 5)
+    longer, said = chain(thesis.out, 12)
+    assert len(said) == 7 and longer["n_steps"] == 12
+    assert chain(tmp_path / "copy", 12)[0] == longer
+    # The stand-in is learnt without error, so that what passes the emulator passes.
+    assert longer["direct_acceptance"] > 0.9 and 0.1 < longer["emulator_acceptance"] < 0.9
+    assert longer["n_fe_solves"] > first["n_fe_solves"] > 0
 
 
 def test_what_to_measure_next_is_ranked_and_checked(virtual: Run) -> None:
