@@ -213,6 +213,13 @@ def validate_verb(arguments: argparse.Namespace) -> int:
 
     test, data_folder = load_second_test(arguments.second)
     found, paths = validate(arguments.folder, test, data_folder, _say)
+    report = arguments.folder / "report.html"
+    if report.is_file():
+        from calib.study.finished import finished
+        from calib.study.stages import report_again
+
+        report_again(finished(arguments.folder))
+        paths.append(report)
     for table in validation_tables(found):
         _say(f"\n{table.text()}")
     for line in ("", *verdicts(found), *(f"wrote {path}" for path in paths)):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -14,6 +14,8 @@ import pytest
 from analytic_block import AnalyticBlock, analytic_block
 
 from calib.inference.coordinates import CONSTANTS
+from calib.inference.validation import judge
+from calib.study.artifacts import write_json
 from calib.study.config import Study, StudyError, load_study
 from calib.study.context import Context, stream
 from calib.study.data_stage import at_increments, load_data
@@ -22,7 +24,7 @@ from calib.study.mesh_error import MeshError, load_mesh_error
 from calib.study.posterior_setup import marginal
 from calib.study.sections import Cells, Hypothesis, ParameterPrior, Virtual
 from calib.study.stage_list import stages_of
-from calib.study.stages import StudyResult, run_stages, run_study
+from calib.study.stages import StudyResult, report_again, run_stages, run_study
 from calib.study.summary import load_summary, to_json
 from calib.study.virtual_stage import run as run_virtual
 from fe.campaign import CampaignFailed
@@ -389,6 +391,35 @@ def test_the_field_is_held_against_its_predictions_by_increment_and_region(virtu
     with np.load(virtual.out / "predictive_sliding.npz") as maps:
         assert maps["correlation"].shape == maps["rmse"].shape == (len(maps["points"]), 3)
     assert (virtual.out / "figures" / "predictive_face_sliding.png").is_file()
+
+
+def test_a_validation_appears_in_the_report(thesis: Run, tmp_path: Path) -> None:
+    out = tmp_path / "copy"
+    shutil.copytree(thesis.out, out)
+    before = (out / "report.html").read_text()
+    rng = np.random.default_rng(1)
+    observed = np.array([1.0, 2.0, 3.0])
+    judged = asdict(judge(observed, 1.01 * observed, observed + rng.random((9, 3)), 0.01))
+    quantities = {"quantities": {"answer": judged | {"passed": True}}, "judged": ["answer"]}
+    facts = {
+        "synthetic": True,
+        "data": "synthetic plate",
+        "control": "force",
+        "quantity": "travel [mm]",
+        "levels": [0.2, 0.4, 0.6],
+        "n_samples": 10,
+        "requirement": {"max_error": 0.1, "min_r2": 0.95},
+        "predictions": {"sliding": quantities | {"passed": True}},
+    }
+    write_json(out / "validation" / "plate" / "validation.json", facts)
+    shutil.copy(out / "figures" / "forces.png", out / "validation" / "plate" / "validation.png")
+    context = _context(thesis.study, out)
+    report_again(context)
+    after = (out / "report.html").read_text()
+    assert "Validation: plate" in after and "Validation: plate" not in before
+    assert "PASS  sliding: answer 1.0 %" in after
+    # What a run would draw is what is there.
+    assert run_stages(context) == ()
 
 
 def test_a_chain_by_the_model_itself_goes_on_where_it_was_stopped(

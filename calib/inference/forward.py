@@ -177,6 +177,36 @@ class StatedForward:
         raise NotImplementedError("predictions were given without derivatives")
 
 
+@dataclass(frozen=True)
+class GivenInputs:
+    """A forward model whose unknowns beyond the first few are known: theta is the others alone."""
+
+    forward: ForwardModel
+    values: Array
+    """(k,) coordinates of the last unknowns"""
+
+    @property
+    def field_basis(self) -> FieldBasis | None:
+        """That of the model."""
+        return self.forward.field_basis
+
+    def predict(self, theta: Array) -> Prediction:
+        """Prediction at theta (m, n - k)."""
+        return self.forward.predict(self._whole(theta))
+
+    def jacobian(self, theta: Array) -> Jacobian:
+        """Derivatives at theta (m, n - k) by its own columns."""
+        slope = self.forward.jacobian(self._whole(theta))
+        n = theta.shape[1]
+        weights = None if slope.weights is None else slope.weights[..., :n]
+        return Jacobian(slope.force[..., :n], weights)
+
+    def _whole(self, theta: Array) -> Array:
+        return np.column_stack(
+            [theta, np.broadcast_to(self.values, (len(theta), self.values.size))]
+        )
+
+
 def _emulator_basis(scaled: ScaledEmulator) -> FieldBasis:
     emulator = scaled.emulator
     shape = emulator.field_shape

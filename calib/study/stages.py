@@ -11,7 +11,14 @@ from typing import Literal, TypedDict, Unpack
 
 from calib import __version__
 from calib.study import findings, map_stage, simulate_stage, train_report, verification
-from calib.study.artifacts import StageRecord, hash_of, hash_of_file, why_stale, write_record
+from calib.study.artifacts import (
+    StageRecord,
+    hash_of,
+    hash_of_file,
+    read_record,
+    why_stale,
+    write_record,
+)
 from calib.study.config import Study
 from calib.study.context import Context, SimulateFactory, block_pin_model
 from calib.study.executor_choice import chosen_map
@@ -116,6 +123,17 @@ def _run_stage(context: Context, stage: Stage, inputs: dict[str, str]) -> StageR
     )
     write_record(context.out, record)
     return record
+
+
+def report_again(context: Context) -> None:
+    """Draw the report once more, with validations made since; nothing where there is none."""
+    record = read_record(context.out, "report")
+    if record is None:
+        return
+    [stage] = [stage for stage in STAGES if stage.name == "report"]
+    found = stage.settings(context)
+    added = {name: hash_of(found[name]) for name in ("validations",) if name in found}
+    _run_stage(context, stage, record.inputs | added)
 
 
 def run_study(study: Study, out: Path, **how: Unpack[HowToRun]) -> StudyResult:
