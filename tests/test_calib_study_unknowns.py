@@ -195,7 +195,7 @@ def test_the_varied_block_is_the_block_where_nothing_varies() -> None:
         ),
         (
             text_of(more=uniform("prior.height", 1.0, 2.6)),
-            "increments[2]: found 1.0, expected less",
+            "prior.height.low: found 1.0, expected 1.4 or more",
         ),
         (text_of(more=uniform("prior.height", 1.4, 2.6)), "increments[4]: found 1.4"),
         (text_of(more=uniform("prior.height", 2.0, 9.0)), "prior.height.high: found 9.0, expected"),
