@@ -8,8 +8,7 @@ sliding block's emulator of the study thesis-forces, whose FE runs are kept in -
 `make verify-inference`; a minute or two if they are missing).  The samplers dynesty and numpyro
 come with the extra `benchmark`.  Their times are of the processor, of one thread, since other work
 on the machine would count otherwise.  `study`: the embedded study virtual under its true hypothesis
-by the clock, in one process; what comes before it is kept in --study (some eight minutes the first
-time).
+by the clock, in one process; what comes before is kept in --study (eight minutes, the first time).
 """
 
 from __future__ import annotations
@@ -39,7 +38,7 @@ import numpy as np
 from benchmarks import calibration_runs as runs
 from benchmarks.calibration_experiments import by_runs, likelihood_of, sbc_prior
 from benchmarks.calibration_figures import emulator, points
-from calib.inference import Posterior, SamplerSettings, SamplingResult, sample_posterior
+from calib.inference import Posterior, SamplerSettings, sample_posterior
 from calib.study import verification
 from calib.study.artifacts import RECORD_FOLDER, read_json
 from calib.study.config import Study, load_study
@@ -115,15 +114,11 @@ def _emcee(posterior: Posterior) -> dict[str, Any]:
     seconds = time.process_time() - start
     draws = result.draws
     return {
-        "ess": _ess(result),
+        "ess": result.chains[..., 0].size / float(result.autocorrelation_time.max()),
         "seconds": seconds,
         "mean": draws.mean(axis=0).tolist(),
         "sd": draws.std(axis=0).tolist(),
     }
-
-
-def _ess(result: SamplingResult) -> float:
-    return float(result.chains[..., 0].size / result.autocorrelation_time.max())
 
 
 def _dynesty(posterior: Posterior) -> dict[str, Any]:

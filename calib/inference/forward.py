@@ -132,8 +132,8 @@ class EmulatorForward:
             return Prediction(force, covariance)
         return Prediction(force, covariance, *self._scaled.field_weights(theta))
 
-    def stating(self, theta: Array, unit_force: Array, weights: Array | None) -> StatedForward:
-        """This model, mesh correction included, of an emulator that says these and has no error.
+    def stated(self, theta: Array, unit_force: Array, weights: Array | None) -> Prediction:
+        """The prediction, mesh correction included, of an emulator without error that says these.
 
         `unit_force` (m, n_step) N at kappa = 1 MPa and `weights` (m, k) of the field, if any, at
         theta (m, n).
@@ -141,8 +141,7 @@ class EmulatorForward:
         force = theta[:, :1] * unit_force
         if self._factor is not None:
             force = force * self._factor
-        given = Prediction(force, None, None if self._basis is None else weights)
-        return StatedForward(given, self._basis)
+        return Prediction(force, None, None if self._basis is None else weights)
 
     def jacobian(self, theta: Array) -> Jacobian:
         """Derivatives of the means by x; d/d ln kappa = kappa d/d kappa."""
@@ -154,27 +153,6 @@ class EmulatorForward:
         if self._basis is None:
             return Jacobian(force)
         return Jacobian(force, self._scaled.field_weights_jacobian(theta) * by_x)
-
-
-@dataclass(frozen=True)
-class StatedForward:
-    """A forward model at the one array of parameters for which its predictions are given."""
-
-    prediction: Prediction
-    field_basis: FieldBasis | None
-
-    def predict(self, theta: Array) -> Prediction:
-        """The predictions given, for theta (m, n) of the same length.
-
-        Raises ValueError for another number of parameter vectors.
-        """
-        if len(theta) != len(self.prediction.force):
-            raise ValueError(f"theta: expected {len(self.prediction.force)} rows, got {len(theta)}")
-        return self.prediction
-
-    def jacobian(self, theta: Array) -> Jacobian:
-        """Not known: raises NotImplementedError."""
-        raise NotImplementedError("predictions were given without derivatives")
 
 
 @dataclass(frozen=True)

@@ -72,7 +72,10 @@ class Likelihood:
 
     def log_prob(self, theta: Array) -> Array:
         """(m,) log-likelihood at theta (m, n); -inf where the forward model failed."""
-        prediction = self.predict(theta)
+        return self.log_prob_of(theta, self.predict(theta))
+
+    def log_prob_of(self, theta: Array, prediction: Prediction) -> Array:
+        """(m,) log-likelihood where a prediction in the forward model's basis is given."""
         return self._joint(*self._parts(theta, prediction))
 
     def shared_posterior(self, theta: Array) -> SharedPosterior:

@@ -30,7 +30,8 @@ from calib.study.predictive_tables import (
 from calib.study.prior_stage import FACTS, prior_table
 from calib.study.refine_stage import REFINEMENT
 from calib.study.report import Picture, Section, versions_table
-from calib.study.summary import Summary, constants_table, points_table
+from calib.study.summary import Summary
+from calib.study.summary_tables import constants_table, points_table
 from calib.study.tables import (
     Table,
     comparison_table,

@@ -8,9 +8,8 @@ emulator, the last at that by the last but one; both are solved on the finer mes
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
@@ -24,6 +23,7 @@ from calib.study.judgement import measurement_noise
 from calib.study.mesh_error import MeshError, check_folder, mesh_error
 from calib.study.posterior_setup import noise_of, sizes_of
 from calib.study.progress import progress_bar
+from calib.study.refine_rounds import Loop, Round, described
 from calib.study.refinement import Outlook, outlook
 from calib.study.sections import Hypothesis
 from calib.study.simulate_stage import load_design, manifest_files
@@ -46,32 +46,6 @@ NOMINAL_FORCE_ERROR = 0.02
 NOMINAL_FIELD_ERROR = 0.005
 """the same for the field, mm"""
 REFINEMENT = "refinement.json"
-
-
-class Round(NamedTuple):
-    """One look at the posterior and what was chosen by it."""
-
-    n_train: int
-    """runs that had trained the emulator"""
-    predicted_shift: Array
-    """(n,) how far the posterior mean of (ln kappa, r, s, ...) may move, posterior SDs"""
-    n_added: int
-    """runs chosen"""
-    x: tuple[str, ...]
-    """coordinates that may move: of the first look, which is by the forces, without the field's"""
-
-
-@dataclass(frozen=True)
-class Loop:
-    """What the rounds so far chose for one hypothesis."""
-
-    ratios: Array
-    """(k, d) runs added, in the order of choosing"""
-    rounds: tuple[Round, ...] = ()
-    emulators: tuple[Emulator, ...] = ()
-    """by which each round looked"""
-    done: bool = False
-    """whether the posterior mean has had its last run"""
 
 
 def run(context: Context) -> list[Path]:
@@ -105,7 +79,7 @@ def _add_runs(context: Context) -> None:
         loops = {h.name: _next_round(context, h, loops[h.name]) for h in hypotheses}
         _run_round(context, before, loops)
     added = {h.name: load_campaign(_plan(context, h, loops[h.name].ratios)) for h in hypotheses}
-    found = {h.name: _described(context, h, loops[h.name], added[h.name]) for h in hypotheses}
+    found = {h.name: described(context, h, loops[h.name], added[h.name]) for h in hypotheses}
     write_json(context.out / REFINEMENT, found)
 
 
@@ -266,43 +240,3 @@ def _first_mesh_error(
         return None
     refinement = context.study.refinement(hypothesis)
     return mesh_error(fine, coarse, refinement, hypothesis.name)
-
-
-def _described(
-    context: Context, hypothesis: Hypothesis, loop: Loop, added: Campaign
-) -> dict[str, object]:
-    """The rounds, each with the error of its emulator at the runs that it chose."""
-    rounds = []
-    first = 0
-    for emulator, facts in zip(loop.emulators, loop.rounds, strict=True):
-        new = rows(added, slice(first, first + facts.n_added))
-        first += facts.n_added
-        rounds.append(facts._asdict() | _errors(emulator, new))
-    told = rounds[0]
-    context.echo(
-        f"  {hypothesis.name}: at the posterior the first emulator was off by "
-        f"{100 * np.max(told['force_error']):.2g} % (RMS, worst increment), "
-        f"{told['rms_z']:.2g} of its stated SDs"
-    )
-    return {
-        "ratios": loop.ratios,
-        "rounds": rounds,
-        "limit": STOP_BELOW,
-        "units": {
-            "force_error": "relative, RMS over the runs added, by increment",
-            "rms_z": "stated SDs",
-            "predicted_shift": "posterior SDs of the coordinates x",
-        },
-    }
-
-
-def _errors(emulator: Emulator, runs: Campaign) -> dict[str, Array | float]:
-    """Errors of the force at runs that the emulator had not seen; NaN where none got so far."""
-    mean, covariance = emulator.unit_force(runs.theta)
-    error = np.ma.masked_invalid(mean - runs.force)
-    relative = np.ma.masked_invalid(error / runs.force)
-    z = error / np.sqrt(np.einsum("nii->ni", covariance))
-    return {
-        "force_error": np.ma.filled(np.sqrt(np.mean(relative**2, axis=0)), np.nan),
-        "rms_z": float(np.ma.filled(np.sqrt(np.mean(z**2)), np.nan)),
-    }
