@@ -1,4 +1,4 @@
-"""Rounds of the stage `refine`: what each chose, and the emulator's error that the runs then showed."""
+"""Rounds of the stage `refine`: what each chose, and the error that the runs then showed."""
 
 from __future__ import annotations
 
