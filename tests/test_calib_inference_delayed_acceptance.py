@@ -26,7 +26,7 @@ EXACT = partial(normal, centre=np.zeros(2), root=ROOT)
 # 0.7 SD off and 1.5 times as wide along one axis: an emulator that nobody would keep.
 WRONG = partial(normal, centre=np.array([0.7, -0.5]), root=ROOT * np.array([1.5, 0.8]))
 BOTH = Densities(EXACT, WRONG)
-N_CHAINS, N_STEPS = 800, 4
+N_CHAINS, N_STEPS = 500, 4
 
 
 def ends(densities: Densities, n_inner: int) -> Array:

@@ -26,6 +26,7 @@ from calib.inference.laws import DEFAULT_LAW
 from calib.study.artifacts import plain
 from calib.study.figure_style import INTERVAL, Array, hdi
 from calib.study.further_table import further_table
+from calib.study.maxima_table import is_verified, largest_difference
 from calib.study.provenance_facts import maxima_in, space_in, truth_in
 from calib.study.summary_tables import constants_table, points_table
 
@@ -142,7 +143,7 @@ def summarise(
         "limits": limits,
         "sampling": facts["sampling"],
         "emulator": facts["emulator"],
-        "map": {key: facts["map"][key] for key in ("converged", "n_fe_solves", "message")},
+        "map": _search(facts["map"]),
     }
     return Summary(
         study=provenance["study"],
@@ -158,6 +159,12 @@ def summarise(
         at_bound=at_bound,
         failures=tuple(failures),
     )
+
+
+def _search(found: Mapping[str, Any]) -> dict[str, Any]:
+    """How the search with the FE model ended, and whether it verifies the emulator's maximum."""
+    verified = {"verified": is_verified(found), "difference_sd": largest_difference(found)}
+    return {key: found[key] for key in ("converged", "n_fe_solves", "message")} | verified
 
 
 def _leaning(posterior: Any, provenance: Mapping[str, Any]) -> tuple[AtBound, ...]:
