@@ -30,7 +30,7 @@ from calib.study.simulate_stage import load_design, manifest_files
 from calib.study.train_stage import FIRST, design_runs, fit_and_judge, load_emulator
 from calib.study.training_runs import rows
 from calib.study.unknowns import parameters_of, prior_of
-from calib.study.verification import campaigns_added, refinement_is_kept
+from calib.study.verification import campaigns_added, n_rounds, refinement_is_kept
 from fe.campaign import CampaignFailed, CampaignPlan, load_campaign, run_campaigns
 from fe.campaign_result import Campaign
 from fe.response import Array
@@ -65,7 +65,8 @@ def run(context: Context) -> list[Path]:
         h.name: design_runs(context, h, refined, *campaigns_added(context, h))
         for h, refined in zip(hypotheses, run_campaigns(plans, context.map_fn), strict=True)
     }
-    paths = fit_and_judge(context, context.out, runs)
+    rounds = {h.name: n_rounds(context.out, h) for h in hypotheses}
+    paths = fit_and_judge(context, context.out, runs, rounds)
     files = [file for h in hypotheses for file in manifest_files(refine_folder(context.out, h))]
     return [*paths, path, *files]
 

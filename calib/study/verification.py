@@ -2,10 +2,10 @@
 
 After the stage `map`, a hypothesis whose two maxima lie more than 0.2 posterior SDs apart
 (`calib.study.maxima_table`) gets the FE runs of that search, at the FE maximum and on the way to
-it, as training runs with their sensitivities. The stages from `refine` on then see another input
-and are done again, up to `verification.max_rounds` times. What was found and added is kept in
-verification.json; it belongs to all that the first maximum was made from, and is dropped when any
-of that changes.
+it, as training runs with their sensitivities; the modes of its fields are made to leave out less.
+The stages from `refine` on then see another input and are done again, up to
+`verification.max_rounds` times. What was found and added is kept in verification.json; it belongs
+to all that the first maximum was made from, and is dropped when any of that changes.
 """
 
 from __future__ import annotations
@@ -69,6 +69,11 @@ def added(out: Path, hypothesis: Hypothesis, dimension: int) -> Array:
     """(k, d) points at which runs were added in the rounds so far, in that order."""
     rows = [row for each in load_rounds(out) for row in each[hypothesis.name]["added"]]
     return np.asarray(rows, dtype=float).reshape(-1, dimension)
+
+
+def n_rounds(out: Path, hypothesis: Hypothesis) -> int:
+    """Rounds so far in which runs were added for a hypothesis."""
+    return sum(len(each[hypothesis.name]["added"]) > 0 for each in load_rounds(out))
 
 
 def inputs(context: Context) -> dict[str, object]:
