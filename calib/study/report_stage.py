@@ -96,6 +96,12 @@ def _draw(
     for name, (figure, caption) in drawn.items():
         save_png(figure, out / "figures" / f"{name}.png")
         pictures[name] = Picture(out / "figures" / f"{name}.png", caption)
+    return pictures | _drawn_before(findings, out)
+
+
+def _drawn_before(findings: Findings, out: Path) -> dict[str, Picture]:
+    """Pictures that are there: of validations and of what the priors expect."""
+    pictures = {}
     for name in findings.validations:
         pictures[f"validation_{name}"] = Picture(
             out / VALIDATIONS / name / "validation.png",

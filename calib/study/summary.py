@@ -139,12 +139,8 @@ def summarise(
     # A search that ends at the roughness of the FE forces is told, with its distance, not failed.
     if facts["map"]["fe"] is None:
         failures.append(f"MAP: the search with the FE model: {facts['map']['message']}")
-    diagnostics = {
-        "limits": limits,
-        "sampling": facts["sampling"],
-        "emulator": facts["emulator"],
-        "map": _search(facts["map"]),
-    }
+    found_by = {"sampling": facts["sampling"], "emulator": facts["emulator"]}
+    diagnostics = {"limits": limits, **found_by, "map": _search(facts["map"])}
     return Summary(
         study=provenance["study"],
         seed=provenance["seed"],
