@@ -13,7 +13,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from calib.inference import Posterior
+from calib.inference import Likelihood, Posterior
 from fe.response import Array
 from surrogate import ScaledEmulator
 from surrogate.gp import GaussianProcesses
@@ -26,15 +26,25 @@ def log_density(posterior: Posterior, emulator: ScaledEmulator) -> Callable[[Any
 
     For an emulator without mesh correction, a log-uniform prior of kappa and uniform ones of r, s.
     """
+    of_force = _of_force(posterior.likelihood, emulator)
+    of_field = _of_field(posterior.likelihood, emulator)
+
+    def density(x: Any) -> Any:
+        parts = (of_force(x), of_field(x))
+        value, first, second = (sum(part[i] for part in parts) for i in range(3))
+        return value + 0.5 * (first**2 / (1.0 + second) - jnp.log1p(second))
+
+    return density
+
+
+def _of_force(likelihood: Likelihood, emulator: ScaledEmulator) -> Callable[[Any], Any]:
+    """Log density of the forces along the zero of the travel: value, slope, curvature at x (3,)."""
     own = emulator.emulator
-    assert own.field is not None
-    force_gp, field_gp = _processes(own.force.processes), _processes(own.field.processes)
+    force_gp = _processes(own.force.processes)
     modes, offset = jnp.array(own.force.pod.modes), jnp.array(own.force.pod.offset)
     factor = own.force.pod.truncation_factor
     truncation, mean = jnp.array(factor @ factor.T), jnp.array(own.force_scale.mean)
-    likelihood = posterior.likelihood
-    assert likelihood.field is not None
-    errors, projected = likelihood.errors, likelihood.field.projected
+    errors = likelihood.errors
     measured, slope = jnp.array(likelihood.force), jnp.array(errors.slope)
     disc = jnp.array(errors.discretisation)
 
@@ -54,6 +64,15 @@ def log_density(posterior: Posterior, emulator: ScaledEmulator) -> Callable[[Any
         total = errors.mean + kappa**2 * covariance
         total = total + 0.5 * jnp.outer(scaled, scaled) + 0.5 * jnp.diag(scaled**2)
         return _along(total, measured - force, errors.travel_zero_sd * slope @ force)
+
+    return of_force
+
+
+def _of_field(likelihood: Likelihood, emulator: ScaledEmulator) -> Callable[[Any], Any]:
+    """The same of the field, by its projection on the emulator's modes."""
+    own = emulator.emulator
+    assert own.field is not None and likelihood.field is not None
+    field_gp, projected = _processes(own.field.processes), likelihood.field.projected
 
     def of_field(x: Any) -> tuple[Any, Any, Any]:
         weights, variance = field_gp(x[1:])
@@ -77,12 +96,7 @@ def log_density(posterior: Posterior, emulator: ScaledEmulator) -> Callable[[Any
             curvature - gained[1, 1],
         )
 
-    def density(x: Any) -> Any:
-        parts = (of_force(x), of_field(x))
-        value, first, second = (sum(part[i] for part in parts) for i in range(3))
-        return value + 0.5 * (first**2 / (1.0 + second) - jnp.log1p(second))
-
-    return density
+    return of_field
 
 
 def _along(covariance: Any, residual: Any, error: Any) -> tuple[Any, Any, Any]:

@@ -17,6 +17,7 @@ from calib.verbs import (
     ask_verb,
     design_next_verb,
     dic_verb,
+    direct_chain_verb,
     init_verb,
     laboratory_verb,
     lens_verb,
@@ -79,6 +80,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_lens(verbs)
     _add_laboratory(verbs)
     _add_questions(verbs)
+    _add_direct_chain(verbs)
     _add_predictions(verbs)
     return parser
 
@@ -165,6 +167,19 @@ def _add_questions(verbs: _Verbs) -> None:
         metavar=("C10", "C01", "C11"),
         help="constants (MPa) of a synthetic field where the study has none (default: published)",
     )
+
+
+def _add_direct_chain(verbs: _Verbs) -> None:
+    verb = verbs.add_parser("direct-chain", help="sample a posterior by the FE model, few steps")
+    verb.add_argument("folder", type=Path, metavar="RUN", help="folder of a finished study")
+    verb.add_argument("--hypothesis", metavar="NAME", help="contact (default: the first)")
+    verb.add_argument(
+        "--steps", type=_count, default=50, metavar="N", help="in all, one FE solve each (50)"
+    )
+    verb.add_argument(
+        "--inner", type=_count, default=20, metavar="N", help="by the emulator between them (20)"
+    )
+    verb.set_defaults(verb=direct_chain_verb)
 
 
 def _add_predictions(verbs: _Verbs) -> None:

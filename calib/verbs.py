@@ -86,6 +86,18 @@ def ask_verb(arguments: argparse.Namespace) -> int:
     return 0
 
 
+def direct_chain_verb(arguments: argparse.Namespace) -> int:
+    """Sample a posterior by the FE model itself."""
+    from calib.study.direct_chain import direct_chain
+
+    table, paths = direct_chain(
+        arguments.folder, arguments.hypothesis, arguments.steps, arguments.inner, _say
+    )
+    for line in (table.text(), *(f"wrote {path}" for path in paths)):
+        _say(line)
+    return 0
+
+
 def dic_verb(arguments: argparse.Namespace) -> int:
     """Correlate images."""
     from calib.dic_study import run
@@ -201,6 +213,13 @@ def validate_verb(arguments: argparse.Namespace) -> int:
 
     test, data_folder = load_second_test(arguments.second)
     found, paths = validate(arguments.folder, test, data_folder, _say)
+    report = arguments.folder / "report.html"
+    if report.is_file():
+        from calib.study.finished import finished
+        from calib.study.stages import report_again
+
+        report_again(finished(arguments.folder))
+        paths.append(report)
     for table in validation_tables(found):
         _say(f"\n{table.text()}")
     for line in ("", *verdicts(found), *(f"wrote {path}" for path in paths)):

@@ -62,11 +62,13 @@ class Emulator:
         *,
         n_restarts: int = 1,
         sharing: Sharing = "auto",
+        field_tolerance: float = FIELD_TOLERANCE,
     ) -> Emulator:
         """Fit to the training runs; the same set and seed give the same bits.
 
         Derivatives that the training set holds are used; `training_set.without_gradients` fits to
-        the values alone. See `fit_processes` for the other arguments.
+        the values alone. `field_tolerance` is the share of the fields' scatter that their modes may
+        leave out. See `fit_processes` for the other arguments.
         Raises ValueError for fewer than 3 runs or runs that do not vary.
         """
         x, displacement = training_set.ratios, training_set.displacement
@@ -81,7 +83,7 @@ class Emulator:
                     displacement.reshape(len(x), -1),
                     seed,
                     slopes=None if slopes is None else slopes.reshape(len(x), -1, x.shape[1]),
-                    tolerance=FIELD_TOLERANCE,
+                    tolerance=field_tolerance,
                     max_modes=MAX_FIELD_MODES,
                     n_restarts=n_restarts,
                     sharing=sharing,

@@ -9,7 +9,7 @@ import pytest
 from analytic_models import AnalyticBlock
 
 from calib.inference import DirectForward, EmulatorForward
-from calib.inference.forward import MeshCorrection
+from calib.inference.forward import GivenInputs, MeshCorrection
 from surrogate import Emulator, ScaledEmulator, TrainingSet, sobol_design
 
 POINTS = np.random.default_rng(4).random((9, 2)) * 3
@@ -88,3 +88,24 @@ def test_field_of_an_emulator_trained_on_forces_is_refused() -> None:
     assert EmulatorForward(emulator).field_basis is None
     with pytest.raises(ValueError, match="forces only"):
         EmulatorForward(emulator, with_field=True)
+
+
+def test_given_inputs_are_those_of_the_whole_model_at_fixed_values() -> None:
+    # s is given: the model is one of (kappa, r) alone.
+    whole = EmulatorForward(scaled(), with_field=True)
+    given = GivenInputs(whole, np.array([0.12]))
+    theta = np.column_stack([THETA[:, :2], np.full(3, 0.12)])
+    found, known = given.predict(THETA[:, :2]), whole.predict(theta)
+    np.testing.assert_array_equal(found.force, known.force)
+    np.testing.assert_array_equal(found.weights, known.weights)
+    slope, exact = given.jacobian(THETA[:, :2]), whole.jacobian(theta)
+    np.testing.assert_array_equal(slope.force, exact.force[..., :2])
+    assert slope.weights is not None and exact.weights is not None
+    np.testing.assert_array_equal(slope.weights, exact.weights[..., :2])
+    assert given.field_basis is whole.field_basis
+
+
+def test_runs_that_reached_the_end_are_told_in_the_order_of_solving() -> None:
+    direct = DirectForward(BLOCK)
+    direct.predict(THETA)
+    np.testing.assert_array_equal(direct.solved, THETA[:, 1:])

@@ -85,7 +85,7 @@ def test_evidence_gives_no_number_without_its_error(
     found = json.loads((run / "evidence.json").read_text())
     for standing in found.values():
         (by_grid, error), (by_nested, sd) = (
-            standing["log_evidence_quadrature"],
+            standing["log_evidence"],
             standing["log_evidence_nested"],
         )
         assert abs(by_grid - by_nested) < 5 * np.hypot(error, sd)

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
+import shutil
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -13,14 +14,17 @@ import pytest
 from analytic_block import AnalyticBlock, analytic_block
 
 from calib.inference.coordinates import CONSTANTS
+from calib.inference.validation import judge
+from calib.study.artifacts import write_json
 from calib.study.config import Study, StudyError, load_study
 from calib.study.context import Context, stream
 from calib.study.data_stage import at_increments, load_data
+from calib.study.direct_chain import direct_chain
 from calib.study.mesh_error import MeshError, load_mesh_error
 from calib.study.posterior_setup import marginal
 from calib.study.sections import Cells, Hypothesis, ParameterPrior, Virtual
 from calib.study.stage_list import stages_of
-from calib.study.stages import StudyResult, run_stages, run_study
+from calib.study.stages import StudyResult, report_again, run_stages, run_study
 from calib.study.summary import load_summary, to_json
 from calib.study.virtual_stage import run as run_virtual
 from fe.campaign import CampaignFailed
@@ -387,6 +391,55 @@ def test_the_field_is_held_against_its_predictions_by_increment_and_region(virtu
     with np.load(virtual.out / "predictive_sliding.npz") as maps:
         assert maps["correlation"].shape == maps["rmse"].shape == (len(maps["points"]), 3)
     assert (virtual.out / "figures" / "predictive_face_sliding.png").is_file()
+
+
+def test_a_validation_appears_in_the_report(thesis: Run, tmp_path: Path) -> None:
+    out = tmp_path / "copy"
+    shutil.copytree(thesis.out, out)
+    before = (out / "report.html").read_text()
+    rng = np.random.default_rng(1)
+    observed = np.array([1.0, 2.0, 3.0])
+    judged = asdict(judge(observed, 1.01 * observed, observed + rng.random((9, 3)), 0.01))
+    quantities = {"quantities": {"answer": judged | {"passed": True}}, "judged": ["answer"]}
+    facts = {
+        "synthetic": True,
+        "data": "synthetic plate",
+        "control": "force",
+        "quantity": "travel [mm]",
+        "levels": [0.2, 0.4, 0.6],
+        "n_samples": 10,
+        "requirement": {"max_error": 0.1, "min_r2": 0.95},
+        "predictions": {"sliding": quantities | {"passed": True}},
+    }
+    write_json(out / "validation" / "plate" / "validation.json", facts)
+    shutil.copy(out / "figures" / "forces.png", out / "validation" / "plate" / "validation.png")
+    context = _context(thesis.study, out)
+    report_again(context)
+    after = (out / "report.html").read_text()
+    assert "Validation: plate" in after and "Validation: plate" not in before
+    assert "PASS  sliding: answer 1.0 %" in after
+    # What a run would draw is what is there.
+    assert run_stages(context) == ()
+
+
+def test_a_chain_by_the_model_itself_goes_on_where_it_was_stopped(
+    thesis: Run, tmp_path: Path
+) -> None:
+    def chain(out: Path, n: int) -> tuple[dict[str, Any], list[str]]:
+        said: list[str] = []
+        context = _context(thesis.study, out)
+        table, paths = direct_chain(out, "sliding", n, 3, said.append, context)
+        assert "SD over emulator's" in table.text()
+        return json.loads(paths[0].read_text()), said
+
+    shutil.copytree(thesis.out, tmp_path / "copy")
+    first, _ = chain(thesis.out, 5)
+    longer, said = chain(thesis.out, 12)
+    assert len(said) == 7 and longer["n_steps"] == 12
+    assert chain(tmp_path / "copy", 12)[0] == longer
+    # The stand-in is learnt without error, so that what passes the emulator passes.
+    assert longer["direct_acceptance"] > 0.9 and 0.1 < longer["emulator_acceptance"] < 0.9
+    assert longer["n_fe_solves"] > first["n_fe_solves"] > 0
 
 
 def test_what_to_measure_next_is_ranked_and_checked(virtual: Run) -> None:

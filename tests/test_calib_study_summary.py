@@ -15,13 +15,12 @@ from calib.inference.coordinates import CONSTANTS
 from calib.inference.inference_data import Convergence
 from calib.study.summary import (
     Summary,
-    constants_table,
     format_table,
-    points_table,
     summarise,
     to_csv,
     to_json,
 )
+from calib.study.summary_tables import constants_table, points_table
 
 GOOD = Convergence(ess_bulk=2000.0, ess_tail=1500.0, r_hat=1.001)
 POINT = {"C10": 0.008, "C01": 0.004, "C11": 0.001, "mu": 0.024}
@@ -32,6 +31,7 @@ def _provenance(**changes: object) -> dict[str, object]:
         "emulator": POINT,
         "fe": {name: 1.01 * value for name, value in POINT.items()},
         "difference_sd": dict.fromkeys(CONSTANTS, 0.1),
+        "difference_sd_x": [0.1, -0.3, 0.0],
         "converged": True,
         "n_fe_solves": 3,
         "message": "converged after 3 direct simulations",
@@ -53,6 +53,12 @@ def _provenance(**changes: object) -> dict[str, object]:
 def _draws() -> dict[str, np.ndarray]:
     rng = np.random.default_rng(17)
     return {name: value * (1 + 0.1 * rng.standard_normal(5000)) for name, value in POINT.items()}
+
+
+def test_programs_are_told_whether_the_maximum_is_verified() -> None:
+    [found] = json.loads(to_json([_summary()]))
+    assert found["diagnostics"]["map"]["verified"] is False
+    assert found["diagnostics"]["map"]["difference_sd"] == 0.3
 
 
 def _summary(found: Convergence = GOOD, **changes: object) -> Summary:
@@ -97,6 +103,7 @@ def test_a_search_without_a_solve_fails_and_leaves_gaps_not_numbers() -> None:
         "emulator": POINT,
         "fe": None,
         "difference_sd": None,
+        "difference_sd_x": [None, None, None],
         "converged": False,
         "n_fe_solves": 12,
         "message": "no direct simulation succeeded in 12",

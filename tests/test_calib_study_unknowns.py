@@ -12,14 +12,15 @@ from varied_block import varied_stand_in
 from calib.cli import main
 from calib.inference.inference_data import load_inference_data
 from calib.study.artifacts import read_json
+from calib.study.baseline import baseline
 from calib.study.config import Study, StudyError, load_study, read_study
 from calib.study.context import block_pin_model
-from calib.study.finished import check_three_unknowns
+from calib.study.design_next import design_next
+from calib.study.finished import check_constants
 from calib.study.stages import run_study
 from calib.study.study_file import study_text
 from calib.study.summary import load_summary
 from calib.study.unknowns import (
-    ERRORS,
     design_points,
     fixed_values,
     inputs_of,
@@ -194,9 +195,9 @@ def test_the_varied_block_is_the_block_where_nothing_varies() -> None:
         ),
         (
             text_of(more=uniform("prior.height", 1.0, 2.6)),
-            "increments[2]: found 1.0, expected less",
+            "prior.height.low: found 1.0, expected more than 1.4",
         ),
-        (text_of(more=uniform("prior.height", 1.4, 2.6)), "increments[4]: found 1.4"),
+        (text_of(more=uniform("prior.height", 1.4, 2.6)), "prior.height.low: found 1.4"),
         (text_of(more=uniform("prior.height", 2.0, 9.0)), "prior.height.high: found 9.0, expected"),
         (
             text_of(more=uniform("prior.fillet", 0.01, 0.4)),
@@ -318,6 +319,16 @@ def test_friction_height_and_bulk_are_inferred_beside_a_rival_law(tmp_path: Path
     assert np.isfinite(posterior["height"]).all()
     found = read_json(tmp_path / "comparison.json")["hypotheses"]
     assert found["rubs"]["log_evidence"] > found["yeoh"]["log_evidence"]
+    said: list[str] = []
+    gains, _ = design_next(tmp_path, "rubs", said.append)
+    assert list(gains["now"]) == ["ln kappa", "r", "s", "friction", "height"]
+    assert any("friction, height are unknown" in line for line in said)
+    by_name = {plan["name"]: plan for plan in gains["plans"]}
+    same = by_name["the same again"]
+    assert same["agree"] and same["sd_after"]["height"] < gains["now"]["height"]
+    assert same["gain"]["mean"] > by_name["no camera"]["gain"]["mean"] > 0.0
+    lines, _ = baseline(tmp_path, "rubs")
+    assert any("SYNTHETIC field (rubs)" in line for line in lines)
 
 
 @pytest.mark.slow  # a study with seven unknowns: a minute or two
@@ -376,12 +387,18 @@ def test_bulk_ratio_and_height_are_inferred_with_the_fe_model(tmp_path: Path) ->
     assert diagnostics["n_with_gradients"] > 0
 
 
-def test_questions_of_three_unknowns_refuse_a_hypothesis_with_more() -> None:
-    plain, more = study_of(TEXT), study_of(TEXT + uniform("prior.height", 2.4, 2.6))
-    check_three_unknowns(plain, plain.hypotheses[0])
-    with pytest.raises(ValueError, match="found the unknowns kappa, r, s, height, expected"):
-        check_three_unknowns(more, more.hypotheses[0], *ERRORS)
-    noisy = study_of(TEXT + uniform("prior.force_noise", 0.5, 2.0))
-    check_three_unknowns(noisy, noisy.hypotheses[0], *ERRORS)
-    with pytest.raises(ValueError, match="force_noise, expected kappa, r, s"):
-        check_three_unknowns(noisy, noisy.hypotheses[0])
+def test_the_thesis_method_refuses_another_law() -> None:
+    yeoh = '\n[[hypothesis]]\nname = "yeoh"\npin = "slide"\nbase = "slide"\nlaw = "yeoh"\n'
+    yeoh += uniform("hypothesis.prior.c20", 0.0, 0.3) + uniform("hypothesis.prior.c30", 0.0, 0.1)
+    plain, other = study_of(TEXT), study_of(text_of(HYPOTHESES + yeoh))
+    check_constants(plain, plain.hypotheses[0])
+    with pytest.raises(ValueError, match="found the law yeoh, expected mooney-rivlin-3"):
+        check_constants(other, other.hypotheses[-1])
+
+
+@pytest.mark.parametrize("low", [-1.0, 0.5])
+def test_an_impossible_height_is_refused_where_it_stands(low: float) -> None:
+    text = TEXT + uniform("prior.height", low, 2.6)
+    said = refusal(text)
+    line = text.splitlines().index(f"low = {low}") + 1
+    assert said.startswith(f"study.toml:{line}: prior.height.low: found {low}, expected")

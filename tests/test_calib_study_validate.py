@@ -15,12 +15,13 @@ from calib.cli import FAILED, WRONG_INPUT, main
 from calib.data.dataset import Dataset, FieldData
 from calib.data.dataset_file import save_dataset
 from calib.inference.inference_data import load_inference_data, save_inference_data
-from calib.study.second_data import plate_model, second_data, solve
+from calib.study.second_data import Study, plate_model, second_data, solve, stated
 from calib.study.second_prediction import at_points
 from calib.study.second_test import SecondTest, load_second_test
-from calib.study.validate import validate
+from calib.study.validate import posterior_draws, validate
 from calib.toml_file import FileRefused
 
+STUDY = Study(bulk_ratio=200.0, correlation=0.7)
 TRUTH = np.array([0.008, 0.004, 0.0024])
 SMALL = """
 name = "small"
@@ -62,24 +63,27 @@ def _finished(out: Path, **centres: float) -> Path:
         {name: (dims, values[..., i]) for i, name in enumerate(("C10", "C01", "C11"))},
         {"hypothesis": names},
     )
-    provenance = json.dumps({"study_file": {"material": {"bulk_ratio": 200.0}}})
+    posterior["mu"] = 2.0 * (posterior["C10"] + posterior["C01"])
+    study = {"material": {"bulk_ratio": 200.0}, "noise": {"sample_correlation": 0.9}}
+    facts = {"study_file": study, "hypotheses": {name: {} for name in names}}
+    provenance = json.dumps(facts)
     data = az.InferenceData(attrs={"provenance": provenance}, posterior=posterior)
     save_inference_data(data, out / "posterior.nc")
     return out
 
 
 @pytest.fixture
-def test_file(tmp_path: Path) -> Path:
+def second_file(tmp_path: Path) -> Path:
     path = tmp_path / "second.toml"
     path.write_text(SMALL)
     return path
 
 
 def test_right_constants_pass_and_those_of_the_thesis_fail(
-    tmp_path: Path, test_file: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, second_file: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = _finished(tmp_path, right=1.0)
-    assert main(["validate", str(out), str(test_file)]) == 0
+    assert main(["validate", str(out), str(second_file)]) == 0
     text = capsys.readouterr().out
     assert "SYNTHETIC" in text and "PASS  right" in text and "FAIL (answer, x, y)  thesis" in text
     found = json.loads((out / "validation" / "small" / "validation.json").read_text())
@@ -92,18 +96,18 @@ def test_right_constants_pass_and_those_of_the_thesis_fail(
     assert (out / "validation" / "small" / "validation.png").is_file()
 
 
-def test_a_wrong_posterior_is_an_exit_code(tmp_path: Path, test_file: Path) -> None:
+def test_a_wrong_posterior_is_an_exit_code(tmp_path: Path, second_file: Path) -> None:
     out = _finished(tmp_path, soft=0.6)
-    assert main(["validate", str(out), str(test_file)]) == FAILED
+    assert main(["validate", str(out), str(second_file)]) == FAILED
 
 
 def test_set_travels_are_blind_to_stiffness_in_the_field_and_see_it_in_the_force(
-    tmp_path: Path, test_file: Path
+    tmp_path: Path, second_file: Path
 ) -> None:
-    test_file.write_text(
+    second_file.write_text(
         SMALL.replace("levels = [0.2, 0.4, 0.6]", 'control = "travel"\nlevels = [2.0, 4.0]')
     )
-    test, folder = load_second_test(test_file)
+    test, folder = load_second_test(second_file)
     out = _finished(tmp_path, soft=0.6)
     found, _ = validate(out, test, folder, lambda _: None)
     soft = found["predictions"]["soft"]["quantities"]
@@ -111,11 +115,12 @@ def test_set_travels_are_blind_to_stiffness_in_the_field_and_see_it_in_the_force
     assert soft["answer"]["ratio"] == pytest.approx(1 / 0.6, rel=0.04)
 
 
-def test_a_measured_data_set_is_read_from_its_file(tmp_path: Path, test_file: Path) -> None:
-    test, folder = load_second_test(test_file)
-    made = second_data(test, folder, 200.0)
+def test_a_measured_data_set_is_read_from_its_file(tmp_path: Path, second_file: Path) -> None:
+    test, folder = load_second_test(second_file)
+    made = second_data(test, folder, STUDY)
     assert made.synthetic and made.field is not None
-    travel = solve(plate_model(test, (4, 6, 1), made.levels), TRUTH, 200.0).travel
+    assert test.virtual is not None and made.correlation == STUDY.correlation
+    travel = solve(plate_model(test, (4, 6, 1), made.levels), stated(test.virtual, STUDY)).travel
     # The noise of the mean of ten samples that differ by 4 %.
     assert made.answer == pytest.approx(travel, rel=0.04)
     field: FieldData = made.field
@@ -123,9 +128,9 @@ def test_a_measured_data_set_is_read_from_its_file(tmp_path: Path, test_file: Pa
     save_dataset(tmp_path / "plate.npz", dataset)
     head, _, tail = SMALL.replace("levels = [0.2, 0.4, 0.6]", "").partition("[virtual]")
     text = head.replace('"virtual"', '"plate.npz"') + "[mesh]" + tail.partition("[mesh]")[2]
-    test_file.write_text(text)
-    read_test, folder = load_second_test(test_file)
-    read = second_data(read_test, folder, 200.0)
+    second_file.write_text(text)
+    read_test, folder = load_second_test(second_file)
+    read = second_data(read_test, folder, STUDY)
     assert not read.synthetic and read.levels == pytest.approx(made.levels)
     assert read.answer == pytest.approx(made.answer)
 
@@ -153,41 +158,68 @@ def test_a_linear_field_is_carried_to_other_points_exactly() -> None:
     ],
 )
 def test_impossible_tests_are_refused_with_their_line(
-    test_file: Path, old: str, new: str, says: str
+    second_file: Path, old: str, new: str, says: str
 ) -> None:
-    test_file.write_text(SMALL.replace(old, new, 1))
+    second_file.write_text(SMALL.replace(old, new, 1))
     with pytest.raises(FileRefused, match=says) as refused:
-        load_second_test(test_file)
+        load_second_test(second_file)
     assert "second.toml:" in str(refused.value)
 
 
 def test_a_missing_study_or_hypothesis_is_said_in_one_sentence(
-    tmp_path: Path, test_file: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, second_file: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["validate", str(tmp_path / "none"), str(test_file)]) == WRONG_INPUT
+    assert main(["validate", str(tmp_path / "none"), str(second_file)]) == WRONG_INPUT
     assert "posterior of a finished study" in capsys.readouterr().err
-    test, folder = load_second_test(test_file)
+    test, folder = load_second_test(second_file)
     asked: SecondTest = replace(test, hypothesis="other")
     with pytest.raises(ValueError, match="hypothesis: found other, expected one of right"):
         validate(_finished(tmp_path, right=1.0), asked, folder, lambda _: None)
 
 
-def test_a_posterior_of_another_law_or_of_an_unknown_bulk_ratio_is_refused(
-    tmp_path: Path, test_file: Path
+def test_a_posterior_that_lacks_a_constant_of_its_law_is_refused(
+    tmp_path: Path, second_file: Path
 ) -> None:
-    test, folder = load_second_test(test_file)
+    test, folder = load_second_test(second_file)
     out = _finished(tmp_path, right=1.0)
     stored = load_inference_data(out / "posterior.nc")
     whole = stored["posterior"]
     for posterior, says in (
         (whole.drop_vars("C11"), "right: found no C11, expected"),
         (whole.assign(C01=np.nan * whole["C01"]), "right: found no C01, expected"),
-        (whole.assign(bulk_ratio=whole["C10"]), "found bulk_ratio among the unknowns"),
     ):
         changed = az.InferenceData(attrs=stored.attrs, posterior=posterior)
         save_inference_data(changed, out / "posterior.nc")
         with pytest.raises(ValueError, match=says):
             validate(out, test, folder, lambda _: None)
+
+
+def test_another_law_and_an_unknown_bulk_modulus_predict_by_their_own_draws(
+    tmp_path: Path, second_file: Path
+) -> None:
+    test, _ = load_second_test(second_file)
+    out = _finished(tmp_path, right=1.0, soft=0.5)
+    stored = load_inference_data(out / "posterior.nc")
+    one = np.array([1.0, np.nan])  # of the second hypothesis neither is known
+    posterior = stored["posterior"]
+    posterior["bulk_ratio"] = (
+        30.0 * posterior["mu"] / posterior["mu"] * xr.DataArray(one, dims="hypothesis")
+    )
+    posterior["mu1"], posterior["alpha1"] = posterior["C10"], 2.0 + 0.0 * posterior["C10"]
+    posterior["friction"] = posterior["C10"]
+    facts = json.loads(stored.attrs["provenance"])
+    of_law = {"law": {"name": "ogden-1"}, "inputs": [], "errors": []}
+    facts["hypotheses"]["right"] = {"space": of_law}
+    attrs = stored.attrs | {"provenance": json.dumps(facts)}
+    save_inference_data(az.InferenceData(attrs=attrs, posterior=posterior), out / "posterior.nc")
+    draws, study = posterior_draws(out, test)
+    assert draws["right"].law == "ogden-1" and draws["soft"].law == "mooney-rivlin-3"
+    assert draws["right"].constants.shape == (4, 2) and (draws["right"].constants[:, 1] == 2).all()
+    mu = posterior["mu"].sel(hypothesis="right").values.ravel()
+    assert np.isin(np.round(draws["right"].bulk, 12), np.round(30.0 * mu, 12)).all()
+    soft = draws["soft"].constants
+    assert draws["soft"].bulk == pytest.approx(200.0 * 2.0 * soft[:, :2].sum(axis=1))
+    assert study.correlation == 0.9
 
 
 def test_the_embedded_test_is_readable() -> None:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.stats import chi2
+from scipy.stats import f as f_distribution
 
 from calib.inference.coordinates import CONSTANTS, constants_of, theta_of, theta_of_constants
 from calib.inference.likelihood import Likelihood
@@ -40,11 +41,13 @@ def predictive_p_value(posterior: Posterior, quadrature: Quadrature) -> float:
     Discrepancy T = (y - f(theta))^T Sigma(theta)^-1 (y - f(theta)) (Gelman, Meng, Stern, Stat.
     Sinica 6 (1996) 733). Given theta a replicate's T is chi-square of n_step degrees of freedom,
     so the p-value is the posterior mean of its upper tail, without simulation. It is
-    conservative: the data were used to find theta.
+    conservative: the data were used to find theta. Of Student-t forces T over n_step is F of n_step
+    and their degrees of freedom (but for the nuisances of the test, which stay normal).
     """
     kept = quadrature.weights > 1e-9
     misfit = posterior.likelihood.force_misfit(theta_of(quadrature.x[kept]))
-    tail = chi2.sf(misfit, posterior.likelihood.force.size)
+    n, freedom = posterior.likelihood.force.size, posterior.likelihood.errors.freedom
+    tail = chi2.sf(misfit, n) if freedom is None else f_distribution.sf(misfit / n, n, freedom)
     weights = quadrature.weights[kept]
     return float(weights @ tail / weights.sum())
 

@@ -17,6 +17,7 @@ from calib.inference.field_likelihood import FieldLikelihood
 from calib.inference.forward import Jacobian, Prediction
 from calib.inference.likelihood import Likelihood
 from calib.inference.posterior import Posterior
+from calib.inference.student_force import information_share
 from fe.response import Array
 
 CURVATURE_STEP = 0.2
@@ -117,6 +118,7 @@ def spectrum(information: Array, prior_sd: Array) -> Spectrum:
 def _of_force(likelihood: Likelihood, prediction: Prediction, slope: Jacobian) -> Information:
     force = np.ascontiguousarray(prediction.force.T)
     covariance = likelihood.errors.covariance(force, prediction.force_covariance)[:, :, 0]
+    covariance = covariance / information_share(likelihood.errors.freedom, len(force))
     shifts = likelihood.errors.shifts(force)[:, :, 0].T
     jacobian = slope.force[0]
     solved = np.linalg.solve(covariance, shifts)

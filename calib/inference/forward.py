@@ -132,8 +132,8 @@ class EmulatorForward:
             return Prediction(force, covariance)
         return Prediction(force, covariance, *self._scaled.field_weights(theta))
 
-    def stating(self, theta: Array, unit_force: Array, weights: Array | None) -> StatedForward:
-        """This model, mesh correction included, of an emulator that says these and has no error.
+    def stated(self, theta: Array, unit_force: Array, weights: Array | None) -> Prediction:
+        """The prediction, mesh correction included, of an emulator without error that says these.
 
         `unit_force` (m, n_step) N at kappa = 1 MPa and `weights` (m, k) of the field, if any, at
         theta (m, n).
@@ -141,8 +141,7 @@ class EmulatorForward:
         force = theta[:, :1] * unit_force
         if self._factor is not None:
             force = force * self._factor
-        given = Prediction(force, None, None if self._basis is None else weights)
-        return StatedForward(given, self._basis)
+        return Prediction(force, None, None if self._basis is None else weights)
 
     def jacobian(self, theta: Array) -> Jacobian:
         """Derivatives of the means by x; d/d ln kappa = kappa d/d kappa."""
@@ -157,24 +156,33 @@ class EmulatorForward:
 
 
 @dataclass(frozen=True)
-class StatedForward:
-    """A forward model at the one array of parameters for which its predictions are given."""
+class GivenInputs:
+    """A forward model whose unknowns beyond the first few are known: theta is the others alone."""
 
-    prediction: Prediction
-    field_basis: FieldBasis | None
+    forward: ForwardModel
+    values: Array
+    """(k,) coordinates of the last unknowns"""
+
+    @property
+    def field_basis(self) -> FieldBasis | None:
+        """That of the model."""
+        return self.forward.field_basis
 
     def predict(self, theta: Array) -> Prediction:
-        """The predictions given, for theta (m, n) of the same length.
-
-        Raises ValueError for another number of parameter vectors.
-        """
-        if len(theta) != len(self.prediction.force):
-            raise ValueError(f"theta: expected {len(self.prediction.force)} rows, got {len(theta)}")
-        return self.prediction
+        """Prediction at theta (m, n - k)."""
+        return self.forward.predict(self._whole(theta))
 
     def jacobian(self, theta: Array) -> Jacobian:
-        """Not known: raises NotImplementedError."""
-        raise NotImplementedError("predictions were given without derivatives")
+        """Derivatives at theta (m, n - k) by its own columns."""
+        slope = self.forward.jacobian(self._whole(theta))
+        n = theta.shape[1]
+        weights = None if slope.weights is None else slope.weights[..., :n]
+        return Jacobian(slope.force[..., :n], weights)
+
+    def _whole(self, theta: Array) -> Array:
+        return np.column_stack(
+            [theta, np.broadcast_to(self.values, (len(theta), self.values.size))]
+        )
 
 
 def _emulator_basis(scaled: ScaledEmulator) -> FieldBasis:
@@ -215,6 +223,13 @@ class DirectForward:
     def n_solves(self) -> int:
         """Number of simulations run so far."""
         return len(self._runs)
+
+    @property
+    def solved(self) -> Array:
+        """(k, d) inputs of the simulations that reached every travel, in the order of solving."""
+        good = [key for key, run in self._runs.items() if np.isfinite(run.force).all()]
+        rows: Array = np.array([np.frombuffer(key) for key in good])
+        return rows
 
     @property
     def field_basis(self) -> FieldBasis | None:

@@ -43,9 +43,16 @@ def log_density_along(covariance: Array, residual: Array, errors: Array) -> Alon
     Covariances (n, n, m), without these errors. Not finite where a solve failed or a covariance is
     not positive definite.
     """
+    return density_and_misfit(covariance, residual, errors)[0]
+
+
+def density_and_misfit(
+    covariance: Array, residual: Array, errors: Array
+) -> tuple[AlongError, Array]:
+    """What `log_density_along` gives, and (m,) residual^T covariance^-1 residual."""
     gram, logdet = gram_and_logdet(covariance, np.concatenate([residual[None], errors]))
     value = -0.5 * (gram[0, 0] + logdet + residual.shape[0] * LOG_2PI)
-    return AlongError(value, gram[0, 1:], gram[1:, 1:])
+    return AlongError(value, gram[0, 1:], gram[1:, 1:]), gram[0, 0]
 
 
 def conditional_log_densities(covariance: Array, residual: Array) -> Array:

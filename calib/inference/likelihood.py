@@ -18,7 +18,7 @@ from calib.inference.field_scales import (
     rigid_patterns,
 )
 from calib.inference.forward import ForwardModel, Prediction, identity_basis
-from calib.inference.gaussian import conditional_log_densities, log_density_along
+from calib.inference.gaussian import conditional_log_densities, density_and_misfit
 from calib.inference.noise import (
     ForceErrors,
     ForceSizes,
@@ -31,6 +31,11 @@ from calib.inference.shared_error import (
     SharedPosterior,
     marginal,
     shared_posterior,
+)
+from calib.inference.student_force import (
+    ForceDensity,
+    student_marginal,
+    student_shared_posterior,
 )
 from fe.response import Array
 
@@ -45,7 +50,8 @@ class Likelihood:
     """ln p(data | theta) with all errors in the covariance, which depends on theta.
 
     Force: N(y; f(theta), Sigma_mean + emulator + discretisation). Field: N(u; u(theta), noise +
-    discretisation + emulator). Given theta they share one error, the zero of the travel.
+    discretisation + emulator). Given theta they share one error, the zero of the travel. With
+    `errors.freedom` the forces' normal is a multivariate t about it.
     """
 
     forward: ForwardModel
@@ -59,23 +65,40 @@ class Likelihood:
     def __post_init__(self) -> None:
         if not set(self.unknown) <= set(SIZES):
             raise ValueError(f"unknown: expected some of {', '.join(SIZES)}, got {self.unknown}")
+        if self.errors.freedom is not None and FORCE_DISCREPANCY in self.unknown:
+            raise ValueError(
+                f"unknown: found {FORCE_DISCREPANCY} with Student-t forces, expected one of the two"
+            )
 
     def log_prob(self, theta: Array) -> Array:
         """(m,) log-likelihood at theta (m, n); -inf where the forward model failed."""
-        prediction = self.predict(theta)
-        return marginal(self._parts(theta, prediction))
+        return self.log_prob_of(theta, self.predict(theta))
+
+    def log_prob_of(self, theta: Array, prediction: Prediction) -> Array:
+        """(m,) log-likelihood where a prediction in the forward model's basis is given."""
+        return self._joint(*self._parts(theta, prediction))
 
     def shared_posterior(self, theta: Array) -> SharedPosterior:
         """Posterior of the nuisances of the test given theta (m, n), in their prior SDs."""
-        return shared_posterior(self._parts(theta, self.predict(theta)))
+        force, others = self._parts(theta, self.predict(theta))
+        if self.errors.freedom is not None:
+            return student_shared_posterior(force, others, self.errors.freedom)
+        return shared_posterior([force.along, *others])
 
-    def _parts(self, theta: Array, prediction: Prediction) -> list[AlongError]:
+    def _parts(self, theta: Array, prediction: Prediction) -> tuple[ForceDensity, list[AlongError]]:
+        """The forces, and the field where there is one."""
         steps = np.arange(self.force.size)
-        parts = [self._force_along(prediction, steps, self._force_sizes(theta))]
-        if self.field is not None:
-            sizes = self.field_sizes(theta)
-            parts.append(self._field(self.field).along(prediction, None, sizes))
-        return parts
+        force = self._force_along(prediction, steps, self._force_sizes(theta))
+        if self.field is None:
+            return force, []
+        sizes = self.field_sizes(theta)
+        return force, [self._field(self.field).along(prediction, None, sizes)]
+
+    def _joint(self, force: ForceDensity, others: list[AlongError]) -> Array:
+        """(m,) ln density of forces and other parts, the errors that they share integrated out."""
+        if self.errors.freedom is not None:
+            return student_marginal(force, others, self.errors.freedom)
+        return marginal([force.along, *others])
 
     def size(self, theta: Array, name: str) -> Array | None:
         """(m,) an unknown size of the errors at theta (m, n); None where it is known."""
@@ -125,28 +148,30 @@ class Likelihood:
         increment is its force and its field together: log p(y) - log p(y without i).
         """
         prediction = self.predict(theta)
-        if self.field is None:
+        if self.field is None and self.errors.freedom is None:
             return conditional_log_densities(
                 self.force_covariance(prediction, theta), self.force - prediction.force
             )
-        field = self._field(self.field)
+        field = None if self.field is None else self._field(self.field)
         steps = np.arange(self.force.size)
         sizes, own = self.field_sizes(theta), self._force_sizes(theta)
-        total = marginal(self._parts(theta, prediction))
+        total = self._joint(*self._parts(theta, prediction))
         columns = []
         for index in range(steps.size):
             force = self._force_along(prediction, np.delete(steps, index), own)
-            columns.append(total - marginal([force, field.along(prediction, index, sizes)]))
+            others = [] if field is None else [field.along(prediction, index, sizes)]
+            columns.append(total - self._joint(force, others))
         return np.column_stack(columns)
 
     def force_log_prob(self, theta: Array, steps: npt.NDArray[np.intp]) -> Array:
         """(m,) ln density of the forces at some of the steps, at theta (m, n)."""
-        return marginal([self._force_along(self.predict(theta), steps, self._force_sizes(theta))])
+        force = self._force_along(self.predict(theta), steps, self._force_sizes(theta))
+        return self._joint(force, [])
 
     def force_covariance(self, prediction: Prediction, theta: Array | None = None) -> Array:
         """(m, n_step, n_step) covariance of the force residual, nuisances included, N^2.
 
-        `theta` (m, n) where sizes of the errors are unknown.
+        Of Student-t forces the scale matrix. `theta` (m, n) where sizes of the errors are unknown.
         """
         force = np.ascontiguousarray(prediction.force.T)
         sizes = None if theta is None else self._force_sizes(theta)
@@ -157,14 +182,15 @@ class Likelihood:
 
     def _force_along(
         self, prediction: Prediction, steps: npt.NDArray[np.intp], sizes: ForceSizes | None
-    ) -> AlongError:
-        """Log density of the forces at `steps` along the nuisances of the test."""
+    ) -> ForceDensity:
+        """Log normal density of the forces at `steps` along the nuisances of the test."""
         force = np.ascontiguousarray(prediction.force.T)
         covariance = self.errors.covariance(force, prediction.force_covariance, sizes)
         residual = self.force[:, None] - force
-        return log_density_along(
+        along, misfit = density_and_misfit(
             covariance[np.ix_(steps, steps)], residual[steps], self.errors.shifts(force)[:, steps]
         )
+        return ForceDensity(along, misfit, len(steps))
 
     def force_discrepancy(self, theta: Array) -> Array:
         """(m, n_step) mean of the discrepancy of the force given theta (m, n), N.

@@ -86,6 +86,8 @@ class MapResult:
     solves, and not those of the direct model, which were not known or led to a worse point"""
     message: str
     """one sentence on how the refinement ended"""
+    solved: Array
+    """(k, d) inputs of the direct simulations that reached the end, in the order of solving"""
 
 
 def emulator_map(posterior: Posterior, sd: Array, rng: np.random.Generator) -> MapPoint:
@@ -146,6 +148,7 @@ def refine_map(
         status=status,
         by_secants=search.rough,
         message=_MESSAGES[status].format(n=counted(search.solves)),
+        solved=direct.solved,
     )
 
 

@@ -51,6 +51,8 @@ class NoiseSettings:
     """SD of a rigid translation of the field along each axis, at each increment, mm"""
     rotation_sd: float = 0.0
     """SD of a small rigid rotation of the field about each axis, at each increment, degrees"""
+    force_freedom: float | None = None
+    """degrees of freedom of the forces' own errors as a Student-t; None is normal"""
     field_freedom: float | None = None
     """degrees of freedom of the field's noise as a Student-t; None is normal"""
     force_discrepancy_length: float = 0.8
@@ -71,6 +73,8 @@ class NoiseSettings:
             value = getattr(self, name)
             if not (np.isfinite(value) and value >= 0):
                 raise ValueError(f"{name}: expected zero or a positive number, got {value}")
+        if self.force_freedom is not None and not 1 <= self.force_freedom < np.inf:
+            raise ValueError(f"force_freedom: expected 1 or more, got {self.force_freedom}")
         if not -1 < self.sample_correlation < 1:
             raise ValueError(
                 f"sample_correlation: expected in (-1, 1), got {self.sample_correlation}"
@@ -142,6 +146,8 @@ class ForceErrors:
     """nuisances of the test beyond the zero of the travel"""
     smoothness: Array | None = None
     """(n_step, n_step) correlation of a discrepancy of the force, relative to it, over travels"""
+    freedom: float | None = None
+    """degrees of freedom of all but the shared nuisances as a multivariate t; None is normal"""
 
     def __post_init__(self) -> None:
         n = self.mean.shape[0]
@@ -203,6 +209,7 @@ def force_errors(
         slope=slope_matrix(dataset.travel),
         further=further_errors(dataset, settings),
         smoothness=smooth_over(dataset.travel, settings.force_discrepancy_length),
+        freedom=settings.force_freedom,
     )
 
 

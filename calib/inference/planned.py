@@ -17,6 +17,7 @@ from calib.inference.coordinates import theta_of
 from calib.inference.field_likelihood import FieldLikelihood, project
 from calib.inference.forward import FieldBasis, Jacobian, Prediction
 from calib.inference.likelihood import Likelihood
+from calib.inference.student_force import information_share
 from fe.response import Array
 
 NEGLIGIBLE = 1e-12
@@ -90,6 +91,7 @@ def reduce_experiment(
     at_centre = likelihood.predict(centre)
     column = np.ascontiguousarray(at_centre.force.T)
     noise = likelihood.errors.covariance(column, None)[np.ix_(chosen, chosen)][:, :, 0]
+    noise = noise / information_share(likelihood.errors.freedom, len(chosen))
     shifts = likelihood.errors.shifts(column)[:, chosen, 0]
     mean, jacobian = [prediction.force[:, chosen]], [slope.force[:, chosen]]
     known = np.eye(len(shifts))

@@ -7,7 +7,9 @@ from typing import NamedTuple
 import numpy as np
 
 from calib.inference.coordinates import theta_of
+from calib.inference.forward import Prediction
 from calib.inference.likelihood import Likelihood
+from calib.inference.student_force import student_weights
 from fe.response import Array
 
 BATCH = 8192
@@ -23,10 +25,28 @@ def predictive_forces(likelihood: Likelihood, x: Array, rng: np.random.Generator
     for start in range(0, len(x), BATCH):
         theta = theta_of(x[start : start + BATCH])
         prediction = likelihood.predict(theta)
-        factor = np.linalg.cholesky(likelihood.force_covariance(prediction, theta))
-        noise = rng.standard_normal(prediction.force.shape)
-        parts.append(prediction.force + np.einsum("mij,mj->mi", factor, noise))
+        parts.append(prediction.force + _force_errors(likelihood, prediction, theta, rng))
     return np.concatenate(parts)
+
+
+def _force_errors(
+    likelihood: Likelihood, prediction: Prediction, theta: Array, rng: np.random.Generator
+) -> Array:
+    """(m, n_step) draws of the errors of the forces, N."""
+    covariance = likelihood.force_covariance(prediction, theta)
+    freedom, m = likelihood.errors.freedom, len(theta)
+    if freedom is not None:
+        # Student-t are all errors but the shared ones, which `force_covariance` has too.
+        shifts = likelihood.errors.shifts(np.ascontiguousarray(prediction.force.T))
+        covariance = covariance - np.einsum("qim,qjm->mij", shifts, shifts)
+    factor = np.linalg.cholesky(covariance)
+    noise = rng.standard_normal(prediction.force.shape)
+    drawn: Array = np.einsum("mij,mj->mi", factor, noise)
+    if freedom is None:
+        return drawn
+    shared: Array = np.einsum("qim,qm->mi", shifts, rng.standard_normal((len(shifts), m)))
+    own: Array = drawn / np.sqrt(student_weights(freedom, m, rng))[:, None]
+    return own + shared
 
 
 def expected_forces(likelihood: Likelihood, x: Array) -> Array:

@@ -29,6 +29,9 @@ NODES = {1: 36, 2: 36, 3: 18}
 """nodes of each coordinate by the number of outer ones"""
 
 
+QUADRATURE, DRAWS = "quadrature", "importance sampling"
+
+
 @dataclass(frozen=True)
 class Quadrature:
     """Nodes and normalised weights of the posterior, and its evidence."""
@@ -43,6 +46,8 @@ class Quadrature:
     """difference from the same integral with two thirds of the nodes; of draws, an SD"""
     space: Space = field(default_factory=Space)
     """what the coordinates are"""
+    method: str = QUADRATURE
+    """how the integrals were found"""
 
     def expect(self, values: Array) -> Array:
         """Posterior expectation of values (n, ...) given at the nodes."""
@@ -124,6 +129,7 @@ def _by_draws(posterior: Posterior) -> Quadrature:
         log_evidence=log_evidence,
         log_evidence_error=found.error,
         space=posterior.prior.space,
+        method=DRAWS,
     )
 
 

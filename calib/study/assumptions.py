@@ -83,10 +83,12 @@ def _nuisance_rows(study: Study) -> list[tuple[str, str, str]]:
         ("rigid rotation of the field at each increment, SD", noise.rotation_sd, "degrees"),
     )
     rows = [(name, f"{value:g}", unit) for name, value, unit in known if value > 0]
-    if noise.field_freedom is not None:
-        rows.append(
-            ("noise of the field, Student-t", f"{noise.field_freedom:g}", "degrees of freedom")
-        )
+    for name, freedom in (
+        ("errors of the force, Student-t", noise.force_freedom),
+        ("noise of the field, Student-t", noise.field_freedom),
+    ):
+        if freedom is not None:
+            rows.append((name, f"{freedom:g}", "degrees of freedom"))
     return rows
 
 

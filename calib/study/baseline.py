@@ -14,18 +14,18 @@ from calib.data.thesis import optimization_runs
 from calib.inference.baseline import Baseline, thesis_baseline
 from calib.inference.coordinates import CONSTANTS, constants_of, theta_of, theta_of_constants
 from calib.inference.field_noise import field_covariance
-from calib.inference.forward import EmulatorForward
+from calib.inference.forward import EmulatorForward, ForwardModel, GivenInputs
 from calib.study.artifacts import write_json
 from calib.study.context import Context, stream
 from calib.study.data_stage import load_data
 from calib.study.figure_style import COLOURS, INK, MUTED, save_png, tidy
-from calib.study.finished import check_three_unknowns, chosen, finished
+from calib.study.finished import check_constants, chosen, finished
 from calib.study.mesh_error import load_mesh_error
 from calib.study.sample_stage import load_samples, samples_path
 from calib.study.sections import Hypothesis
 from calib.study.tables import Table, number
 from calib.study.train_stage import load_emulator
-from calib.study.unknowns import ERRORS
+from calib.study.unknowns import inputs_of
 from fe.response import Array
 from surrogate import ScaledEmulator
 
@@ -67,12 +67,14 @@ def baseline(
 
     On the study's own field where it has one, else on a synthetic one: the emulator's field at
     `truth` (C10, C01, C11 in MPa; default those of thesis Table 5.4) with noise.
+    The thesis knows the constants alone: further unknowns of the forward model (friction, height,
+    ...) are at their posterior means.
     Raises ValueError where the folder holds no finished study, for a truth beside a field, and
-    for a hypothesis with other unknowns of the forward model than kappa, r and s.
+    for a hypothesis of another law than mooney-rivlin-3.
     """
     context = finished(out)
     under = chosen(context.study, hypothesis)
-    check_three_unknowns(context.study, under, *ERRORS)
+    check_constants(context.study, under)
     found = _run(context, under, truth)
     write_json(out / FILE, facts(found))
     draws = _draws(context, under)
@@ -87,11 +89,7 @@ def _run(
     context: Context, hypothesis: Hypothesis, truth: tuple[float, float, float] | None
 ) -> BaselineStudy:
     data = load_data(context.out)
-    forward = EmulatorForward(
-        ScaledEmulator(load_emulator(context.out, hypothesis)),
-        with_field=True,
-        correction=load_mesh_error(context.out, hypothesis).correction,
-    )
+    forward = _forward(context, hypothesis)
     field = data.dataset.field
     constants: Array | None = None
     if field is not None:
@@ -119,8 +117,22 @@ def _run(
     return BaselineStudy(hypothesis.name, synthetic, constants, travel, runs, at_truth)
 
 
+def _forward(context: Context, hypothesis: Hypothesis) -> ForwardModel:
+    """The emulator over (kappa, r, s), what else it takes being at its posterior mean."""
+    forward = EmulatorForward(
+        ScaledEmulator(load_emulator(context.out, hypothesis)),
+        with_field=True,
+        correction=load_mesh_error(context.out, hypothesis).correction,
+    )
+    n = len(inputs_of(context.study, hypothesis))
+    if not n:
+        return forward
+    draws = load_samples(context.out, hypothesis).result.draws
+    return GivenInputs(forward, draws.mean(axis=0)[3 : 3 + n])
+
+
 def synthetic_field(
-    context: Context, hypothesis: Hypothesis, forward: EmulatorForward, constants: Array
+    context: Context, hypothesis: Hypothesis, forward: ForwardModel, constants: Array
 ) -> Array:
     """(n_step, n_point, 3) field of the emulator at constants (3,) MPa, with correlated noise."""
     weights = forward.predict(theta_of_constants(*constants)[None]).weights

@@ -21,10 +21,7 @@ from calib.study.sections import (
     STRICT,
     VIRTUAL,
     Cells,
-    Compute,
     DataSource,
-    Design,
-    EmulatorLimits,
     Geometry,
     Hypothesis,
     Material,
@@ -32,7 +29,6 @@ from calib.study.sections import (
     Name,
     Noise,
     Positive,
-    Sampler,
     Virtual,
     finer_than,
     is_finer,
@@ -41,6 +37,7 @@ from calib.study.sections import (
 )
 from calib.study.unknown_checks import check_unknowns, section_of
 from calib.study.unknowns import least_height
+from calib.study.work_sections import Compute, Design, EmulatorLimits, Sampler, Verification
 from calib.toml_file import (
     Contradiction,
     Document,
@@ -95,6 +92,8 @@ class Study:
     """a section [emulator]"""
     sampler: Sampler = Sampler()
     """a section [sampler]"""
+    verification: Verification = Verification()
+    """a section [verification]"""
     compute: Compute = Compute()
     """a section [compute]"""
 
@@ -122,7 +121,8 @@ class Study:
 
     def _check_increments(self) -> None:
         previous = 0.0
-        lowest = min(least_height(self, hypothesis) for hypothesis in self.hypotheses)
+        # The bounds of an unknown height are held against the increments by `check_unknowns`.
+        lowest = min(self.height(hypothesis) for hypothesis in self.hypotheses)
         for index, travel in enumerate(self.increments):
             key = f"increments.{index}"
             if travel <= previous:

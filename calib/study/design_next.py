@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -12,13 +12,18 @@ import numpy as np
 from calib.data.dataset import Dataset, FieldData
 from calib.inference.coordinates import theta_of
 from calib.inference.information_gain import laplace_gain, nested_gain
+from calib.inference.likelihood import (
+    FIELD_DISCREPANCY,
+    FIELD_NOISE,
+    FORCE_DISCREPANCY,
+    FORCE_NOISE,
+)
 from calib.inference.planned import Reduced, reduce_experiment
 from calib.study.artifacts import plain, write_json
 from calib.study.config import Study, load_study
 from calib.study.context import Context, block_pin_model, stream
 from calib.study.data_stage import load_data
 from calib.study.figure_style import save_png
-from calib.study.finished import check_three_unknowns
 from calib.study.information_figures import gains_figure
 from calib.study.mesh_error import load_mesh_error
 from calib.study.plans import ASSUMED_NOISE, Errors, Plan, by_emulator, by_runs
@@ -29,8 +34,9 @@ from calib.study.tables import Table, number
 from fe.executors import serial_map
 from fe.response import Array
 
+RATIOS_ALONE = ("ln kappa", "r", "s")
+"""unknowns by which runs of other blocks have derivatives"""
 N_LAPLACE, N_OUTER, N_INNER = 400, 1500, 3000
-COORDINATES = ("ln kappa", "r", "s")
 ASSUMED_LENGTH, ASSUMED_SHARE, ASSUMED_NUGGET = 0.5, 0.5, 1e-6
 Echo = Callable[[str], None]
 
@@ -41,25 +47,32 @@ def design_next(
     """Weigh experiments for the study in `out`; returns what was found and the files written.
 
     `hypothesis` may be left out where there is one only. Without FE runs, increments and
-    instruments alone are weighed. Raises ValueError when the study is not finished or has no such
-    hypothesis, or one with other unknowns than kappa, r and s.
+    instruments alone are weighed; so they are where the forward model has other unknowns than
+    kappa, r and s, since cameras and other blocks have no derivatives by these. Sizes of the errors
+    that are unknown are taken at their posterior means, in the logarithm.
+    Raises ValueError when the study is not finished or has no such hypothesis.
     """
     if not (out / "posterior.nc").is_file():
         raise ValueError(f"{out}: found no posterior.nc, expected the folder of a finished study")
     study = load_study(out / "study.toml")
     chosen = _hypothesis(study, hypothesis)
-    check_three_unknowns(study, chosen)
     context = Context(study, out, block_pin_model, serial_map, echo, show_progress=False)
-    x = _draws(context, chosen)
-    data = load_data(out).dataset
-    errors = errors_of(context, chosen, data)
+    draws, data = _draws(context, chosen), load_data(out).dataset
+    posterior = emulator_posterior(context, chosen)
+    space = posterior.prior.space
+    x, sizes = draws[:, : space.n_forward], np.exp(draws[:, space.n_forward :].mean(axis=0))
+    names = ("ln kappa", *space.x_names[1 : space.n_forward])
+    known = {unknown.name: float(size) for unknown, size in zip(space.errors, sizes, strict=True)}
+    errors = errors_of(context, chosen, data, known)
     theta = theta_of(x.mean(axis=0))
-    forward = emulator_posterior(context, chosen).likelihood.forward
     points = None if data.field is None else data.field.points
+    forward = posterior.likelihood.forward
     plans = list(by_emulator(forward, data.travel, points, errors, theta))
-    if with_runs:
+    if with_runs and names == RATIOS_ALONE:
         plans += by_runs(study, chosen, errors, theta, echo)
-    rows = [weigh(plan, x, stream(study, f"design {plan.name}")) for plan in plans]
+    elif with_runs:
+        echo(f"FE runs    left out: {', '.join(names[1:])} are unknown, expected r and s alone")
+    rows = [weigh(plan, x, names, stream(study, f"design {plan.name}")) for plan in plans]
     rows.sort(key=lambda row: -row["gain"].mean)
     facts: dict[str, Any] = plain(
         {
@@ -67,7 +80,7 @@ def design_next(
             "hypothesis": chosen.name,
             "synthetic": data.synthetic,
             "assumed_camera": data.field is None,
-            "now": {name: sd for name, sd in zip(COORDINATES, x.std(axis=0), strict=True)},
+            "now": dict(zip(names, x.std(axis=0), strict=True)),
             "plans": rows,
         }
     )
@@ -88,7 +101,7 @@ def _hypothesis(study: Study, name: str | None) -> Hypothesis:
 
 
 def _draws(context: Context, hypothesis: Hypothesis) -> Array:
-    """(n, 3) independent draws of x = (ln kappa, r, s) for all of the weighing."""
+    """(n, d) independent draws of x for all of the weighing."""
     draws = load_samples(context.out, hypothesis).result.draws
     rng = stream(context.study, f"design draws {hypothesis.name}")
     n = min(N_OUTER + N_INNER, len(draws))
@@ -96,9 +109,12 @@ def _draws(context: Context, hypothesis: Hypothesis) -> Array:
     return found
 
 
-def errors_of(context: Context, hypothesis: Hypothesis, data: Dataset) -> Errors:
+def errors_of(
+    context: Context, hypothesis: Hypothesis, data: Dataset, sizes: Mapping[str, float]
+) -> Errors:
     """Errors of the study's experiment, of which plans change one at a time.
 
+    `sizes` are those that the study leaves unknown, by name.
     The shapes of the measured mesh error are left out: no other block's are known. Where the study
     has no field, the noise of a camera is assumed.
     """
@@ -106,21 +122,22 @@ def errors_of(context: Context, hypothesis: Hypothesis, data: Dataset) -> Errors
     mesh = load_mesh_error(context.out, hypothesis)
     load_cell = min(noise.load_cell_sd, 0.99 * float(data.force_sd.min()))
     own = np.sqrt(data.force_sd**2 - load_cell**2) / data.force_mean
+    by_force, by_field = sizes.get(FORCE_NOISE, 1.0), sizes.get(FIELD_NOISE, 1.0)
     field: FieldData | None = data.field
     return Errors(
-        own_share=own,
-        noise=replace(noise_of(context.study), load_cell_sd=load_cell),
+        own_share=by_force * own,
+        noise=replace(noise_of(context.study), load_cell_sd=by_force * load_cell),
         n_samples=data.n_samples,
-        discretisation=mesh.force,
-        floor=mesh.field_floor,
-        noise_std=np.array(ASSUMED_NOISE) if field is None else field.noise_std,
+        discretisation=np.hypot(mesh.force, sizes.get(FORCE_DISCREPANCY, 0.0)),
+        floor=np.hypot(mesh.field_floor, sizes.get(FIELD_DISCREPANCY, 0.0)),
+        noise_std=by_field * (np.array(ASSUMED_NOISE) if field is None else field.noise_std),
         length=ASSUMED_LENGTH if field is None else field.correlation_length,
         reference_share=ASSUMED_SHARE if field is None else field.reference_share,
         nugget=ASSUMED_NUGGET if field is None else field.nugget,
     )
 
 
-def weigh(plan: Plan, x: Array, rng: np.random.Generator) -> dict[str, Any]:
+def weigh(plan: Plan, x: Array, names: tuple[str, ...], rng: np.random.Generator) -> dict[str, Any]:
     """Expected information gain of one plan, closed form and nested Monte Carlo, as JSON data."""
     steps = np.array(plan.steps)
     planned = reduce_experiment(plan.likelihood, x, steps, with_field=plan.with_field)
@@ -135,12 +152,12 @@ def weigh(plan: Plan, x: Array, rng: np.random.Generator) -> dict[str, Any]:
         "gain": gain,
         "nested": nested,
         "agree": nested.agrees_with(gain),
-        "sd_after": dict(zip(COORDINATES, _sd_after(planned, prior), strict=True)),
+        "sd_after": dict(zip(names, _sd_after(planned, prior), strict=True)),
     }
 
 
 def _sd_after(planned: Reduced, prior: Array) -> Array:
-    """(3,) SDs of the linear problem at the mean derivatives."""
+    """(d,) SDs of the linear problem at the mean derivatives."""
     slope = planned.jacobian.mean(axis=0)
     information = slope.T @ np.linalg.solve(planned.covariance, slope)
     after: Array = np.sqrt(np.diag(np.linalg.inv(np.linalg.inv(prior) + information)))
@@ -160,7 +177,7 @@ def gains_table(facts: dict[str, Any]) -> Table:
                 f"{row['gain']['mean']:.3f} ± {row['gain']['error']:.3f}",
                 f"{lower['mean']:.2f} to {upper['mean']:.2f} ± {error:.2f}",
                 "yes" if row["agree"] else "NO",
-                *(number(row["sd_after"][name] / facts["now"][name], 3) for name in COORDINATES),
+                *(number(row["sd_after"][name] / facts["now"][name], 3) for name in facts["now"]),
                 row["source"],
             )
         )
@@ -174,7 +191,7 @@ def gains_table(facts: dict[str, Any]) -> Table:
             "gain [nats]",
             "nested MC [nats]",
             "agree",
-            *(f"SD {name}, after/now" for name in COORDINATES),
+            *(f"SD {name}, after/now" for name in facts["now"]),
             "by",
         ),
         tuple(rows),

@@ -45,8 +45,10 @@ class Standing:
     """How one hypothesis stands, every number with its error."""
 
     name: str
-    quadrature: tuple[float, float] | None
-    """ln evidence and its error by quadrature, or by importance sampling with many unknowns"""
+    integral: tuple[float, float]
+    """ln evidence and its error by `method`"""
+    method: str
+    """quadrature, or importance sampling with many unknowns"""
     nested: tuple[float, float]
     """ln evidence by nested sampling and its SD"""
     increments: Scores
@@ -56,7 +58,7 @@ class Standing:
     @property
     def log_evidence(self) -> tuple[float, float]:
         """The more exact of the two."""
-        return self.quadrature or self.nested
+        return self.integral
 
 
 @dataclass(frozen=True)
@@ -87,6 +89,7 @@ def stand(
     return Standing(
         name,
         exact,
+        found.method,
         (by_nested.log_evidence, by_nested.log_evidence_error),
         scored(increment_blocks(travel)),
         scored(wide) if wide else None,
@@ -129,7 +132,8 @@ def facts(ranking: Ranking) -> dict[str, Any]:
     weights = ranking.stacking
     return {
         found.name: {
-            "log_evidence_quadrature": found.quadrature,
+            "log_evidence": found.integral,
+            "log_evidence_by": found.method,
             "log_evidence_nested": found.nested,
             "elpd_difference": (ranking.differences[i].mean, ranking.differences[i].error),
             "stacking_weight": (weights.weights[i], weights.low[i], weights.high[i]),
@@ -157,14 +161,13 @@ def ranking_table(ranking: Ranking) -> Table:
     weights = ranking.stacking
     best = ranking.standings[0].log_evidence
     for i, found in enumerate(ranking.standings):
-        exact = "-" if found.quadrature is None else _pair(found.quadrature)
         value, error = found.log_evidence
         factor = f"{best[0] - value:.2f} ± {np.hypot(best[1], error) if i else 0.0:.2f}"
         difference = ranking.differences[i]
         rows.append(
             (
                 found.name,
-                exact,
+                f"{_pair(found.integral)} ({found.method})",
                 _pair(found.nested),
                 factor,
                 _pair((found.increments.total, found.increments.total_error)),
@@ -176,7 +179,7 @@ def ranking_table(ranking: Ranking) -> Table:
         "Hypotheses by evidence, leave-one-increment-out score and stacking weight",
         (
             "hypothesis",
-            "ln evidence, quadrature",
+            "ln evidence",
             "nested sampling",
             "ln Bayes factor of the best",
             "elpd by increment",
@@ -219,14 +222,13 @@ def remarks(ranking: Ranking) -> list[str]:
     """What may and may not be concluded."""
     said = []
     for found in ranking.standings:
-        if found.quadrature is not None:
-            off = abs(found.quadrature[0] - found.nested[0])
-            allowed = 3.0 * float(np.hypot(found.quadrature[1], found.nested[1]))
-            if off > allowed:
-                said.append(
-                    f"{found.name}: quadrature and nested sampling differ by {off:.2f}, more than "
-                    f"three times their errors ({allowed:.2f}): rely on neither."
-                )
+        off = abs(found.integral[0] - found.nested[0])
+        allowed = 3.0 * float(np.hypot(found.integral[1], found.nested[1]))
+        if off > allowed:
+            said.append(
+                f"{found.name}: {found.method} and nested sampling differ by {off:.2f}, more than "
+                f"three times their errors ({allowed:.2f}): rely on neither."
+            )
     undecided = [
         found.name
         for found, difference in zip(ranking.standings, ranking.differences, strict=True)

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from calib.inference.coordinates import PARAMETERS
+from calib.inference.laws import DEFAULT_LAW
 from calib.inference.posterior import Posterior
 from calib.study.config import Study, load_study
 from calib.study.context import Context, block_pin_model
 from calib.study.posterior_setup import emulator_posterior
 from calib.study.sections import Hypothesis
-from calib.study.unknowns import prior_of
+from calib.study.unknowns import law_of
 from fe.executors import serial_map
 
 
@@ -57,14 +57,11 @@ def chosen(study: Study, name: str | None) -> Hypothesis:
     return known[name]
 
 
-def check_three_unknowns(study: Study, hypothesis: Hypothesis, *known: str) -> None:
-    """Refuse a hypothesis with other unknowns than kappa, r and s, and those that are `known`.
-
-    Raises ValueError: the question is answered for mooney-rivlin-3 alone.
-    """
-    found = prior_of(study, hypothesis, with_field=True).space.names
-    if found[:3] != PARAMETERS or set(found[3:]) - set(known):
+def check_constants(study: Study, hypothesis: Hypothesis) -> None:
+    """Refuse a hypothesis of another law than mooney-rivlin-3 with ValueError."""
+    law = law_of(study, hypothesis).name
+    if law != DEFAULT_LAW:
         raise ValueError(
-            f"hypothesis {hypothesis.name}: found the unknowns {', '.join(found)}, "
-            f"expected {', '.join(PARAMETERS)} (the law mooney-rivlin-3) alone for this question"
+            f"hypothesis {hypothesis.name}: found the law {law}, expected {DEFAULT_LAW}: "
+            "the question is of its constants C10, C01 and C11"
         )

@@ -11,17 +11,19 @@ import numpy as np
 from calib.inference.forward import DirectForward, MeshCorrection
 from calib.inference.map_estimate import MapPoint, MapResult, MapStatus, emulator_map, refine_map
 from calib.inference.posterior import Posterior
+from calib.study import verification
 from calib.study.artifacts import write_json
 from calib.study.context import Context, stream
 from calib.study.mesh_error import load_mesh_error
 from calib.study.posterior_setup import emulator_posterior
 from calib.study.progress import progress_bar
-from calib.study.refine_stage import load_refinement, refine_folder
+from calib.study.refine_stage import REFINEMENT, load_refinement, refine_folder
 from calib.study.sample_stage import StoredSamples, load_samples
 from calib.study.sections import Hypothesis
 from calib.study.simulate_stage import campaign_folder, load_design, manifest_files
 from calib.study.simulations import StoredSimulate
 from calib.study.unknowns import parameters_of
+from calib.study.verification import MAP, added, map_folder
 from fe.response import Array
 
 
@@ -78,10 +80,19 @@ def run(context: Context) -> list[Path]:
     }
     for name, facts in described.items():
         context.echo(f"  {name}: {facts['message']}")
-    write_json(context.out / "map.json", described)
+    write_json(context.out / MAP, described)
     folders = [map_folder(context.out, hypothesis.name) for hypothesis in hypotheses]
     runs = [path for folder in folders if folder.exists() for path in manifest_files(folder)]
-    return [context.out / "map.json", *runs]
+    return [context.out / MAP, *runs]
+
+
+def add_round(context: Context, base: str) -> bool:
+    """Choose training runs at the maxima just found; False when there is nothing left to do.
+
+    `base` stands for all that the first maximum was made from; see `calib.study.verification`.
+    """
+    trained = {h.name: trained_at(context, h) for h in context.study.hypotheses}
+    return verification.add_round(context, base, context.out / REFINEMENT, trained)
 
 
 def describe(result: MapResult, samples: StoredSamples) -> dict[str, object]:
@@ -109,6 +120,7 @@ def describe(result: MapResult, samples: StoredSamples) -> dict[str, object]:
         "log_prob_fe": None if result.direct is None else result.direct.log_prob,
         "projected_gradient_fe": None if result.direct is None else result.direct.gradient,
         "n_fe_solves": result.n_solves,
+        "solved_at": result.solved,
         "converged": result.status is MapStatus.CONVERGED,
         "status": str(result.status),
         "by_secants": result.by_secants,
@@ -120,17 +132,16 @@ def is_training_run(context: Context, hypothesis: Hypothesis, result: MapResult)
     """Whether the emulator was trained at the FE maximum, where the two agree by construction."""
     if result.direct is None:
         return False
-    runs = (load_design(context, hypothesis), load_refinement(context, hypothesis))
-    ratios = np.concatenate(
-        [runs[0].theta[: context.study.design.n_runs], *(run.theta for run in runs[1:])]
-    )
+    ratios = trained_at(context, hypothesis)
     at = result.direct.x[1 : 1 + ratios.shape[1]]
     return bool(np.isclose(ratios, at, rtol=0.0, atol=1e-9).all(axis=1).any())
 
 
-def map_folder(out: Path, hypothesis: str) -> Path:
-    """Where the FE solves of the search are kept."""
-    return out / "map" / hypothesis
+def trained_at(context: Context, hypothesis: Hypothesis) -> Array:
+    """(k, d) points of the runs that the emulator of a hypothesis learns from."""
+    design = load_design(context, hypothesis).theta[: context.study.design.n_runs]
+    refined = load_refinement(context, hypothesis).theta
+    return np.concatenate([design, refined, added(context.out, hypothesis, design.shape[1])])
 
 
 def _named(names: Sequence[str], values: Array) -> dict[str, float]:

@@ -74,6 +74,7 @@ def noise_of(study: Study) -> NoiseSettings:
         field_scale_sd=study.noise.field_scale_sd,
         translation_sd=study.noise.translation_sd,
         rotation_sd=study.noise.rotation_sd,
+        force_freedom=study.noise.force_freedom,
         field_freedom=study.noise.field_freedom,
         force_discrepancy_length=study.noise.force_discrepancy_length,
         field_discrepancy_length=study.noise.field_discrepancy_length,

@@ -8,9 +8,8 @@ emulator, the last at that by the last but one; both are solved on the finer mes
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
@@ -24,12 +23,14 @@ from calib.study.judgement import measurement_noise
 from calib.study.mesh_error import MeshError, check_folder, mesh_error
 from calib.study.posterior_setup import noise_of, sizes_of
 from calib.study.progress import progress_bar
+from calib.study.refine_rounds import Loop, Round, described
 from calib.study.refinement import Outlook, outlook
 from calib.study.sections import Hypothesis
 from calib.study.simulate_stage import load_design, manifest_files
 from calib.study.train_stage import FIRST, design_runs, fit_and_judge, load_emulator
 from calib.study.training_runs import rows
 from calib.study.unknowns import parameters_of, prior_of
+from calib.study.verification import campaigns_added, n_rounds, refinement_is_kept
 from fe.campaign import CampaignFailed, CampaignPlan, load_campaign, run_campaigns
 from fe.campaign_result import Campaign
 from fe.response import Array
@@ -47,37 +48,31 @@ NOMINAL_FIELD_ERROR = 0.005
 REFINEMENT = "refinement.json"
 
 
-class Round(NamedTuple):
-    """One look at the posterior and what was chosen by it."""
-
-    n_train: int
-    """runs that had trained the emulator"""
-    predicted_shift: Array
-    """(n,) how far the posterior mean of (ln kappa, r, s, ...) may move, posterior SDs"""
-    n_added: int
-    """runs chosen"""
-    x: tuple[str, ...]
-    """coordinates that may move: of the first look, which is by the forces, without the field's"""
-
-
-@dataclass(frozen=True)
-class Loop:
-    """What the rounds so far chose for one hypothesis."""
-
-    ratios: Array
-    """(k, d) runs added, in the order of choosing"""
-    rounds: tuple[Round, ...] = ()
-    emulators: tuple[Emulator, ...] = ()
-    """by which each round looked"""
-    done: bool = False
-    """whether the posterior mean has had its last run"""
-
-
 def run(context: Context) -> list[Path]:
     """Add runs at the posterior, train again; returns emulators, diagnostics and runs.
 
+    In a round of verification (`calib.study.verification`) the runs at the posterior are those
+    there are, and the runs at the maximum train the emulator beside them.
     Raises CampaignFailed when more of a hypothesis' runs end early than the study allows.
     """
+    hypotheses = context.study.hypotheses
+    path = context.out / REFINEMENT
+    if not refinement_is_kept(context.out, path):
+        _add_runs(context)
+    kept = read_json(path)
+    plans = [_plan(context, h, np.asarray(kept[h.name]["ratios"], dtype=float)) for h in hypotheses]
+    runs = {
+        h.name: design_runs(context, h, refined, *campaigns_added(context, h))
+        for h, refined in zip(hypotheses, run_campaigns(plans, context.map_fn), strict=True)
+    }
+    rounds = {h.name: n_rounds(context.out, h) for h in hypotheses}
+    paths = fit_and_judge(context, context.out, runs, rounds)
+    files = [file for h in hypotheses for file in manifest_files(refine_folder(context.out, h))]
+    return [*paths, path, *files]
+
+
+def _add_runs(context: Context) -> None:
+    """Rounds of runs where the posterior is, until its mean rests; writes refinement.json."""
     hypotheses = context.study.hypotheses
     loops = {h.name: Loop(np.zeros((0, len(parameters_of(context.study, h))))) for h in hypotheses}
     while not all(loop.done for loop in loops.values()):
@@ -85,12 +80,8 @@ def run(context: Context) -> list[Path]:
         loops = {h.name: _next_round(context, h, loops[h.name]) for h in hypotheses}
         _run_round(context, before, loops)
     added = {h.name: load_campaign(_plan(context, h, loops[h.name].ratios)) for h in hypotheses}
-    found = {h.name: _described(context, h, loops[h.name], added[h.name]) for h in hypotheses}
+    found = {h.name: described(context, h, loops[h.name], added[h.name]) for h in hypotheses}
     write_json(context.out / REFINEMENT, found)
-    runs = {h.name: design_runs(context, h, added[h.name]) for h in hypotheses}
-    paths = fit_and_judge(context, context.out, runs)
-    kept = [path for h in hypotheses for path in manifest_files(refine_folder(context.out, h))]
-    return [*paths, context.out / REFINEMENT, *kept]
 
 
 def load_refinement(context: Context, hypothesis: Hypothesis) -> Campaign:
@@ -250,43 +241,3 @@ def _first_mesh_error(
         return None
     refinement = context.study.refinement(hypothesis)
     return mesh_error(fine, coarse, refinement, hypothesis.name)
-
-
-def _described(
-    context: Context, hypothesis: Hypothesis, loop: Loop, added: Campaign
-) -> dict[str, object]:
-    """The rounds, each with the error of its emulator at the runs that it chose."""
-    rounds = []
-    first = 0
-    for emulator, facts in zip(loop.emulators, loop.rounds, strict=True):
-        new = rows(added, slice(first, first + facts.n_added))
-        first += facts.n_added
-        rounds.append(facts._asdict() | _errors(emulator, new))
-    told = rounds[0]
-    context.echo(
-        f"  {hypothesis.name}: at the posterior the first emulator was off by "
-        f"{100 * np.max(told['force_error']):.2g} % (RMS, worst increment), "
-        f"{told['rms_z']:.2g} of its stated SDs"
-    )
-    return {
-        "ratios": loop.ratios,
-        "rounds": rounds,
-        "limit": STOP_BELOW,
-        "units": {
-            "force_error": "relative, RMS over the runs added, by increment",
-            "rms_z": "stated SDs",
-            "predicted_shift": "posterior SDs of the coordinates x",
-        },
-    }
-
-
-def _errors(emulator: Emulator, runs: Campaign) -> dict[str, Array | float]:
-    """Errors of the force at runs that the emulator had not seen; NaN where none got so far."""
-    mean, covariance = emulator.unit_force(runs.theta)
-    error = np.ma.masked_invalid(mean - runs.force)
-    relative = np.ma.masked_invalid(error / runs.force)
-    z = error / np.sqrt(np.einsum("nii->ni", covariance))
-    return {
-        "force_error": np.ma.filled(np.sqrt(np.mean(relative**2, axis=0)), np.nan),
-        "rms_z": float(np.ma.filled(np.sqrt(np.mean(z**2)), np.nan)),
-    }

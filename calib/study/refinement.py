@@ -75,8 +75,7 @@ def outlook(
     inputs = x[:, 1 : 1 + len(emulator.bounds)]
 
     def log_likelihood(unit_force: Array, weights: Array | None) -> Array:
-        stated = forward.stating(theta, unit_force, weights)
-        return posterior.likelihood.with_forward(stated).log_prob(theta)
+        return posterior.likelihood.log_prob_of(theta, forward.stated(theta, unit_force, weights))
 
     shift = predicted_shift(emulator, inputs, log_likelihood, N_DRAWS, rng, quantities=x)
     return Outlook(emulator, quadrature, x, shift)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -18,8 +18,33 @@ from fe.response import Array, Response, Status
 from fe.specimens.tensile import TensileModel
 
 LAW = "mooney-rivlin-3"
-CORRELATION = 0.9
-"""of one sample's deviation between neighbouring levels, as the study's noise has it"""
+"""of constants that a file of a second test states"""
+
+
+@dataclass(frozen=True)
+class Study:
+    """What a second test takes from the study that is held against it."""
+
+    bulk_ratio: float
+    """bulk modulus over shear modulus, of stated constants and where a posterior has none"""
+    correlation: float
+    """of one sample's deviation between neighbouring levels, `noise.sample_correlation`"""
+
+
+@dataclass(frozen=True)
+class Rubbers:
+    """Draws of one material under a law."""
+
+    law: str
+    constants: Array
+    """(n, k) of the law, in its units"""
+    bulk: Array
+    """(n,) bulk modulus, MPa"""
+
+    @property
+    def mean(self) -> Rubbers:
+        """The mean of the draws as one."""
+        return Rubbers(self.law, self.constants.mean(axis=0)[None], self.bulk.mean()[None])
 
 
 @dataclass(frozen=True)
@@ -39,6 +64,8 @@ class SecondData:
     samples: Array | None
     """(n_samples, n_step) answers of the samples one by one, where they are known"""
     field: FieldData | None
+    correlation: float
+    """of one sample's deviation between neighbouring levels"""
 
     @property
     def quantity(self) -> str:
@@ -47,7 +74,7 @@ class SecondData:
 
     def stiffness_covariance(self) -> Array:
         """(n_step, n_step) covariance of one sample's relative deviation in stiffness."""
-        return between_sample_covariance(self.stiffness_sd, 0.0, CORRELATION)
+        return between_sample_covariance(self.stiffness_sd, 0.0, self.correlation)
 
     def softened(self, values: Array) -> Array:
         """(n_step, ...) change of values (n_step, ...) per relative gain in stiffness, at a level.
@@ -75,10 +102,10 @@ def plate_model(test: SecondTest, cells: tuple[int, int, int], levels: Array) ->
     )
 
 
-def solve(model: TensileModel, constants: Array, bulk_ratio: float) -> Response:
-    """Response at (C10, C01, C11), MPa; bulk modulus `bulk_ratio` times 2 (C10 + C01)."""
-    bulk = bulk_ratio * 2.0 * float(constants[0] + constants[1])
-    return model.respond(material(LAW, [float(c) for c in constants[:3]], bulk))
+def solve(model: TensileModel, rubbers: Rubbers, index: int = 0) -> Response:
+    """Response at one of the draws."""
+    constants = [float(value) for value in rubbers.constants[index]]
+    return model.respond(material(rubbers.law, constants, float(rubbers.bulk[index])))
 
 
 def answer_of(response: Response, control: Control) -> Array:
@@ -86,18 +113,19 @@ def answer_of(response: Response, control: Control) -> Array:
     return response.travel if control == "force" else response.force
 
 
-def constants_of(given: NamedConstants | SecondTruth) -> Array:
-    """(3,) C10, C01, C11, MPa."""
-    return np.array([given.C10, given.C01, given.C11])
+def stated(given: NamedConstants | SecondTruth, study: Study) -> Rubbers:
+    """The constants that a file of a second test states, as one draw."""
+    bulk = study.bulk_ratio * 2.0 * (given.C10 + given.C01)
+    return Rubbers(LAW, np.array([[given.C10, given.C01, given.C11]]), np.array([bulk]))
 
 
-def second_data(test: SecondTest, folder: Path, bulk_ratio: float) -> SecondData:
+def second_data(test: SecondTest, folder: Path, study: Study) -> SecondData:
     """The data of a second test: of its file in `folder`, or made now.
 
     Raises ValueError when a file cannot be read or the truth cannot be solved.
     """
     if test.virtual is not None:
-        return _virtual(test, test.virtual, bulk_ratio)
+        return _virtual(test, test.virtual, study)
     dataset, _ = load_dataset(folder / test.data.source)
     forced = test.control == "force"
     return SecondData(
@@ -110,13 +138,14 @@ def second_data(test: SecondTest, folder: Path, bulk_ratio: float) -> SecondData
         n_samples=dataset.n_samples,
         samples=None if forced or dataset.samples is None else dataset.samples.force,
         field=dataset.field,
+        correlation=study.correlation,
     )
 
 
-def _virtual(test: SecondTest, truth: SecondTruth, bulk_ratio: float) -> SecondData:
+def _virtual(test: SecondTest, truth: SecondTruth, study: Study) -> SecondData:
     """Samples differ in stiffness, which moves answer and field alike; the field has noise too."""
     model = plate_model(test, truth.cells, np.array(test.levels))
-    response = solve(model, constants_of(truth), bulk_ratio)
+    response = solve(model, stated(truth, study))
     if response.status is not Status.CONVERGED:
         raise ValueError(f"virtual: the truth cannot be solved: {response.message}")
     rng = np.random.default_rng(np.random.SeedSequence(test.seed, spawn_key=(1,)))
@@ -131,6 +160,7 @@ def _virtual(test: SecondTest, truth: SecondTruth, bulk_ratio: float) -> SecondD
         n_samples=truth.n_samples,
         samples=None,
         field=None,
+        correlation=study.correlation,
     )
     factor = np.linalg.cholesky(known.stiffness_covariance())
     gain = rng.standard_normal((truth.n_samples, n_step)) @ factor.T
@@ -145,20 +175,10 @@ def _virtual(test: SecondTest, truth: SecondTruth, bulk_ratio: float) -> SecondD
         reference_share=truth.field_reference_share,
     )
     noisy = moved + field_covariance(field).sample(rng, 1)[0]
-    return SecondData(
-        name=known.name,
-        synthetic=True,
-        control=test.control,
-        levels=known.levels,
+    return replace(
+        known,
         answer=samples.mean(axis=0),
         stiffness_sd=gain.std(axis=0, ddof=1),
-        n_samples=truth.n_samples,
         samples=samples,
-        field=FieldData(
-            points=field.points,
-            displacement=noisy,
-            noise_std=field.noise_std,
-            correlation_length=field.correlation_length,
-            reference_share=field.reference_share,
-        ),
+        field=replace(field, displacement=noisy),
     )

@@ -10,7 +10,7 @@ from scipy.interpolate import LinearNDInterpolator, NearestNDInterpolator
 
 from calib.inference.field_noise import field_covariance
 from calib.study.mesh_error import left_share
-from calib.study.second_data import SecondData, answer_of, plate_model, solve
+from calib.study.second_data import Rubbers, SecondData, answer_of, plate_model, solve
 from calib.study.second_test import SecondTest
 from calib.study.sections import refinement
 from fe.response import Array, Response, Status
@@ -48,18 +48,17 @@ class Replicates:
 def predict(
     test: SecondTest,
     data: SecondData,
-    constants: Array,
-    bulk_ratio: float,
+    rubbers: Rubbers,
     progress: Callable[[int], None] | None = None,
 ) -> Predicted:
-    """One FE solve for each of constants (n, 3) MPa, on the sampling mesh.
+    """One FE solve for each draw of the material, on the sampling mesh.
 
     Raises ValueError when more than `MAX_FAILED` of them cannot be solved.
     """
     model = plate_model(test, test.mesh.sampling, data.levels)
     found = []
-    for index, each in enumerate(constants):
-        found.append(solve(model, each, bulk_ratio))
+    for index in range(len(rubbers.constants)):
+        found.append(solve(model, rubbers, index))
         if progress is not None:
             progress(index + 1)
     good = [response for response in found if response.status is Status.CONVERGED]
@@ -73,16 +72,14 @@ def predict(
     return _collected(data, good, model.points(), n_failed)
 
 
-def mesh_difference(
-    test: SecondTest, data: SecondData, constants: Array, bulk_ratio: float
-) -> Predicted:
-    """Finer minus sampling mesh at constants (3,), one row.
+def mesh_difference(test: SecondTest, data: SecondData, rubbers: Rubbers) -> Predicted:
+    """Finer minus sampling mesh at the first of the draws, one row.
 
     Raises ValueError when the finer mesh cannot be solved.
     """
-    coarse = predict(test, data, constants[None], bulk_ratio)
+    coarse = predict(test, data, rubbers)
     model = plate_model(test, test.mesh.check, data.levels)
-    response = solve(model, constants, bulk_ratio)
+    response = solve(model, rubbers)
     if response.status is not Status.CONVERGED:
         raise ValueError(f"mesh.check: the finer mesh cannot be solved: {response.message}")
     fine = _collected(data, [response], model.points(), 0)

@@ -235,67 +235,11 @@ class Noise:
     """standard deviation of a rigid translation of the field at each increment, mm"""
     rotation_sd: Annotated[float, Field(ge=0, le=10)] = 0.0
     """standard deviation of a small rotation of the field at each increment, degrees (0 to 10)"""
+    force_freedom: Annotated[float, Field(ge=1)] | None = None
+    """degrees of freedom, 1 or more, of a Student-t for the forces' errors; without it normal"""
     field_freedom: Annotated[float, Field(ge=1)] | None = None
     """degrees of freedom, 1 or more, of a Student-t for the field's noise; without it normal"""
     force_discrepancy_length: Positive = 0.8
     """travel over which discrepancies are correlated, mm"""
     field_discrepancy_length: Positive = 1.5
     """distance over which a discrepancy of the field is correlated, mm"""
-
-
-@dataclass(frozen=True, kw_only=True, config=STRICT)
-class Design:
-    """[design] FE runs over ratios and further unknowns within the bounds of their priors."""
-
-    n_runs: Annotated[int, Field(ge=8)] = 20
-    """number of runs that train the emulator"""
-    n_held_out: Annotated[int, Field(ge=2)] = 4
-    """number of further runs that only judge the emulator"""
-    n_refine: Annotated[int, Field(ge=3)] = 8
-    """largest number of runs added where the posterior is, for each hypothesis; fewer when its mean
-    will not move any more"""
-    r: tuple[float, float] | None = None
-    """two numbers: the range of r, where priors of the constants would leave a wider one"""
-    s: tuple[float, float] | None = None
-    """two numbers: the range of s, where priors of the constants would leave a wider one"""
-    max_failure_rate: Annotated[float, Field(ge=0, lt=1)] = 0.2
-    """share of a hypothesis' runs that may end before the last increment; beyond it the study
-    stops"""
-
-
-@dataclass(frozen=True, kw_only=True, config=STRICT)
-class EmulatorLimits:
-    """[emulator] What an emulator learns from, and the errors above which it is refused."""
-
-    gradients: bool = True
-    """whether the derivatives of the runs by r and s teach the emulator beside their values"""
-    max_force_error: Positive = 0.02
-    """largest relative error of a force on the runs held out"""
-    max_field_error: Positive = 0.01
-    """largest root mean square error of a field on the runs held out, mm"""
-
-
-@dataclass(frozen=True, kw_only=True, config=STRICT)
-class Sampler:
-    """[sampler] emcee: independent ensembles, stopped by autocorrelation time."""
-
-    n_ensembles: Annotated[int, Field(ge=2)] = 4
-    """number of independent ensembles, at least 2 so that R-hat means something"""
-    n_walkers: Annotated[int, Field(ge=8, le=1024, multiple_of=2)] = 32
-    """walkers of one ensemble, at least twice the number of parameters"""
-    n_autocorrelation: Annotated[float, Field(ge=1)] = 50.0
-    """length of the chains in integrated autocorrelation times"""
-    max_steps: Annotated[int, Field(ge=100)] = 20_000
-    """steps after which sampling stops in any case"""
-    min_ess: Positive = 400.0
-    """smallest effective sample size that passes"""
-    max_r_hat: Annotated[float, Field(gt=1)] = 1.01
-    """largest R-hat that passes"""
-
-
-@dataclass(frozen=True, kw_only=True, config=STRICT)
-class Compute:
-    """[compute] How the work is done; results do not depend on it."""
-
-    workers: Annotated[int, Field(ge=0)] = 0
-    """number of processes for the FE runs, 0 for one a core"""

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from operator import attrgetter
 from pathlib import Path
+from typing import Any
 
 from calib.data.qc.experiment_file import read_experiment
 from calib.data.qc.lab_files import input_hash, sample_files
@@ -26,11 +27,14 @@ from calib.study import (
 from calib.study.artifacts import hash_of_file, plain
 from calib.study.config import Study, StudyError
 from calib.study.context import Context
-from calib.study.sections import Compute
+from calib.study.findings import validation_files
 from calib.study.unknowns import by_constants, design_box, parameters_of
+from calib.study.work_sections import Compute
 from fe.campaign_parameters import RATIOS
 from fe.fingerprint import fingerprint
 
+LATER = ("force_freedom",)
+"""keys that studies finished before had not"""
 Settings = Callable[[Context], dict[str, object]]
 
 
@@ -53,9 +57,16 @@ def _sections(*names: str) -> Settings:
     """Inputs that are sections or keys of the study file."""
 
     def settings(context: Context) -> dict[str, object]:
-        return {name: plain(attrgetter(name)(context.study)) for name in names}
+        return {name: _stated(plain(attrgetter(name)(context.study))) for name in names}
 
     return settings
+
+
+def _stated(section: Any) -> Any:
+    """A section without keys that came later and are not set, so that old results stay valid."""
+    if not isinstance(section, dict):
+        return section
+    return {k: v for k, v in section.items() if v is not None or k not in LATER}
 
 
 def _data(context: Context) -> dict[str, object]:
@@ -94,7 +105,10 @@ def _checked(context: Context) -> dict[str, object]:
 
 
 def _whole_study(context: Context) -> dict[str, object]:
-    return {**_models()(context), "study": plain(replace(context.study, compute=Compute()))}
+    """The validations too, where there are some: the report shows them."""
+    found = {**_models()(context), "study": plain(replace(context.study, compute=Compute()))}
+    files = validation_files(context.out)
+    return {**found, "validations": [hash_of_file(path) for path in files]} if files else found
 
 
 def _design(context: Context) -> dict[str, object]:

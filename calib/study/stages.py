@@ -10,12 +10,19 @@ from pathlib import Path
 from typing import Literal, TypedDict, Unpack
 
 from calib import __version__
-from calib.study import report_stage, simulate_stage, train_report
-from calib.study.artifacts import StageRecord, hash_of, hash_of_file, why_stale, write_record
+from calib.study import findings, map_stage, simulate_stage, train_report, verification
+from calib.study.artifacts import (
+    StageRecord,
+    hash_of,
+    hash_of_file,
+    read_record,
+    why_stale,
+    write_record,
+)
 from calib.study.config import Study
 from calib.study.context import Context, SimulateFactory, block_pin_model
 from calib.study.executor_choice import chosen_map
-from calib.study.stage_list import Stage, stages_of
+from calib.study.stage_list import STAGES, Stage, stages_of
 from calib.study.study_file import write_study
 from calib.study.summary import Summary, load_summary
 from fe.executors import MapFn
@@ -62,23 +69,43 @@ class HowToRun(TypedDict, total=False):
 def run_stages(context: Context, until: str = "report") -> tuple[str, ...]:
     """Run what is not up to date of what `until` needs; returns the names of those that ran.
 
+    Where direct FE contradicts an emulator's maximum, the stages from `refine` on run again, as
+    `calib.study.verification` says.
     Raises StudyError for a study that cannot be run.
     """
     write_study(context.out / "study.toml", context.study)
+    stages = stages_of(context.study, until)
+    names = [stage.name for stage in stages]
     digests: dict[str, str] = {}
-    ran = []
-    for stage in stages_of(context.study, until):
+    ran: dict[str, None] = {}
+    base = ""
+    index = 0
+    while index < len(stages):
+        stage = stages[index]
         inputs = {name: hash_of(v) for name, v in stage.settings(context).items()}
         inputs |= {f"stage {name}": digests[name] for name in stage.needs if name in digests}
+        if stage.name == "refine":
+            base = _base(context, inputs)
+            verification.drop_foreign(context, base)
+            inputs |= {name: hash_of(v) for name, v in verification.inputs(context).items()}
         record, reason = why_stale(context.out, stage.name, inputs, __version__)
         if record is not None and not reason:
             context.echo(f"{stage.name:<10} up to date")
         else:
             context.echo(f"{stage.name:<10} {stage.title} ({reason})")
             record = _run_stage(context, stage, inputs)
-            ran.append(stage.name)
+            ran[stage.name] = None
         digests[stage.name] = record.digest()
+        index += 1
+        if stage.name == "map" and map_stage.add_round(context, base):
+            index = names.index("refine")
     return tuple(ran)
+
+
+def _base(context: Context, inputs: dict[str, str]) -> str:
+    """Hash of all that the first maximum is made from: `inputs` of refine, and what comes after."""
+    after = {s.name: s.settings(context) for s in STAGES if s.name in ("check", "sample", "map")}
+    return hash_of([inputs, after])
 
 
 def _run_stage(context: Context, stage: Stage, inputs: dict[str, str]) -> StageRecord:
@@ -98,6 +125,17 @@ def _run_stage(context: Context, stage: Stage, inputs: dict[str, str]) -> StageR
     return record
 
 
+def report_again(context: Context) -> None:
+    """Draw the report once more, with validations made since; nothing where there is none."""
+    record = read_record(context.out, "report")
+    if record is None:
+        return
+    [stage] = [stage for stage in STAGES if stage.name == "report"]
+    found = stage.settings(context)
+    added = {name: hash_of(found[name]) for name in ("validations",) if name in found}
+    _run_stage(context, stage, record.inputs | added)
+
+
 def run_study(study: Study, out: Path, **how: Unpack[HowToRun]) -> StudyResult:
     """Run a study into the folder `out`, going on where an earlier run stopped.
 
@@ -109,7 +147,7 @@ def run_study(study: Study, out: Path, **how: Unpack[HowToRun]) -> StudyResult:
         ran = run_stages(context)
         out = context.out
     summaries = load_summary(out / "posterior.nc")
-    for line in report_stage.closing_lines(out, study, summaries):
+    for line in findings.closing_lines(out, study, summaries):
         context.echo(line)
     return StudyResult(
         out=out,

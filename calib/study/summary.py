@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from calib.inference.at_bound import AtBound, at_bound, leaning_sentence
+from calib.inference.at_bound import AtBound, at_bound
 from calib.inference.inference_data import (
     Convergence,
     convergence,
@@ -26,8 +26,9 @@ from calib.inference.laws import DEFAULT_LAW
 from calib.study.artifacts import plain
 from calib.study.figure_style import INTERVAL, Array, hdi
 from calib.study.further_table import further_table
+from calib.study.maxima_table import is_verified, largest_difference
 from calib.study.provenance_facts import maxima_in, space_in, truth_in
-from calib.study.tables import Table, number
+from calib.study.summary_tables import constants_table, points_table
 
 INTERVAL_NAME = f"{INTERVAL:.0%} HDI"
 UNIT = "MPa"
@@ -138,12 +139,8 @@ def summarise(
     # A search that ends at the roughness of the FE forces is told, with its distance, not failed.
     if facts["map"]["fe"] is None:
         failures.append(f"MAP: the search with the FE model: {facts['map']['message']}")
-    diagnostics = {
-        "limits": limits,
-        "sampling": facts["sampling"],
-        "emulator": facts["emulator"],
-        "map": {key: facts["map"][key] for key in ("converged", "n_fe_solves", "message")},
-    }
+    found_by = {"sampling": facts["sampling"], "emulator": facts["emulator"]}
+    diagnostics = {"limits": limits, **found_by, "map": _search(facts["map"])}
     return Summary(
         study=provenance["study"],
         seed=provenance["seed"],
@@ -158,6 +155,12 @@ def summarise(
         at_bound=at_bound,
         failures=tuple(failures),
     )
+
+
+def _search(found: Mapping[str, Any]) -> dict[str, Any]:
+    """How the search with the FE model ended, and whether it verifies the emulator's maximum."""
+    verified = {"verified": is_verified(found), "difference_sd": largest_difference(found)}
+    return {key: found[key] for key in ("converged", "n_fe_solves", "message")} | verified
 
 
 def _leaning(posterior: Any, provenance: Mapping[str, Any]) -> tuple[AtBound, ...]:
@@ -206,46 +209,6 @@ def _unconverged(
     for label, value in (("bulk", constant.ess_bulk), ("tail", constant.ess_tail)):
         if not value >= limits["min_ess"]:
             yield f"{name}: ESS ({label}) is {value:.0f}, below {limits['min_ess']:g}"
-
-
-def constants_table(summary: Summary, truth: Mapping[str, float] | None = None) -> Table:
-    """Posterior of one hypothesis; with the truth beside it for synthetic data."""
-    columns = ["constant", "unit", "mean", "SD", f"{summary.interval} low", "high"]
-    columns += ["ESS bulk", "ESS tail", "R-hat"]
-    columns += ["synthetic truth", "within"] if truth else []
-    rows = []
-    for name, c in summary.constants.items():
-        row = [name, c.unit, number(c.mean), number(c.sd, 2), number(c.hdi_low)]
-        row += [number(c.hdi_high), f"{c.ess_bulk:.0f}", f"{c.ess_tail:.0f}", f"{c.r_hat:.4f}"]
-        if truth:
-            inside = c.hdi_low <= truth[name] <= c.hdi_high
-            row += [number(truth[name]), "yes" if inside else "no"]
-        rows.append(tuple(row))
-    kind = ", SYNTHETIC data" if summary.synthetic else ""
-    return Table(
-        f"Posterior under {summary.hypothesis} (study {summary.study}{kind})",
-        tuple(columns),
-        tuple(rows),
-    )
-
-
-def points_table(summary: Summary) -> Table:
-    """Maxima by emulator and FE model, and published values, beside the posterior's mean."""
-    columns = ["constant", "unit", "mean", "SD", "MAP emulator", "MAP direct FE"]
-    columns += ["difference [SD]"]
-    with_published = any(c.published is not None for c in summary.constants.values())
-    columns += ["published", "out by [SD]"] if with_published else []
-    rows = []
-    for name, c in summary.constants.items():
-        row = [name, c.unit, number(c.mean), number(c.sd, 2), number(c.map_emulator)]
-        row += [number(c.map_fe), _signed(c.map_difference_sd, 3)]
-        row += [number(c.published), _signed(c.published_z, 1)] if with_published else []
-        rows.append(tuple(row))
-    note = "difference = direct FE minus emulator, in posterior standard deviations."
-    if with_published:
-        note += " out by = (published - mean) / SD: how far out, not a probability."
-    note = f"{note} {leaning_sentence(summary.hypothesis, summary.at_bound)}".rstrip()
-    return Table(f"Maxima under {summary.hypothesis}", tuple(columns), tuple(rows), note)
 
 
 def format_table(summaries: Sequence[Summary]) -> str:
@@ -297,7 +260,3 @@ def to_frame(summaries: Sequence[Summary]) -> pd.DataFrame:
 def to_csv(summaries: Sequence[Summary]) -> str:
     """One line for each hypothesis and constant, with a header."""
     return str(to_frame(summaries).to_csv(index=False, lineterminator="\n"))
-
-
-def _signed(value: float | None, digits: int) -> str:
-    return "-" if value is None else f"{value:+.{digits}f}"

@@ -18,7 +18,6 @@ from calib.data.thesis import optimization_runs, stated_average
 from calib.inference.coordinates import CONSTANTS
 
 NOTE_WIDTH = 100
-X_NAMES = ("ln kappa [MPa]", "r", "s")
 
 
 @dataclass(frozen=True)
@@ -79,67 +78,6 @@ def data_table(data: Mapping[str, Any]) -> Table:
         f"Data: {kind}, {data['name']} ({n} samples{field})",
         ("travel [mm]", "mean force [N]", "SD between samples [N]", "standard error [N]"),
         rows,
-    )
-
-
-CONFIRMED_SD = 0.2
-"""largest difference of the maxima, posterior SDs, that confirms the emulator's"""
-
-
-def confirmation(name: str, found: Mapping[str, Any]) -> str:
-    """Whether direct FE confirms the emulator's maximum, as a sentence; `found` is of map.json."""
-    known = [abs(value) for value in found["difference_sd_x"] if value is not None]
-    if len(known) < len(found["difference_sd_x"]):
-        return f" {name}: the emulator's maximum is not confirmed, direct FE found none."
-    if max(known) <= CONFIRMED_SD:
-        return f" {name}: direct FE confirms the emulator's maximum within {CONFIRMED_SD} SD."
-    return (
-        f" {name}: direct FE does not confirm the emulator's maximum within {CONFIRMED_SD} SD; "
-        f"they lie {max(known):.2g} SD apart."
-    )
-
-
-def map_table(maps: Mapping[str, Any]) -> Table:
-    """How the FE model moved the maximum; `maps` is map.json."""
-    rows = []
-    named = {name: found.get("x", X_NAMES) for name, found in maps.items()}
-    columns = list(dict.fromkeys(n.removesuffix(" [MPa]") for own in named.values() for n in own))
-    for name, found in maps.items():
-        names = [column.removesuffix(" [MPa]") for column in named[name]]
-        by_name = dict(zip(names, found["difference_sd_x"], strict=True))
-        values = [by_name.get(column) for column in columns]
-        off = ["-" if value is None else f"{value:+.3f}" for value in values]
-        gradient = found["projected_gradient_fe"]
-        slope = None if gradient is None else max(abs(value) for value in gradient)
-        rows.append((name, *off, number(slope, 2), str(found["n_fe_solves"]), found["status"]))
-    return Table(
-        "Maximum of the posterior (MAP): direct FE minus emulator, in posterior SDs",
-        (
-            "hypothesis",
-            *(f"{column} [SD]" for column in columns),
-            "slope used * SD [-]",
-            "FE solves",
-            "search",
-        ),
-        tuple(rows),
-        f"Same density in ({', '.join(columns)}): same prior, data and errors, the emulator's "
-        "included. Direct FE has the mesh of the emulator's runs, so the difference holds no "
-        "discretisation error. A search that did not converge leaves its best point, not a "
-        "maximum. "
-        + " ".join(f"{name}: {found['message']}." for name, found in maps.items())
-        + "".join(confirmation(name, found) for name, found in maps.items())
-        + "".join(
-            f" {name}: the emulator was trained at this point, so the agreement there is by "
-            "construction."
-            for name, found in maps.items()
-            if found["fe_is_training_run"]
-        )
-        + "".join(
-            f" {name}: the slopes of the direct model there were not known or led to a worse "
-            "point; those used are the emulator's with secants between direct solves."
-            for name, found in maps.items()
-            if found["by_secants"]
-        ),
     )
 
 

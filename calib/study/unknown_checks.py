@@ -174,7 +174,8 @@ def _check_inputs(study: Study, index: int, hypothesis: Hypothesis) -> None:
             continue
         least, greatest, why = _limits(study, hypothesis, name)
         if prior.low < least:
-            raise Contradiction(f"{key}.low", prior.low, f"{least:g} or more{why}")
+            bound = f"more than {least:g}" if name == "height" else f"{least:g} or more"
+            raise Contradiction(f"{key}.low", prior.low, f"{bound}{why}")
         if prior.high > greatest:
             raise Contradiction(f"{key}.high", prior.high, f"{greatest:g} or less{why}")
     if _used(study, hypothesis, "friction"):
@@ -201,6 +202,9 @@ def _check_errors(study: Study, index: int, hypothesis: Hypothesis) -> None:
         if prior.high > WIDEST * prior.low:
             expected = f"at most {WIDEST:g} times low ({prior.low:g})"
             raise Contradiction(f"{key}.high", prior.high, expected)
+        if name == "force_discrepancy" and study.noise.force_freedom is not None:
+            expected = "none beside noise.force_freedom: both explain forces that are off"
+            raise Contradiction(key, {}, expected)
         if name in OF_FIELD and study.virtual is None and not study.data.is_experiment:
             raise Contradiction(key, {}, "none: the data of this study have no field")
 
@@ -214,7 +218,7 @@ def _limits(study: Study, hypothesis: Hypothesis, name: str) -> tuple[float, flo
         return 0.0, 5.0, ": it is a coefficient of friction"
     if name == "height":
         last = max(study.increments) * (1 + 1e-9)
-        why = f": more than the last increment and within a factor 3 of {geometry.height:g} mm"
+        why = f": beyond the last increment and within a factor 3 of {geometry.height:g} mm"
         return last, 3.0 * geometry.height, why
     if name == "fillet":
         narrow = given(study, hypothesis, "pin_width")

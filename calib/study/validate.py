@@ -9,10 +9,13 @@ from typing import Any
 
 import numpy as np
 
+from calib.inference.laws import LawCoordinates
 from calib.inference.validation import Prediction, Requirement, Samples, judge
 from calib.study.artifacts import plain, write_json
 from calib.study.figure_style import save_png
-from calib.study.second_data import SecondData, constants_of, second_data
+from calib.study.findings import VALIDATIONS
+from calib.study.provenance_facts import space_in
+from calib.study.second_data import Rubbers, SecondData, Study, second_data, stated
 from calib.study.second_prediction import (
     Predicted,
     corrected,
@@ -22,11 +25,8 @@ from calib.study.second_prediction import (
 )
 from calib.study.second_test import SecondTest
 from calib.study.validation_figures import Shown, validation_figure
-from fe.response import Array
 
-FOLDER = "validation"
 COMPONENTS = ("x", "y", "z")
-CONSTANTS = ("C10", "C01", "C11")
 Echo = Callable[[str], None]
 
 
@@ -36,38 +36,38 @@ def validate(
     """Predict the second test by the study in `out`; returns what was found and the files written.
 
     `folder` is where the test's data are looked for. Raises ValueError when the study is not
-    finished, has no such hypothesis or one of another law, or the test cannot be read or solved.
+    finished or has no such hypothesis, or the test cannot be read or solved.
+
+    Of the posterior the law's constants and the bulk modulus are used; what else was unknown
+    (friction, heights, errors) belongs to the first test and is averaged over by the draws.
     """
-    draws, bulk_ratio = _posterior(out, test)
+    draws, study = posterior_draws(out, test)
     echo(f"data       {test.data.source}")
-    data = second_data(test, folder, bulk_ratio)
+    data = second_data(test, folder, study)
     found: dict[str, Any] = {}
     shown = []
-    for order, (name, constants) in enumerate(draws.items()):
-        found[name], picture = _against(test, data, name, constants, bulk_ratio, order, echo)
-        shown.append(picture)
-    for order, given in enumerate(test.constants, start=len(draws)):
-        point = constants_of(given)[None]
-        found[given.name], picture = _against(
-            test, data, given.name, point, bulk_ratio, order, echo
-        )
+    points = {given.name: stated(given, study) for given in test.constants}
+    for order, (name, rubbers) in enumerate([*draws.items(), *points.items()]):
+        found[name], picture = _against(test, data, name, rubbers, order, echo)
         shown.append(picture)
     facts = _facts(test, data, found)
-    target = out / FOLDER / test.name
+    target = out / VALIDATIONS / test.name
     write_json(target / "validation.json", facts)
     save_png(validation_figure(data, shown), target / "validation.png")
     return plain(facts), [target / "validation.json", target / "validation.png"]
 
 
-def _posterior(out: Path, test: SecondTest) -> tuple[dict[str, Array], float]:
-    """Hypothesis -> (draws, 3) constants of some posterior draws, MPa; and the bulk ratio."""
+def posterior_draws(out: Path, test: SecondTest) -> tuple[dict[str, Rubbers], Study]:
+    """Hypothesis -> some posterior draws of the material; and what the study says beside."""
     from calib.inference.inference_data import load_inference_data, provenance_of
 
     path = out / "posterior.nc"
     if not path.is_file():
         raise ValueError(f"{path}: found no such file, expected the posterior of a finished study")
     stored = load_inference_data(path)
-    study: Any = provenance_of(stored)["study_file"]
+    provenance: Any = provenance_of(stored)
+    file = provenance["study_file"]
+    study = Study(float(file["material"]["bulk_ratio"]), float(file["noise"]["sample_correlation"]))
     posterior = stored["posterior"]
     names = [str(name) for name in posterior["hypothesis"].values]
     if test.hypothesis is not None and test.hypothesis not in names:
@@ -76,41 +76,43 @@ def _posterior(out: Path, test: SecondTest) -> tuple[dict[str, Array], float]:
     rng = np.random.default_rng(np.random.SeedSequence(test.seed, spawn_key=(2,)))
     draws = {}
     for name in names if test.hypothesis is None else [test.hypothesis]:
-        one = posterior.sel(hypothesis=name)
-        _check_constants(path, name, one)
-        values = np.stack([one[c].values.ravel() for c in CONSTANTS], axis=1)
-        draws[name] = values[rng.choice(len(values), test.draws, replace=False)]
-    return draws, float(study["material"]["bulk_ratio"])
+        law = space_in(provenance["hypotheses"][name]).law
+        every = _rubbers(path, name, posterior.sel(hypothesis=name), law, study)
+        chosen = rng.choice(len(every.bulk), test.draws, replace=False)
+        draws[name] = Rubbers(law.name, every.constants[chosen], every.bulk[chosen])
+    return draws, study
 
 
-def _check_constants(path: Path, name: str, posterior: Any) -> None:
-    """Refuse a posterior of a law or a bulk ratio that the second test is not solved with."""
-    lacking = [c for c in CONSTANTS if c not in posterior or np.isnan(posterior[c]).any()]
+def _rubbers(path: Path, name: str, posterior: Any, law: LawCoordinates, study: Study) -> Rubbers:
+    """All draws of the material under one hypothesis.
+
+    Raises ValueError where the file does not hold a constant of the hypothesis' law.
+    """
+    lacking = [c for c in law.constants if c not in posterior or np.isnan(posterior[c]).any()]
     if lacking:
         raise ValueError(
             f"{path}: hypothesis {name}: found no {', '.join(lacking)}, "
-            "expected a posterior of the law mooney-rivlin-3"
+            f"expected the constants of its law {law.name}; run the study again"
         )
+    *constants, mu = (posterior[c].values.ravel() for c in law.constants)
+    bulk = study.bulk_ratio * mu
     if "bulk_ratio" in posterior and not np.isnan(posterior["bulk_ratio"]).any():
-        raise ValueError(
-            f"{path}: hypothesis {name}: found bulk_ratio among the unknowns, "
-            "expected one that the study gives"
-        )
+        bulk = posterior["bulk_ratio"].values.ravel() * mu
+    return Rubbers(law.name, np.stack(constants, axis=1), bulk)
 
 
 def _against(
     test: SecondTest,
     data: SecondData,
     name: str,
-    constants: Array,
-    bulk_ratio: float,
+    rubbers: Rubbers,
     order: int,
     echo: Echo,
 ) -> tuple[dict[str, Any], Shown]:
-    """Quantity -> how well it is predicted by draws of the constants, and what the figure shows."""
-    echo(f"predict    {name}: {len(constants)} solves")
-    difference = mesh_difference(test, data, constants.mean(axis=0), bulk_ratio)
-    predicted = corrected(predict(test, data, constants, bulk_ratio), difference)
+    """Quantity -> how well it is predicted by draws of the material, and what the figure shows."""
+    echo(f"predict    {name}: {len(rubbers.bulk)} solves")
+    difference = mesh_difference(test, data, rubbers.mean)
+    predicted = corrected(predict(test, data, rubbers), difference)
     rng = np.random.default_rng(np.random.SeedSequence(test.seed, spawn_key=(3, order)))
     again = replicates(test, data, predicted, difference, rng)
     answer_noise = float(

@@ -1,0 +1,221 @@
+"""What a finished study found, as its report and its last words show it: tables and sections."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from calib.inference.coordinates import CONSTANTS
+from calib.study.artifacts import read_json
+from calib.study.assumptions import assumptions_table
+from calib.study.config import Study
+from calib.study.emulator_tables import (
+    emulator_table,
+    emulator_tables,
+    partial_table,
+    refinement_table,
+)
+from calib.study.further_table import further_table
+from calib.study.maxima_table import map_table, rounds_table
+from calib.study.mesh_error import check_folder
+from calib.study.nuisances import correlation_table, nuisance_table
+from calib.study.predict_stage import CHECKS
+from calib.study.predictive_tables import (
+    face_summary_table,
+    field_checks_tables,
+    force_checks_table,
+)
+from calib.study.prior_stage import FACTS, prior_table
+from calib.study.refine_stage import REFINEMENT
+from calib.study.report import Picture, Section, versions_table
+from calib.study.summary import Summary
+from calib.study.summary_tables import constants_table, points_table
+from calib.study.tables import (
+    Table,
+    comparison_table,
+    data_table,
+    mesh_table,
+    optimization_table,
+    published_table,
+)
+from calib.study.train_report import limits_of
+from calib.study.train_stage import DIAGNOSTICS
+from calib.study.validation_tables import validation_tables, verdicts
+from calib.study.verification import load_rounds
+
+VALIDATIONS = "validation"
+"""folder of what `calib validate` finds on second tests"""
+
+
+@dataclass(frozen=True)
+class Findings:
+    """Everything that is shown, as read from the artifacts of a study."""
+
+    data: dict[str, Any]
+    mesh: dict[str, Any]
+    """hypothesis -> mesh_error.json"""
+    diagnostics: dict[str, Any]
+    """hypothesis -> its part of diagnostics.json"""
+    refinement: dict[str, Any]
+    """hypothesis -> its part of refinement.json"""
+    maps: dict[str, Any]
+    comparison: dict[str, Any]
+    predictive: dict[str, Any]
+    """predictive.json"""
+    prior: dict[str, Any]
+    """hypothesis -> its part of prior_predictive.json"""
+    rounds: list[dict[str, Any]]
+    """of verification.json, hypothesis -> what was found and added"""
+    validations: dict[str, dict[str, Any]]
+    """second test -> validation.json of `calib validate`"""
+    summaries: tuple[Summary, ...]
+
+    @property
+    def failures(self) -> list[str]:
+        """Diagnostics outside the limits of the study, one sentence each."""
+        return [f"{s.hypothesis}: {failure}" for s in self.summaries for failure in s.failures]
+
+
+def read_findings(out: Path, study: Study, summaries: Sequence[Summary]) -> Findings:
+    """Read the artifacts of a finished study; raises ValueError naming a damaged one."""
+    return Findings(
+        data=read_json(out / "data.json"),
+        mesh={
+            h.name: read_json(check_folder(out, h) / "mesh_error.json") for h in study.hypotheses
+        },
+        diagnostics=read_json(out / DIAGNOSTICS),
+        refinement=read_json(out / REFINEMENT),
+        maps=read_json(out / "map.json"),
+        comparison=read_json(out / "comparison.json"),
+        predictive=read_json(out / CHECKS),
+        prior=read_json(out / FACTS),
+        rounds=load_rounds(out),
+        validations={path.parent.name: read_json(path) for path in validation_files(out)},
+        summaries=tuple(summaries),
+    )
+
+
+def closing_lines(out: Path, study: Study, summaries: Sequence[Summary]) -> list[str]:
+    """What a run prints at its end: every table, failures, and where the results are."""
+    findings = read_findings(out, study, summaries)
+    synthetic = synthetic_sentence(findings.data)
+    lines = ["", *([f"SYNTHETIC DATA. {synthetic}", ""] if synthetic else [])]
+    for tables in _tables(findings, study).values():
+        for table in tables:
+            lines += [table.text(), ""]
+    lines += [f"FAILED  {failure}" for failure in findings.failures]
+    if not findings.failures:
+        lines.append("All diagnostics are within the limits of the study.")
+    places = (
+        ("posterior", out / "posterior.nc"),
+        ("report", out / "report.html"),
+        ("figures", out / "figures"),
+    )
+    return [*lines, *(f"{name:<9} {path}" for name, path in places)]
+
+
+def synthetic_sentence(data: dict[str, Any]) -> str:
+    """How synthetic data were made; empty for measured ones."""
+    if not data["synthetic"]:
+        return ""
+    if data["truth"] is None:
+        return "No experiment was made: a model made the instruments' files that the data are from."
+    truth = ", ".join(f"{name} {data['truth'][name]:.4g} MPa" for name in CONSTANTS)
+    return (
+        "No experiment was made: forces and front-face field come from the FE model under the "
+        f"hypothesis {data['truth_hypothesis']} on a finer mesh with {truth}, and noise was added."
+    )
+
+
+def validation_files(out: Path) -> list[Path]:
+    """What `calib validate` found on second tests, in the order of their names."""
+    return sorted((out / VALIDATIONS).glob("*/validation.json"))
+
+
+def _tables(findings: Findings, study: Study) -> dict[str, list[Table]]:
+    """Tables by what they are about, in the order in which a run prints them."""
+    n_train = {name: found["n_train"] for name, found in findings.diagnostics.items()}
+    rounds = rounds_table(findings.maps, findings.rounds, n_train)
+    found: dict[str, list[Table | None]] = {
+        "constants": [
+            table
+            for summary in findings.summaries
+            for table in (
+                constants_table(summary, summary.truth),
+                points_table(summary),
+                further_table(summary),
+            )
+        ],
+        "mesh": [mesh_table(findings.mesh)],
+        "emulator": [emulator_table(findings.diagnostics, limits_of(study))],
+        "partial": [partial_table(findings.diagnostics)],
+        "refinement": [refinement_table(findings.refinement)],
+        "maximum": [map_table(findings.maps), rounds],
+        "starts": [optimization_table(findings.data["published"])],
+        "published": [published_table(findings.comparison)],
+        "comparison": [comparison_table(findings.comparison)],
+        "correlation": [correlation_table(findings.comparison)],
+        "checks": [
+            force_checks_table(findings.predictive),
+            face_summary_table(findings.predictive),
+        ],
+        "nuisances": [nuisance_table(findings.comparison)],
+        "prior": [prior_table(findings.prior)],
+    }
+    return {about: _kept(tables) for about, tables in found.items()}
+
+
+def _kept(tables: Sequence[Table | None]) -> list[Table]:
+    return [table for table in tables if table is not None]
+
+
+def sections(findings: Findings, pictures: dict[str, Picture], study: Study) -> list[Section]:
+    """The headings of the report with their tables and pictures."""
+    tables = _tables(findings, study)
+    judged = _kept(emulator_tables(findings.diagnostics, limits_of(study)))
+    checks = [*tables["checks"], *_kept(field_checks_tables(findings.predictive))]
+    assumed = [assumptions_table(study), *tables["nuisances"], *tables["correlation"]]
+    return [
+        Section(
+            "Constants",
+            ("One posterior under each contact hypothesis; the comparison is further below.",),
+            tables["constants"],
+            (pictures["marginals"], pictures["pairs"]),
+        ),
+        Section("Forces", (), [data_table(findings.data)], (pictures["forces"],)),
+        Section(
+            "Predictive checks",
+            (),
+            checks,
+            [pictures[name] for name in pictures if name.startswith("predictive_")],
+        ),
+        *_validations(findings, pictures),
+        Section("Before the data", (), tables["prior"], (pictures["prior"],)),
+        Section("Hypotheses", (), [*tables["comparison"], *tables["starts"], *tables["published"]]),
+        Section(
+            "Emulator against the FE model",
+            (),
+            [*tables["maximum"], *judged],
+            (pictures["emulator"], pictures["emulator_worst"]),
+        ),
+        Section("Refinement", (), tables["refinement"], (pictures["refinement"],)),
+        Section("Mesh", (), tables["mesh"]),
+        Section("Assumptions", (), assumed),
+        Section("Chains", (), (), (pictures["chains"],)),
+        Section("Versions", (), (versions_table(),)),
+    ]
+
+
+def _validations(findings: Findings, pictures: dict[str, Picture]) -> list[Section]:
+    """One heading for each second test on which the calibration was validated."""
+    return [
+        Section(
+            f"Validation: {name}",
+            tuple(verdicts(found)),
+            validation_tables(found),
+            (pictures[f"validation_{name}"],),
+        )
+        for name, found in findings.validations.items()
+    ]

@@ -1,0 +1,82 @@
+"""Rounds of the stage `refine`: what each chose, and the error that the runs then showed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from calib.study.context import Context
+from calib.study.sections import Hypothesis
+from calib.study.training_runs import rows
+from fe.campaign_result import Campaign
+from fe.response import Array
+from surrogate import Emulator
+from surrogate.refine import STOP_BELOW
+
+
+class Round(NamedTuple):
+    """One look at the posterior and what was chosen by it."""
+
+    n_train: int
+    """runs that had trained the emulator"""
+    predicted_shift: Array
+    """(n,) how far the posterior mean of (ln kappa, r, s, ...) may move, posterior SDs"""
+    n_added: int
+    """runs chosen"""
+    x: tuple[str, ...]
+    """coordinates that may move: of the first look, which is by the forces, without the field's"""
+
+
+@dataclass(frozen=True)
+class Loop:
+    """What the rounds so far chose for one hypothesis."""
+
+    ratios: Array
+    """(k, d) runs added, in the order of choosing"""
+    rounds: tuple[Round, ...] = ()
+    emulators: tuple[Emulator, ...] = ()
+    """by which each round looked"""
+    done: bool = False
+    """whether the posterior mean has had its last run"""
+
+
+def described(
+    context: Context, hypothesis: Hypothesis, loop: Loop, added: Campaign
+) -> dict[str, object]:
+    """The rounds, each with the error of its emulator at the runs that it chose."""
+    rounds = []
+    first = 0
+    for emulator, facts in zip(loop.emulators, loop.rounds, strict=True):
+        new = rows(added, slice(first, first + facts.n_added))
+        first += facts.n_added
+        rounds.append(facts._asdict() | errors_at(emulator, new))
+    told = rounds[0]
+    context.echo(
+        f"  {hypothesis.name}: at the posterior the first emulator was off by "
+        f"{100 * np.max(told['force_error']):.2g} % (RMS, worst increment), "
+        f"{told['rms_z']:.2g} of its stated SDs"
+    )
+    return {
+        "ratios": loop.ratios,
+        "rounds": rounds,
+        "limit": STOP_BELOW,
+        "units": {
+            "force_error": "relative, RMS over the runs added, by increment",
+            "rms_z": "stated SDs",
+            "predicted_shift": "posterior SDs of the coordinates x",
+        },
+    }
+
+
+def errors_at(emulator: Emulator, runs: Campaign) -> dict[str, Array | float]:
+    """Errors of the force at runs that the emulator had not seen; NaN where none got so far."""
+    mean, covariance = emulator.unit_force(runs.theta)
+    error = np.ma.masked_invalid(mean - runs.force)
+    relative = np.ma.masked_invalid(error / runs.force)
+    z = error / np.sqrt(np.einsum("nii->ni", covariance))
+    return {
+        "force_error": np.ma.filled(np.sqrt(np.mean(relative**2, axis=0)), np.nan),
+        "rms_z": float(np.ma.filled(np.sqrt(np.mean(z**2)), np.nan)),
+    }
