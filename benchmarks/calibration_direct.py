@@ -1,13 +1,13 @@
 """The posterior by FE itself, at every node of a quadrature, beside that by emulator.
 
-One experiment, forces and field, on a coarse mesh. A tensor Gauss-Legendre rule over (r, s) covers
+One experiment, forces and field, on a coarse mesh; the emulator is refined at its posterior as a
+study's is. A tensor Gauss-Legendre rule over (r, s) covers
 the emulator's posterior; at each node the mean of the force at kappa = 1 MPa and the field come
 from a run, and ln kappa is integrated on a fine even grid, for which no further run is needed.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +17,7 @@ from scipy.special import logsumexp
 from benchmarks import calibration_runs as runs
 from benchmarks.calibration_experiments import by_runs, likelihood_of, sbc_prior
 from benchmarks.calibration_figures import points, trained
+from benchmarks.calibration_refined import Refined, experiment, refined
 from calib.inference import (
     PARAMETERS,
     DirectForward,
@@ -40,6 +41,10 @@ from fe.response import Array
 
 TRUTH = np.array([[0.4, 0.25]])
 """(r, s) of the experiment"""
+CONTACT = "stuck"
+"""hypothesis of the study"""
+MOST = 16
+"""runs that refinement may add"""
 N_NODES = 9
 """in r and in s"""
 WIDTH = 4.0
@@ -49,22 +54,13 @@ N_KAPPA = 61
 
 def figures(store: Path) -> dict[str, Any]:
     """Means and SDs of both posteriors on the same nodes, and the distance of the two maxima."""
-    training = training_set([runs.coarse_design(store)], gradients=True)
-    emulator = trained(store, training)
-    prior = sbc_prior()
-    likelihood = likelihood_of(emulator, points())
-    truth = runs.sliding(store, "coarse-truth", TRUTH, runs.COARSE_CELLS)
-    drawn = by_runs(likelihood, prior, truth, 1, runs.SEED + 6)
-    assert likelihood.field is not None
-    posterior = Posterior(
-        prior,
-        replace(likelihood, force=drawn.force[0], field=likelihood.field.of_fields(drawn.field)[0]),
-    )
+    found = _refined(store)
+    posterior = found.posterior
     draws = draw_weighted(posterior, np.random.default_rng(1), 16384)
-    nodes, weights = _nodes(draws.mean[1:], draws.sd[1:], prior.bounds[1:])
-    found = runs.sliding(store, "coarse-nodes", nodes, runs.COARSE_CELLS, runs.told("nodes"))
+    nodes, weights = _nodes(draws.mean[1:], draws.sd[1:], posterior.prior.bounds[1:])
+    known = _solved(store, "nodes", nodes, runs.told("nodes"))
     ln_kappa = draws.mean[0] + draws.sd[0] * np.linspace(-8.0, 8.0, N_KAPPA)
-    exact = DirectForward(_Known(found), with_field=True)
+    exact = DirectForward(_Known(known), with_field=True)
     models: dict[str, ForwardModel] = {
         "emulator": posterior.likelihood.forward,
         "fe": exact,
@@ -74,7 +70,13 @@ def figures(store: Path) -> dict[str, Any]:
         name: _moments(posterior.with_forward(model), nodes, weights, ln_kappa)
         for name, model in models.items()
     }
-    told: dict[str, Any] = {"emulator_vs_fe_n_runs": len(nodes)}
+    told: dict[str, Any] = {
+        "emulator_vs_fe_contact": CONTACT,
+        "emulator_vs_fe_n_runs": len(nodes),
+        "emulator_vs_fe_n_training": found.emulator.header.n_train,
+        "emulator_vs_fe_predicted_shift_sd": found.shift,
+        "emulator_vs_fe_sd": _named(moments["fe"][1]),
+    }
     for name, suffix in (("fe", ""), ("fe_with_emulator_errors", "_same_errors")):
         shift = (moments["emulator"][0] - moments[name][0]) / moments[name][1]
         ratio = moments["emulator"][1] / moments[name][1]
@@ -84,6 +86,29 @@ def figures(store: Path) -> dict[str, Any]:
         (moments["emulator"][0] - draws.mean) / draws.sd
     )
     return told | _maxima(store, posterior, draws.sd)
+
+
+def _refined(store: Path) -> Refined:
+    """The study's first design on the coarse mesh, refined at the experiment's posterior."""
+    first = runs.coarse_design(store, CONTACT)
+    started = likelihood_of(trained(store, training_set([first], gradients=True)), points())
+    truth = _solved(store, "truth", TRUTH)
+    drawn = by_runs(started, sbc_prior(), truth, 1, runs.SEED + 6)
+
+    return refined(
+        first,
+        lambda own: experiment(own, drawn, 0)[1],
+        lambda ratios: _solved(store, "refine", ratios, runs.told("refine")),
+        MOST,
+        runs.SEED + 9,
+    )
+
+
+def _solved(
+    store: Path, part: str, ratios: Array, progress: runs.Progress | None = None
+) -> Campaign:
+    folder = f"coarse-{CONTACT}-{part}"
+    return runs.solved(store, CONTACT, folder, ratios, runs.COARSE_CELLS, progress)
 
 
 def _nodes(mean: Array, sd: Array, bounds: Array) -> tuple[Array, Array]:
@@ -152,8 +177,9 @@ class _Known:
 
 def _maxima(store: Path, posterior: Posterior, sd: Array) -> dict[str, Any]:
     """The emulator's maximum refined by FE, as `calib map` does."""
-    model = block_pin_model(runs.study(), runs.hypothesis("sliding"), runs.COARSE_CELLS)
-    simulate = StoredSimulate(model, store / "coarse-map", (store / "coarse",))
+    model = block_pin_model(runs.study(), runs.hypothesis(CONTACT), runs.COARSE_CELLS)
+    parts = tuple(store / f"coarse-{CONTACT}{part}" for part in ("", "-refine"))
+    simulate = StoredSimulate(model, store / f"coarse-{CONTACT}-map", parts)
     start = emulator_map(posterior, sd, np.random.default_rng(2))
     assert isinstance(posterior.likelihood.forward, EmulatorForward)
     found = refine_map(posterior, DirectForward(simulate, with_field=True), start, sd)

@@ -65,8 +65,15 @@ def emulator(store: Path, hypothesis: str, n_runs: int, gradients: bool) -> Scal
 def dense_emulator(store: Path) -> ScaledEmulator:
     """Of the 52 runs of both designs over the whole box: as good everywhere as a study's is
     where its posterior is, to which refinement adds runs."""
-    campaigns = [runs.design(store, "sliding"), runs.further_training(store)]
+    campaigns = [runs.design(store, "sliding"), runs.further_training(store, "sliding")]
     return trained(store, training_set(campaigns, gradients=True))
+
+
+@cache
+def stuck_emulator(store: Path) -> ScaledEmulator:
+    """Of the 32 training runs of benchmarks/emulator.py."""
+    campaign = runs.further_training(store, "stuck")
+    return trained(store, training_set([campaign], gradients=True))
 
 
 def trained(store: Path, training: TrainingSet) -> ScaledEmulator:
@@ -179,6 +186,14 @@ def first_look_arm(store: Path, n: int) -> Arm:
     return Arm("fe-first-look", drawn, lambda _: likelihood, 2)
 
 
+def stuck_arm(store: Path, n: int) -> Arm:
+    """Truths by FE on the sampling mesh of the stuck block, emulator of 32 other runs."""
+    likelihood = likelihood_of(stuck_emulator(store), points())
+    truths = runs.held_out_truths(store, "stuck")
+    drawn = by_runs(likelihood, sbc_prior(), truths, n, runs.SEED + 10)
+    return Arm("fe-stuck", drawn, lambda _: likelihood, 8)
+
+
 def finer_arms(store: Path, n: int) -> tuple[Arm, Arm]:
     """Truths by FE on a finer mesh, with the mesh's error treated as in studies, and left out.
 
@@ -213,10 +228,11 @@ def sbc(store: Path, n: int) -> dict[str, Any]:
         ("emulator", lambda: emulator_arm(store, n)),
         ("emulator_again", lambda: emulator_arm(store, max(n // 3, 100), 100)),
         ("fe", lambda: fe_arm(store, n)),
+        ("fe_stuck", lambda: stuck_arm(store, n)),
         ("fe_first_look", lambda: first_look_arm(store, n)),
         ("finer", lambda: finer_arms(store, n // 2)[0]),
     ):
-        found[name] = _described(store, arm())
+        found[name] = arm_figures(store, arm())
     return {
         "sbc_p": found["emulator"]["sbc_p"],
         "coverage": found["emulator"]["coverage"],
@@ -225,7 +241,8 @@ def sbc(store: Path, n: int) -> dict[str, Any]:
     }
 
 
-def _described(store: Path, arm: Arm) -> dict[str, Any]:
+def arm_figures(store: Path, arm: Arm) -> dict[str, Any]:
+    """Tests and coverage of an arm, posteriors of which are made or found in the store."""
     found = described(placed(store, arm), arm.experiments.run)
     print(f"{arm.name}: {found['sbc_p']} {found['coverage']}", flush=True)
     return found
@@ -246,7 +263,7 @@ def power(store: Path, n: int) -> dict[str, Any]:
         Arm("sparse-emulator-certain", own, lambda _: certain, 7),
         finer_arms(store, n // 2)[1],
     ]
-    return {"power": {arm.name: _described(store, arm) for arm in arms}}
+    return {"power": {arm.name: arm_figures(store, arm) for arm in arms}}
 
 
 def against_emcee(store: Path, n: int) -> dict[str, Any]:

@@ -21,7 +21,12 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from benchmarks import calibration_direct, calibration_figures, calibration_misspecified
+from benchmarks import (
+    calibration_direct,
+    calibration_figures,
+    calibration_misspecified,
+    calibration_refined,
+)
 from benchmarks.calibration_runs import ROOT, STORE
 from benchmarks.verify_fe import merge
 
@@ -29,6 +34,7 @@ OUT = ROOT / "docs" / "verification" / "inference.json"
 
 PARTS: dict[str, Callable[[Path, int], dict[str, Any]]] = {
     "sbc": calibration_figures.sbc,
+    "refined": calibration_refined.figures,
     "emcee": calibration_figures.against_emcee,
     "power": calibration_figures.power,
     "misspecified": lambda store, n: calibration_misspecified.figures(store, max(n // 3, 1)),
