@@ -155,7 +155,7 @@ def _log_likelihood(likelihood: Likelihood, x: Array) -> Array:
     by_force = log_density_along(
         errors.covariance(force, covariance),
         likelihood.force[:, None] - force,
-        errors.zero_shift(force),
+        errors.shifts(force),
     )
     basis = likelihood.forward.field_basis
     assert likelihood.field is not None and basis is not None

@@ -7,6 +7,7 @@ discrepancy costs where nothing is wrong.
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -38,6 +39,8 @@ RIVAL = 1.0
 """of `COMMON`, for comparison"""
 N_LOOK, N_DRAWS = 512, 1024
 """draws of a first look at a share, and of a share that counts"""
+FEWEST = 0.05
+"""share of the draws that must be effective; else a quadrature takes their place"""
 LEVEL = 0.95
 """of the central interval of mu"""
 CHUNK = 100
@@ -93,7 +96,7 @@ def figures(store: Path, n: int) -> dict[str, Any]:
         "misspecified_n": n,
         "misspecified_level": LEVEL,
         "misspecified_prior_sd": float(np.ptp(runs.prior().bounds[0]) / np.sqrt(12.0)),
-    }
+    } | rivals(store)
     for start, (truths, seed) in TRUTHS.items():
         # kappa = mu / 2 of an Ogden run at mu = 2 MPa is 1 MPa, as for ratios.
         campaign = truths(store)
@@ -104,6 +107,25 @@ def figures(store: Path, n: int) -> dict[str, Any]:
             told |= _described(found, drawn.run, f"misspecified_{{}}_{start}{form.name}")
             print(f"  {start}{form.name}: {told[f'misspecified_coverage_{start}{form.name}']:.2f}")
     return told
+
+
+def rivals(store: Path) -> dict[str, float]:
+    """How far the rivals of the study, stuck and sliding at the same (r, s), differ.
+
+    What `calib.inference.discrepancy.COMMON` is held against: of forces the logarithm, its mean
+    over the travels and what is left; of fields the share of a discrepancy of the stuck block.
+    """
+    stuck, sliding = (runs.further_training(store, name) for name in ("stuck", "sliding"))
+    force = np.log(stuck.force / sliding.force)
+    common = force.mean(axis=1)
+    offset = stuck.displacement.mean(axis=0)
+    size = np.sqrt(np.mean(offset**2, axis=1)).max(axis=1)
+    off = (stuck.displacement - sliding.displacement) / size[:, None, None]
+    return {
+        "rivals_field_share": float(np.sqrt(np.mean(off**2))),
+        "rivals_ln_force_common": float(np.sqrt(np.mean(common**2))),
+        "rivals_ln_force_shape": float(np.sqrt(np.mean((force - common[:, None]) ** 2))),
+    }
 
 
 def _described(found: dict[str, Array], run: Array, name: str) -> dict[str, Any]:
@@ -192,8 +214,9 @@ def _worth(value: Array, look: Array, n: int) -> Array:
 
 def _sampled(posterior: Posterior, rng: np.random.Generator, n: int) -> WeightedDraws:
     """Weighted draws, or the nodes of a quadrature where a posterior is squeezed into a corner."""
-    try:
-        return draw_weighted(posterior, rng, n, n_round=n // 2)
-    except ValueError:
-        exact = integrate(posterior, 18)
-        return WeightedDraws(exact.x, exact.weights, exact.log_evidence, 0)
+    with suppress(ValueError):
+        found = draw_weighted(posterior, rng, n, n_round=n // 2)
+        if found.ess > FEWEST * n:
+            return found
+    exact = integrate(posterior, 18)
+    return WeightedDraws(exact.x, exact.weights, exact.log_evidence, 0)
