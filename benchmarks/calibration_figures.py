@@ -31,6 +31,7 @@ from calib.inference.rank_uniformity import LEVELS, clustered_error, coverage, u
 from calib.study.context import block_pin_model
 from calib.study.mesh_error import MeshError, mesh_error
 from calib.study.training_runs import rows, training_set
+from fe.campaign_result import Campaign
 from fe.response import Array
 from surrogate import Emulator, ScaledEmulator, TrainingSet
 
@@ -194,31 +195,40 @@ def stuck_arm(store: Path, n: int) -> Arm:
     return Arm("fe-stuck", drawn, lambda _: likelihood, 8)
 
 
-def finer_arms(store: Path, n: int) -> tuple[Arm, Arm]:
+def finer_arms(store: Path, n: int, name: str) -> tuple[Arm, Arm]:
     """Truths by FE on a finer mesh, with the mesh's error treated as in studies, and left out.
 
     A study measures its mesh's error at the mean of a first posterior and at that of the last one.
     Here it is taken from the two of `N_CHECKS` places nearest to the mean of a posterior without
     it.
     """
-    known = dense_emulator(store)
+    case = runs.MESH_CASES[name]
+    known, truths, seeds = _finer(store, case.hypothesis)
     bare = likelihood_of(known, points())
-    drawn = by_runs(bare, sbc_prior(), runs.finer_truths(store), n, runs.SEED + 2)
-    without = Arm("finer-without-mesh-error", drawn, lambda _: bare, 3)
+    drawn = by_runs(bare, sbc_prior(), truths, n, runs.SEED + seeds[0])
+    without = Arm(f"{name}-without-mesh-error", drawn, lambda _: bare, seeds[1])
     first = placed(store, without).mean[:, 1:]
-    fine, coarse = runs.checks(store)
+    fine, coarse = runs.checks(store, case)
     low, high = sbc_prior().bounds[1:].T
     off = np.sum(((first[:, None] - fine.theta) / (high - low)) ** 2, axis=2)
     nearest = np.sort(np.argsort(off, axis=1)[:, :2], axis=1)
-    refinement = float(np.prod(np.array(runs.CHECK_CELLS) / runs.sampling_cells()) ** (1.0 / 3.0))
 
     @cache
     def likelihood(pair: tuple[int, ...]) -> Likelihood:
         both = [rows(campaign, list(pair)) for campaign in (fine, coarse)]
-        error: MeshError = mesh_error(both[0], both[1], refinement, "sliding")
+        error: MeshError = mesh_error(both[0], both[1], case.refinement, case.hypothesis)
         return likelihood_of(known, points(), mesh=error)
 
-    return Arm("finer", drawn, lambda i: likelihood(tuple(nearest[i].tolist())), 4), without
+    return Arm(name, drawn, lambda i: likelihood(tuple(nearest[i].tolist())), seeds[2]), without
+
+
+def _finer(store: Path, hypothesis: str) -> tuple[ScaledEmulator, Campaign, tuple[int, int, int]]:
+    """Emulator on a mesh, truths on a finer one, and seeds."""
+    if hypothesis == "sliding":
+        return dense_emulator(store), runs.finer_truths(store), (2, 3, 4)
+    coarse = runs.coarse_design(store, hypothesis)
+    known = trained(store, training_set([coarse], gradients=True))
+    return known, runs.held_out_truths(store, hypothesis), (12, 10, 11)
 
 
 def sbc(store: Path, n: int) -> dict[str, Any]:
@@ -230,7 +240,8 @@ def sbc(store: Path, n: int) -> dict[str, Any]:
         ("fe", lambda: fe_arm(store, n)),
         ("fe_stuck", lambda: stuck_arm(store, n)),
         ("fe_first_look", lambda: first_look_arm(store, n)),
-        ("finer", lambda: finer_arms(store, n // 2)[0]),
+        ("finer", lambda: finer_arms(store, n // 2, "finer")[0]),
+        ("finer_stuck", lambda: finer_arms(store, n, "finer-stuck")[0]),
     ):
         found[name] = arm_figures(store, arm())
     return {
@@ -261,7 +272,8 @@ def power(store: Path, n: int) -> dict[str, Any]:
         Arm("noise-independent", good, lambda _: independent, 5),
         Arm("sparse-emulator", own, lambda _: stated, 6),
         Arm("sparse-emulator-certain", own, lambda _: certain, 7),
-        finer_arms(store, n // 2)[1],
+        finer_arms(store, n // 2, "finer")[1],
+        finer_arms(store, n, "finer-stuck")[1],
     ]
     return {"power": {arm.name: arm_figures(store, arm) for arm in arms}}
 

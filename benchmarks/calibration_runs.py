@@ -32,10 +32,8 @@ from surrogate.design import sobol_design
 ROOT = Path(__file__).resolve().parents[1]
 STORE = ROOT / "runs" / "verify-inference"
 SEED = 20261122
-CHECK_CELLS: Cells = (14, 6, 3)
-"""of the runs that measure the error of the sampling mesh"""
 FINER_CELLS: Cells = (16, 6, 3)
-"""of truths on a finer mesh, finer than the checks too"""
+"""of truths of the sliding block on a finer mesh, finer than the checks too"""
 COARSE_CELLS: Cells = (8, 3, 2)
 """of the direct posterior, which takes a run at every node of a quadrature"""
 FRICTION = 0.3
@@ -52,6 +50,22 @@ N_PLACED = 8
 N_FINER, N_CHECKS, N_OTHER, N_RUBBING = 8, 5, 15, 100
 
 Progress = Callable[[int, int], None]
+
+
+@dataclass(frozen=True)
+class MeshCase:
+    """An emulator's mesh and a finer one that measures its error; truths are on a finer one yet."""
+
+    hypothesis: str
+    cells: Cells
+    """of the emulator's runs"""
+    check_cells: Cells
+    suffix: str
+
+    @property
+    def refinement(self) -> float:
+        """How many times smaller the elements of the check mesh are."""
+        return float(np.prod(np.array(self.check_cells) / self.cells) ** (1.0 / 3.0))
 
 
 def study() -> Study:
@@ -170,11 +184,13 @@ def coarse_design(store: Path, name: str, progress: Progress | None = None) -> C
     return solved(store, name, f"coarse-{name}", points, COARSE_CELLS, progress)
 
 
-def checks(store: Path, progress: Progress | None = None) -> tuple[Campaign, Campaign]:
-    """Runs on the check mesh and on the sampling mesh at the same ratios."""
-    ratios = check_ratios()
-    fine = sliding(store, "check", ratios, CHECK_CELLS, progress)
-    return fine, sliding(store, "check-coarse", ratios, None, progress)
+def checks(
+    store: Path, case: MeshCase, progress: Progress | None = None
+) -> tuple[Campaign, Campaign]:
+    """Runs on the check mesh and on that of the emulator at the same ratios."""
+    ratios, name = check_ratios(), case.hypothesis
+    fine = solved(store, name, f"check{case.suffix}", ratios, case.check_cells, progress)
+    return fine, solved(store, name, f"check-coarse{case.suffix}", ratios, case.cells, progress)
 
 
 def other_truths(store: Path, progress: Progress | None = None) -> Campaign:
@@ -208,6 +224,13 @@ def rubbing_truths(store: Path, progress: Progress | None = None) -> Campaign:
     return simulate(points, model, store / "friction", progress or _quiet)
 
 
+MESH_CASES = {
+    "finer": MeshCase("sliding", (12, 4, 2), (14, 6, 3), ""),
+    "finer-stuck": MeshCase("stuck", COARSE_CELLS, (10, 5, 2), "-stuck"),
+}
+"""sampling mesh of the sliding block; a coarse one of the stuck block, whose truths are then on its
+sampling mesh"""
+
 PARTS: dict[str, Callable[[Path, Progress], object]] = {
     "sliding": lambda store, progress: design(store, "sliding", progress),
     "stuck": lambda store, progress: further_training(store, "stuck", progress),
@@ -216,7 +239,8 @@ PARTS: dict[str, Callable[[Path, Progress], object]] = {
     "ogden": other_truths,
     "truths": truths,
     "coarse": lambda store, progress: coarse_design(store, "stuck", progress),
-    "checks": checks,
+    "checks": lambda store, progress: checks(store, MESH_CASES["finer"], progress),
+    "checks-stuck": lambda store, progress: checks(store, MESH_CASES["finer-stuck"], progress),
     "finer": finer_truths,
 }
 
