@@ -30,7 +30,7 @@ from surrogate import Emulator, ScaledEmulator
 
 FIELD_NOISE = 0.01
 """mm, the least of `calibration_experiments.FIELD_NOISE`"""
-N_TRUTHS = 16
+N_TRUTHS = 12
 """of a Sobol sequence, each with an emulator of its own"""
 
 Solve = Callable[[Array], Campaign]
