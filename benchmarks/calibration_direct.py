@@ -1,13 +1,14 @@
 """The posterior by FE itself, at every node of a quadrature, beside that by emulator.
 
-One experiment, forces and field, on a coarse mesh. A tensor Gauss-Legendre rule over (r, s) covers
+One experiment, forces and field, on a coarse mesh; the emulator is refined at its posterior as a
+study's is. A tensor Gauss-Legendre rule over (r, s) covers
 the emulator's posterior; at each node the mean of the force at kappa = 1 MPa and the field come
 from a run, and ln kappa is integrated on a fine even grid, for which no further run is needed.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -17,11 +18,11 @@ from scipy.special import logsumexp
 from benchmarks import calibration_runs as runs
 from benchmarks.calibration_experiments import by_runs, likelihood_of, sbc_prior
 from benchmarks.calibration_figures import points, trained
+from benchmarks.calibration_refined import experiment, refined
 from calib.inference import (
     PARAMETERS,
     DirectForward,
     EmulatorForward,
-    ForwardModel,
     Likelihood,
     Posterior,
     emulator_map,
@@ -37,85 +38,118 @@ from calib.study.simulations import StoredSimulate
 from calib.study.training_runs import training_set
 from fe.campaign_result import Campaign
 from fe.response import Array
+from surrogate import Emulator, ScaledEmulator, sobol_design
 
 TRUTH = np.array([[0.4, 0.25]])
 """(r, s) of the experiment"""
+CONTACT = "stuck"
+"""hypothesis of the study"""
+MOST = 16
+"""runs that refinement may add"""
 N_NODES = 9
 """in r and in s"""
 WIDTH = 4.0
 """posterior SDs covered to each side"""
 N_KAPPA = 61
+N_LOCAL = 16
+"""runs of a second design, all inside the box of the nodes"""
 
 
 def figures(store: Path) -> dict[str, Any]:
-    """Means and SDs of both posteriors on the same nodes, and the distance of the two maxima."""
-    training = training_set([runs.coarse_design(store)], gradients=True)
-    emulator = trained(store, training)
-    prior = sbc_prior()
-    likelihood = likelihood_of(emulator, points())
-    truth = runs.sliding(store, "coarse-truth", TRUTH, runs.COARSE_CELLS)
-    drawn = by_runs(likelihood, prior, truth, 1, runs.SEED + 6)
-    assert likelihood.field is not None
-    posterior = Posterior(
-        prior,
-        replace(likelihood, force=drawn.force[0], field=likelihood.field.of_fields(drawn.field)[0]),
+    """Means and SDs of the posteriors on the same nodes, and the distance of two maxima."""
+    first = runs.coarse_design(store, CONTACT)
+    started = likelihood_of(trained(store, training_set([first], gradients=True)), points())
+    drawn = by_runs(started, sbc_prior(), _solved(store, "truth", TRUTH), 1, runs.SEED + 6)
+    found = refined(
+        first,
+        lambda own: experiment(own, drawn, 0)[1],
+        lambda ratios: _solved(store, "refine", ratios, runs.told("refine")),
+        MOST,
+        runs.SEED + 9,
     )
+    posterior = found.posterior
     draws = draw_weighted(posterior, np.random.default_rng(1), 16384)
-    nodes, weights = _nodes(draws.mean[1:], draws.sd[1:], prior.bounds[1:])
-    found = runs.sliding(store, "coarse-nodes", nodes, runs.COARSE_CELLS, runs.told("nodes"))
+    box = _box(draws.mean[1:], draws.sd[1:], posterior.prior.bounds[1:])
+    nodes, weights = _nodes(box)
+    known = _solved(store, "nodes", nodes, runs.told("nodes"))
     ln_kappa = draws.mean[0] + draws.sd[0] * np.linspace(-8.0, 8.0, N_KAPPA)
-    exact = DirectForward(_Known(found), with_field=True)
-    models: dict[str, ForwardModel] = {
-        "emulator": posterior.likelihood.forward,
-        "fe": exact,
-        "fe_with_emulator_errors": DirectWithErrors(exact, posterior.likelihood.forward),
+    rule = _Rule(nodes, weights, ln_kappa, DirectForward(_Known(known), with_field=True))
+    by_fe = rule.moments(posterior.with_forward(rule.exact))
+    told: dict[str, Any] = {
+        "emulator_vs_fe_contact": CONTACT,
+        "emulator_vs_fe_n_runs": len(nodes),
+        "emulator_vs_fe_n_training": found.emulator.header.n_train,
+        "emulator_vs_fe_predicted_shift_sd": found.shift,
+        "emulator_vs_fe_sd": _named(by_fe[1]),
+        "emulator_vs_fe_rule_against_draws_sd": _named(
+            (rule.moments(posterior)[0] - draws.mean) / draws.sd
+        ),
     }
-    moments = {
-        name: _moments(posterior.with_forward(model), nodes, weights, ln_kappa)
-        for name, model in models.items()
-    }
-    told: dict[str, Any] = {"emulator_vs_fe_n_runs": len(nodes)}
-    for name, suffix in (("fe", ""), ("fe_with_emulator_errors", "_same_errors")):
-        shift = (moments["emulator"][0] - moments[name][0]) / moments[name][1]
-        ratio = moments["emulator"][1] / moments[name][1]
-        told[f"emulator_vs_fe_mean_sd{suffix}"] = _named(shift)
-        told[f"emulator_vs_fe_sd_ratio{suffix}"] = _named(ratio)
-    told["emulator_vs_fe_rule_against_draws_sd"] = _named(
-        (moments["emulator"][0] - draws.mean) / draws.sd
-    )
-    return told | _maxima(store, posterior, draws.sd)
+    told |= rule.held_to_fe(posterior, by_fe, "")
+    inside = _solved(store, "local", sobol_design(N_LOCAL, box, runs.SEED))
+    local = Emulator.fit(training_set([inside], gradients=True), 1)
+    by_local = experiment(ScaledEmulator(local), drawn, 0)[1]
+    told |= rule.held_to_fe(by_local, by_fe, "_local")
+    return told | {"emulator_vs_fe_n_training_local": N_LOCAL} | _maxima(store, posterior, draws.sd)
 
 
-def _nodes(mean: Array, sd: Array, bounds: Array) -> tuple[Array, Array]:
-    """(n^2, 2) nodes and weights of a box of so many SDs, cut off at the prior's bounds."""
+def _solved(
+    store: Path, part: str, ratios: Array, progress: runs.Progress | None = None
+) -> Campaign:
+    folder = f"coarse-{CONTACT}-{part}"
+    return runs.solved(store, CONTACT, folder, ratios, runs.COARSE_CELLS, progress)
+
+
+def _box(mean: Array, sd: Array, bounds: Array) -> Array:
+    """(2, 2) range of (r, s) of so many SDs, cut off at the prior's bounds."""
+    low, high = mean - WIDTH * sd, mean + WIDTH * sd
+    return np.column_stack([np.maximum(low, bounds[:, 0]), np.minimum(high, bounds[:, 1])])
+
+
+def _nodes(box: Array) -> tuple[Array, Array]:
+    """(n^2, 2) nodes and weights of a box."""
     unit, weight = np.polynomial.legendre.leggauss(N_NODES)
-    low = np.maximum(mean - WIDTH * sd, bounds[:, 0])
-    high = np.minimum(mean + WIDTH * sd, bounds[:, 1])
-    r, s = (low[i] + (high[i] - low[i]) * 0.5 * (unit + 1.0) for i in range(2))
+    r, s = (low + (high - low) * 0.5 * (unit + 1.0) for low, high in box)
     nodes = np.stack(np.meshgrid(r, s, indexing="ij"), axis=-1).reshape(-1, 2)
     return nodes, np.outer(weight, weight).ravel()
 
 
-def _moments(
-    posterior: Posterior, nodes: Array, weights: Array, ln_kappa: Array
-) -> tuple[Array, Array]:
-    """Posterior mean and SD of x by the rule; a run that ended early has no weight."""
-    log_weight = []
-    for node in nodes:
-        x = np.column_stack([ln_kappa, np.tile(node, (len(ln_kappa), 1))])
-        log_weight.append(posterior.prior.log_prob(x) + _log_likelihood(posterior.likelihood, x))
-    total = np.array(log_weight) + np.log(weights)[:, None]
-    total -= logsumexp(total)
-    probability = np.exp(total)
-    x = np.concatenate(
-        [
-            np.broadcast_to(ln_kappa[None, :, None], (len(nodes), len(ln_kappa), 1)),
-            np.broadcast_to(nodes[:, None], (len(nodes), len(ln_kappa), 2)),
-        ],
-        axis=2,
-    )
-    mean = np.einsum("nk,nki->i", probability, x)
-    return mean, np.sqrt(np.einsum("nk,nki->i", probability, (x - mean) ** 2))
+@dataclass(frozen=True)
+class _Rule:
+    """Nodes at which FE runs are known."""
+
+    nodes: Array
+    weights: Array
+    ln_kappa: Array
+    exact: DirectForward
+
+    def moments(self, posterior: Posterior) -> tuple[Array, Array]:
+        """Posterior mean and SD of x by the rule; a run that ended early has no weight."""
+        n, m = len(self.nodes), len(self.ln_kappa)
+        x = np.empty((n, m, 3))
+        x[:, :, 0], x[:, :, 1:] = self.ln_kappa, self.nodes[:, None]
+        log_weight = [
+            posterior.prior.log_prob(row) + _log_likelihood(posterior.likelihood, row) for row in x
+        ]
+        total = np.array(log_weight) + np.log(self.weights)[:, None]
+        probability = np.exp(total - logsumexp(total))
+        mean = np.einsum("nk,nki->i", probability, x)
+        return mean, np.sqrt(np.einsum("nk,nki->i", probability, (x - mean) ** 2))
+
+    def held_to_fe(
+        self, posterior: Posterior, by_fe: tuple[Array, Array], name: str
+    ) -> dict[str, Any]:
+        """A posterior by emulator beside that by FE, and by FE with the emulator's errors."""
+        mean, sd = self.moments(posterior)
+        errors = DirectWithErrors(self.exact, posterior.likelihood.forward)
+        told: dict[str, Any] = {}
+        for suffix, other in (
+            ("", by_fe),
+            ("_same_errors", self.moments(posterior.with_forward(errors))),
+        ):
+            told[f"emulator_vs_fe_mean_sd{suffix}{name}"] = _named((mean - other[0]) / other[1])
+            told[f"emulator_vs_fe_sd_ratio{suffix}{name}"] = _named(sd / other[1])
+        return told
 
 
 def _log_likelihood(likelihood: Likelihood, x: Array) -> Array:
@@ -130,7 +164,7 @@ def _log_likelihood(likelihood: Likelihood, x: Array) -> Array:
     by_force = log_density_along(
         errors.covariance(force, covariance),
         likelihood.force[:, None] - force,
-        errors.zero_shift(force),
+        errors.shifts(force),
     )
     basis = likelihood.forward.field_basis
     assert likelihood.field is not None and basis is not None
@@ -152,8 +186,9 @@ class _Known:
 
 def _maxima(store: Path, posterior: Posterior, sd: Array) -> dict[str, Any]:
     """The emulator's maximum refined by FE, as `calib map` does."""
-    model = block_pin_model(runs.study(), runs.hypothesis("sliding"), runs.COARSE_CELLS)
-    simulate = StoredSimulate(model, store / "coarse-map", (store / "coarse",))
+    model = block_pin_model(runs.study(), runs.hypothesis(CONTACT), runs.COARSE_CELLS)
+    parts = tuple(store / f"coarse-{CONTACT}{part}" for part in ("", "-refine"))
+    simulate = StoredSimulate(model, store / f"coarse-{CONTACT}-map", parts)
     start = emulator_map(posterior, sd, np.random.default_rng(2))
     assert isinstance(posterior.likelihood.forward, EmulatorForward)
     found = refine_map(posterior, DirectForward(simulate, with_field=True), start, sd)

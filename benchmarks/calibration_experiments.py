@@ -164,15 +164,16 @@ def by_emulator(likelihood: Likelihood, prior: Prior, n: int, seed: int) -> Expe
 def by_runs(likelihood: Likelihood, prior: Prior, runs: Campaign, n: int, seed: int) -> Experiments:
     """Experiments whose truth is an FE run, each serving n / len(runs) of them.
 
-    kappa and all errors are drawn for each experiment, so that those of one run share its (r, s)
-    and what emulator and mesh err there. Raises ValueError for runs that did not reach the end.
+    kappa and all errors are drawn for each experiment, so that those of one run share its (r, s),
+    the first two columns of its theta, and what emulator and mesh err there. Raises ValueError for
+    runs that did not reach the end.
     """
     if not runs.reached.all():
         raise ValueError(f"runs: {np.count_nonzero(~runs.reached)} ended early")
     rng = np.random.default_rng(seed)
     which = np.arange(n) % len(runs.theta)
     x = prior.sample(rng, n)
-    x[:, 1:] = runs.theta[which]
+    x[:, 1:] = runs.theta[which, :2]
     truth = np.exp(x[:, :1]) * runs.force[which]
     fields = runs.displacement[which]
     # Errors of measurement alone: those of emulator and mesh are in the run.

@@ -31,6 +31,7 @@ from calib.inference.rank_uniformity import LEVELS, clustered_error, coverage, u
 from calib.study.context import block_pin_model
 from calib.study.mesh_error import MeshError, mesh_error
 from calib.study.training_runs import rows, training_set
+from fe.campaign_result import Campaign
 from fe.response import Array
 from surrogate import Emulator, ScaledEmulator, TrainingSet
 
@@ -65,8 +66,15 @@ def emulator(store: Path, hypothesis: str, n_runs: int, gradients: bool) -> Scal
 def dense_emulator(store: Path) -> ScaledEmulator:
     """Of the 52 runs of both designs over the whole box: as good everywhere as a study's is
     where its posterior is, to which refinement adds runs."""
-    campaigns = [runs.design(store, "sliding"), runs.further_training(store)]
+    campaigns = [runs.design(store, "sliding"), runs.further_training(store, "sliding")]
     return trained(store, training_set(campaigns, gradients=True))
+
+
+@cache
+def stuck_emulator(store: Path) -> ScaledEmulator:
+    """Of the 32 training runs of benchmarks/emulator.py."""
+    campaign = runs.further_training(store, "stuck")
+    return trained(store, training_set([campaign], gradients=True))
 
 
 def trained(store: Path, training: TrainingSet) -> ScaledEmulator:
@@ -179,31 +187,48 @@ def first_look_arm(store: Path, n: int) -> Arm:
     return Arm("fe-first-look", drawn, lambda _: likelihood, 2)
 
 
-def finer_arms(store: Path, n: int) -> tuple[Arm, Arm]:
+def stuck_arm(store: Path, n: int) -> Arm:
+    """Truths by FE on the sampling mesh of the stuck block, emulator of 32 other runs."""
+    likelihood = likelihood_of(stuck_emulator(store), points())
+    truths = runs.held_out_truths(store, "stuck")
+    drawn = by_runs(likelihood, sbc_prior(), truths, n, runs.SEED + 10)
+    return Arm("fe-stuck", drawn, lambda _: likelihood, 8)
+
+
+def finer_arms(store: Path, n: int, name: str) -> tuple[Arm, Arm]:
     """Truths by FE on a finer mesh, with the mesh's error treated as in studies, and left out.
 
     A study measures its mesh's error at the mean of a first posterior and at that of the last one.
     Here it is taken from the two of `N_CHECKS` places nearest to the mean of a posterior without
     it.
     """
-    known = dense_emulator(store)
+    case = runs.MESH_CASES[name]
+    known, truths, seeds = _finer(store, case.hypothesis)
     bare = likelihood_of(known, points())
-    drawn = by_runs(bare, sbc_prior(), runs.finer_truths(store), n, runs.SEED + 2)
-    without = Arm("finer-without-mesh-error", drawn, lambda _: bare, 3)
+    drawn = by_runs(bare, sbc_prior(), truths, n, runs.SEED + seeds[0])
+    without = Arm(f"{name}-without-mesh-error", drawn, lambda _: bare, seeds[1])
     first = placed(store, without).mean[:, 1:]
-    fine, coarse = runs.checks(store)
+    fine, coarse = runs.checks(store, case)
     low, high = sbc_prior().bounds[1:].T
     off = np.sum(((first[:, None] - fine.theta) / (high - low)) ** 2, axis=2)
     nearest = np.sort(np.argsort(off, axis=1)[:, :2], axis=1)
-    refinement = float(np.prod(np.array(runs.CHECK_CELLS) / runs.sampling_cells()) ** (1.0 / 3.0))
 
     @cache
     def likelihood(pair: tuple[int, ...]) -> Likelihood:
         both = [rows(campaign, list(pair)) for campaign in (fine, coarse)]
-        error: MeshError = mesh_error(both[0], both[1], refinement, "sliding")
+        error: MeshError = mesh_error(both[0], both[1], case.refinement, case.hypothesis)
         return likelihood_of(known, points(), mesh=error)
 
-    return Arm("finer", drawn, lambda i: likelihood(tuple(nearest[i].tolist())), 4), without
+    return Arm(name, drawn, lambda i: likelihood(tuple(nearest[i].tolist())), seeds[2]), without
+
+
+def _finer(store: Path, hypothesis: str) -> tuple[ScaledEmulator, Campaign, tuple[int, int, int]]:
+    """Emulator on a mesh, truths on a finer one, and seeds."""
+    if hypothesis == "sliding":
+        return dense_emulator(store), runs.finer_truths(store), (2, 3, 4)
+    coarse = runs.coarse_design(store, hypothesis)
+    known = trained(store, training_set([coarse], gradients=True))
+    return known, runs.held_out_truths(store, hypothesis), (12, 10, 11)
 
 
 def sbc(store: Path, n: int) -> dict[str, Any]:
@@ -213,10 +238,12 @@ def sbc(store: Path, n: int) -> dict[str, Any]:
         ("emulator", lambda: emulator_arm(store, n)),
         ("emulator_again", lambda: emulator_arm(store, max(n // 3, 100), 100)),
         ("fe", lambda: fe_arm(store, n)),
+        ("fe_stuck", lambda: stuck_arm(store, n)),
         ("fe_first_look", lambda: first_look_arm(store, n)),
-        ("finer", lambda: finer_arms(store, n // 2)[0]),
+        ("finer", lambda: finer_arms(store, n // 2, "finer")[0]),
+        ("finer_stuck", lambda: finer_arms(store, n, "finer-stuck")[0]),
     ):
-        found[name] = _described(store, arm())
+        found[name] = arm_figures(store, arm())
     return {
         "sbc_p": found["emulator"]["sbc_p"],
         "coverage": found["emulator"]["coverage"],
@@ -225,7 +252,8 @@ def sbc(store: Path, n: int) -> dict[str, Any]:
     }
 
 
-def _described(store: Path, arm: Arm) -> dict[str, Any]:
+def arm_figures(store: Path, arm: Arm) -> dict[str, Any]:
+    """Tests and coverage of an arm, posteriors of which are made or found in the store."""
     found = described(placed(store, arm), arm.experiments.run)
     print(f"{arm.name}: {found['sbc_p']} {found['coverage']}", flush=True)
     return found
@@ -244,9 +272,10 @@ def power(store: Path, n: int) -> dict[str, Any]:
         Arm("noise-independent", good, lambda _: independent, 5),
         Arm("sparse-emulator", own, lambda _: stated, 6),
         Arm("sparse-emulator-certain", own, lambda _: certain, 7),
-        finer_arms(store, n // 2)[1],
+        finer_arms(store, n // 2, "finer")[1],
+        finer_arms(store, n, "finer-stuck")[1],
     ]
-    return {"power": {arm.name: _described(store, arm) for arm in arms}}
+    return {"power": {arm.name: arm_figures(store, arm) for arm in arms}}
 
 
 def against_emcee(store: Path, n: int) -> dict[str, Any]:

@@ -1,7 +1,15 @@
-"""Truths that the model cannot be: another law, compressible, friction where stick is assumed."""
+"""Truths that the model cannot be: another law, compressible, friction where stick is assumed.
+
+Each is tried without a discrepancy and with it, and so are truths that the model can be: what the
+discrepancy costs where nothing is wrong.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -9,99 +17,181 @@ import numpy as np
 from scipy.special import logsumexp
 
 from benchmarks import calibration_runs as runs
-from benchmarks.calibration_experiments import by_runs, likelihood_of, sbc_prior
-from benchmarks.calibration_figures import emulator, points
+from benchmarks.calibration_experiments import Experiments, by_runs, likelihood_of, sbc_prior
+from benchmarks.calibration_figures import points, stuck_emulator
 from calib.data import thesis_forces
-from calib.inference import Likelihood, Posterior, Prior, integrate
-from calib.inference.discrepancy import TRAVEL_LENGTH, with_discrepancy
+from calib.inference import Likelihood, Posterior, integrate
+from calib.inference.discrepancy import COMMON, log_prior_of_share, with_discrepancy
+from calib.inference.field_likelihood import FieldLikelihood
 from calib.inference.rank_uniformity import clustered_error
 from calib.inference.weighted_draws import WeightedDraws, draw_weighted
+from fe.campaign_result import Campaign
 from fe.response import Array
 
-SHARES = (0.02, 0.05, 0.1, 0.2, 0.4, 0.8)
-"""relative SDs of the model's error, equally likely before the data"""
-COMMON_LENGTH = 4.0
-"""mm of travel: an error of the forces that is all but a common factor; set after the figures with
-that of `calib.inference.discrepancy` had been seen, so no more than a comparison"""
-N_DRAWS = 2048
-"""for each share"""
+SPACING = 2.0 ** (1.0 / 3.0)
+SHARES = 0.00125 * SPACING ** np.arange(31)
+"""relative SDs of the model's error that are summed over, to 1.28: further than a model can err"""
+COARSE = 3
+"""every which share is looked at first"""
+DEPTH = 12.0
+"""ln of posterior weight below the best coarse share at which a share's neighbours are left out"""
+RIVAL = 1.0
+"""of `COMMON`, for comparison"""
+N_LOOK, N_DRAWS = 512, 1024
+"""draws of a first look at a share, and of a share that counts"""
+FEWEST = 0.05
+"""share of the draws that must be effective; else a quadrature takes their place"""
 LEVEL = 0.95
 """of the central interval of mu"""
+CHUNK = 100
+"""experiments between two files"""
+
+Truths = Callable[[Path], Campaign]
+TRUTHS: dict[str, tuple[Truths, int]] = {
+    "": (runs.other_truths, runs.SEED + 5),
+    "rubbing_": (runs.rubbing_truths, runs.SEED + 7),
+    "right_": (lambda store: runs.held_out_truths(store, "stuck"), runs.SEED + 8),
+}
+"""by the start of their figures' names; the first are those of the aim"""
+
+
+@dataclass(frozen=True)
+class Form:
+    """One likelihood for each share of the model's error, or the only one of a model without."""
+
+    name: str
+    without: Likelihood
+    common: float | None
+    """error of the force common to all travels, over the share; None without a discrepancy"""
+
+    @property
+    def shares(self) -> Array:
+        """(n,) shares"""
+        return np.zeros(1) if self.common is None else SHARES
+
+    @cached_property
+    def rivals(self) -> list[Likelihood]:
+        """The likelihood at each share."""
+        if self.common is None:
+            return [self.without]
+        travel = thesis_forces().travel
+        return [
+            with_discrepancy(self.without, travel, points(), share, common=self.common)
+            for share in SHARES
+        ]
 
 
 def figures(store: Path, n: int) -> dict[str, Any]:
     """Share of experiments whose interval of mu holds the truth, with the discrepancy and without.
 
-    Truths are by FE: `N_OTHER` Ogden blocks, each serving n / N_OTHER experiments with a modulus
-    and errors of measurement of their own. The model sticks and is nearly incompressible.
+    Truths are by FE, each serving several experiments with a modulus and errors of measurement of
+    their own. The model sticks and is nearly incompressible. Its prior of kappa is the study's, ten
+    times as wide on either side as what moduli are drawn from: an interval is narrow or wide by the
+    data.
     """
-    prior = sbc_prior()
-    without = likelihood_of(emulator(store, "stuck", 20, True), points())
-    # kappa = mu / 2 of a run at mu = 2 MPa is 1 MPa, as for ratios; (r, s) have no truth here.
-    experiments = by_runs(without, prior, runs.other_truths(store), n, runs.SEED + 5)
-    told: dict[str, Any] = {"misspecified_n": n, "misspecified_level": LEVEL}
-    for name, rivals in (
-        ("without", [without]),
-        ("with", _rivals(without, TRAVEL_LENGTH)),
-        ("with_common", _rivals(without, COMMON_LENGTH)),
-    ):
-        found = _below(store / "placed" / f"ogden-{name}", rivals, prior, experiments)
-        inside = (np.abs(found["below"] - 0.5) <= 0.5 * LEVEL).astype(float)
-        told |= {
-            f"misspecified_coverage_{name}": float(inside.mean()),
-            f"misspecified_coverage_{name}_standard_error": clustered_error(
-                inside, experiments.run
-            ),
-            f"misspecified_bias_{name}": float(found["off"].mean()),
-            f"misspecified_sd_{name}": float(found["sd"].mean()),
-        }
-        if len(rivals) > 1:
-            told[f"misspecified_share_{name}"] = float(found["share"].mean())
+    without = likelihood_of(stuck_emulator(store), points())
+    forms = [Form("without", without, None), Form("with", without, COMMON)]
+    rival = Form("with_rival", without, RIVAL)
+    told: dict[str, Any] = {
+        "misspecified_n": n,
+        "misspecified_level": LEVEL,
+        "misspecified_prior_sd": float(np.ptp(runs.prior().bounds[0]) / np.sqrt(12.0)),
+    } | rivals(store)
+    for start, (truths, seed) in TRUTHS.items():
+        # kappa = mu / 2 of an Ogden run at mu = 2 MPa is 1 MPa, as for ratios.
+        campaign = truths(store)
+        drawn = by_runs(without, sbc_prior(), campaign, n, seed)
+        told[f"misspecified_{start}n_fe_runs"] = len(np.unique(drawn.run))
+        for form in [*forms, rival] if not start else forms:
+            found = _placed(store / "placed" / f"misspecified-{start}{form.name}", form, drawn)
+            told |= _described(found, drawn.run, f"misspecified_{{}}_{start}{form.name}")
+            print(f"  {start}{form.name}: {told[f'misspecified_coverage_{start}{form.name}']:.2f}")
     return told
 
 
-def _rivals(without: Likelihood, force_length: float) -> list[Likelihood]:
-    """One for each size of the model's error."""
-    travel = thesis_forces().travel
-    return [
-        with_discrepancy(without, travel, points(), share, force_length=force_length)
-        for share in SHARES
-    ]
+def rivals(store: Path) -> dict[str, float]:
+    """How far the rivals of the study, stuck and sliding at the same (r, s), differ.
+
+    What `calib.inference.discrepancy.COMMON` is held against: of forces the logarithm, its mean
+    over the travels and what is left; of fields the share of a discrepancy of the stuck block.
+    """
+    stuck, sliding = (runs.further_training(store, name) for name in ("stuck", "sliding"))
+    force = np.log(stuck.force / sliding.force)
+    common = force.mean(axis=1)
+    offset = stuck.displacement.mean(axis=0)
+    size = np.sqrt(np.mean(offset**2, axis=1)).max(axis=1)
+    off = (stuck.displacement - sliding.displacement) / size[:, None, None]
+    return {
+        "rivals_field_share": float(np.sqrt(np.mean(off**2))),
+        "rivals_ln_force_common": float(np.sqrt(np.mean(common**2))),
+        "rivals_ln_force_shape": float(np.sqrt(np.mean((force - common[:, None]) ** 2))),
+    }
 
 
-def _below(
-    path: Path, rivals: list[Likelihood], prior: Prior, experiments: Any
-) -> dict[str, Array]:
+def _described(found: dict[str, Array], run: Array, name: str) -> dict[str, Any]:
+    inside = (np.abs(found["below"] - 0.5) <= 0.5 * LEVEL).astype(float)
+    told = {
+        name.format("coverage"): float(inside.mean()),
+        name.format("coverage") + "_standard_error": clustered_error(inside, run),
+        name.format("bias"): float(found["off"].mean()),
+        name.format("rms_error"): float(np.sqrt(np.mean(found["off"] ** 2))),
+        name.format("sd"): float(found["sd"].mean()),
+    }
+    if found["share"].any():
+        told[name.format("share")] = float(found["share"].mean())
+        told[name.format("share") + "_range"] = [
+            float(found["share"].min()),
+            float(found["share"].max()),
+        ]
+    return told
+
+
+def _placed(folder: Path, form: Form, drawn: Experiments) -> dict[str, Array]:
     """Posterior probability below the true mu, mean and SD of ln mu, by experiment; kept."""
-    file = path.with_suffix(f".{len(experiments.x)}.npz")
-    if not file.exists():
-        fields = [rival.field.of_fields(experiments.field) for rival in rivals if rival.field]
-        rows = []
-        for index, (x, force) in enumerate(zip(experiments.x, experiments.force, strict=True)):
-            posteriors = [
-                Posterior(prior, Likelihood(rival.forward, force, rival.errors, own[index]))
-                for rival, own in zip(rivals, fields, strict=True)
-            ]
-            rows.append(_of(posteriors, x[0], index))
-            if index % 10 == 0:
-                print(f"  {path.name}: {index}/{len(experiments.x)}", flush=True)
-        file.parent.mkdir(parents=True, exist_ok=True)
-        names = ("below", "off", "sd", "share", "ess")
-        np.savez(file, **dict(zip(names, np.array(rows).T, strict=True)))
-    with np.load(file) as stored:
-        return {name: stored[name] for name in stored.files}
+    folder.mkdir(parents=True, exist_ok=True)
+    names, n = ("below", "off", "sd", "share", "ess"), len(drawn.x)
+    chunks = []
+    for first in range(0, n, CHUNK):
+        path = folder / f"{n}_{first}.npz"
+        if not path.exists():
+            print(f"  {folder.name}: {first}/{n}", flush=True)
+            rows = _chunk(form, drawn, np.arange(first, min(first + CHUNK, n)))
+            part = path.with_suffix(".part.npz")
+            np.savez(part, **dict(zip(names, np.array(rows).T, strict=True)))
+            part.replace(path)
+        with np.load(path) as stored:
+            chunks.append({name: stored[name] for name in names})
+    return {name: np.concatenate([chunk[name] for chunk in chunks]) for name in names}
 
 
-def _of(
-    posteriors: list[Posterior], truth: float, index: int
-) -> tuple[float, float, float, float, float]:
-    """Average over the shares by their evidence: what their posterior probability is."""
-    found = [
-        _sampled(posterior, np.random.default_rng([7, index, k]))
-        for k, posterior in enumerate(posteriors)
-    ]
-    evidence = np.array([draws.log_evidence for draws in found])
-    each = np.exp(evidence - logsumexp(evidence))
+def _chunk(form: Form, drawn: Experiments, index: Array) -> list[tuple[float, ...]]:
+    """Fields of a chunk are projected together, under each share."""
+    fields: list[list[FieldLikelihood]] = []
+    for rival in form.rivals:
+        assert rival.field is not None
+        fields.append(rival.field.of_fields(drawn.field[index]))
+    prior, rows = runs.prior(), []
+    for row, i in enumerate(index):
+        posteriors = [
+            Posterior(prior, replace(rival, force=drawn.force[i], field=own[row]))
+            for rival, own in zip(form.rivals, fields, strict=True)
+        ]
+        rows.append(_of(posteriors, form.shares, float(drawn.x[i, 0]), int(i)))
+    return rows
+
+
+def _of(posteriors: list[Posterior], shares: Array, truth: float, index: int) -> tuple[float, ...]:
+    """Average over the shares by their posterior probability."""
+    rng = [np.random.default_rng([7, index, k]) for k in range(len(shares))]
+    log_prior = log_prior_of_share(shares) if len(shares) > 1 else np.zeros(1)
+    kept = np.arange(len(shares))
+    if len(kept) > 1:
+        look = kept[::COARSE]
+        value = [_sampled(posteriors[k], rng[k], N_LOOK).log_evidence for k in look]
+        kept = _worth(np.array(value) + log_prior[look], look, len(shares))
+    found = [_sampled(posteriors[k], rng[k], N_DRAWS) for k in kept]
+    weight = np.array([draws.log_evidence for draws in found]) + log_prior[kept]
+    each = np.exp(weight - logsumexp(weight))
     x = np.concatenate([draws.x[:, 0] for draws in found])
     weights = np.concatenate([p * draws.weights for p, draws in zip(each, found, strict=True)])
     mean = float(weights @ x)
@@ -109,15 +199,24 @@ def _of(
         float(weights @ (x < truth)),
         mean - truth,
         float(np.sqrt(weights @ (x - mean) ** 2)),
-        float(each @ np.array(SHARES[: len(each)])),
+        float(each @ shares[kept]),
         float(1.0 / np.sum(weights**2)),
     )
 
 
-def _sampled(posterior: Posterior, rng: np.random.Generator) -> WeightedDraws:
+def _worth(value: Array, look: Array, n: int) -> Array:
+    """Shares between the best coarse one and its neighbours, and about all that come near it."""
+    near = np.abs(np.arange(n)[:, None] - look) < COARSE
+    good = value > value.max() - DEPTH
+    kept: Array = np.flatnonzero((near & good).any(axis=1))
+    return kept
+
+
+def _sampled(posterior: Posterior, rng: np.random.Generator, n: int) -> WeightedDraws:
     """Weighted draws, or the nodes of a quadrature where a posterior is squeezed into a corner."""
-    try:
-        return draw_weighted(posterior, rng, N_DRAWS)
-    except ValueError:
-        exact = integrate(posterior, 18)
-        return WeightedDraws(exact.x, exact.weights, exact.log_evidence, 0)
+    with suppress(ValueError):
+        found = draw_weighted(posterior, rng, n, n_round=n // 2)
+        if found.ess > FEWEST * n:
+            return found
+    exact = integrate(posterior, 18)
+    return WeightedDraws(exact.x, exact.weights, exact.log_evidence, 0)

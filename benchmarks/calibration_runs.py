@@ -32,10 +32,8 @@ from surrogate.design import sobol_design
 ROOT = Path(__file__).resolve().parents[1]
 STORE = ROOT / "runs" / "verify-inference"
 SEED = 20261122
-CHECK_CELLS: Cells = (14, 6, 3)
-"""of the runs that measure the error of the sampling mesh"""
 FINER_CELLS: Cells = (16, 6, 3)
-"""of truths on a finer mesh, finer than the checks too"""
+"""of truths of the sliding block on a finer mesh, finer than the checks too"""
 COARSE_CELLS: Cells = (8, 3, 2)
 """of the direct posterior, which takes a run at every node of a quadrature"""
 FRICTION = 0.3
@@ -45,11 +43,29 @@ OTHER_LAW = (
 )
 """Ogden's exponent, and the bulk modulus over the shear modulus mu"""
 OTHER_BOUNDS = np.array([[1.5, 4.0], [5.0, 20.0]])
+CONTACTS = {"sliding": "slide", "stuck": "stick"}
+"""what benchmarks/emulator.py calls the hypotheses, whose sampling meshes are the study's"""
 N_PLACED = 8
 """corners and centres of faces that come first in a design of (r, s)"""
-N_FINER, N_CHECKS, N_OTHER = 8, 5, 15
+N_FINER, N_CHECKS, N_OTHER, N_RUBBING = 8, 5, 15, 100
 
 Progress = Callable[[int, int], None]
+
+
+@dataclass(frozen=True)
+class MeshCase:
+    """An emulator's mesh and a finer one that measures its error; truths are on a finer one yet."""
+
+    hypothesis: str
+    cells: Cells
+    """of the emulator's runs"""
+    check_cells: Cells
+    suffix: str
+
+    @property
+    def refinement(self) -> float:
+        """How many times smaller the elements of the check mesh are."""
+        return float(np.prod(np.array(self.check_cells) / self.cells) ** (1.0 / 3.0))
 
 
 def study() -> Study:
@@ -103,7 +119,19 @@ def sliding(
     store: Path, folder: str, ratios: Array, cells: Cells | None, progress: Progress | None = None
 ) -> Campaign:
     """Runs of the sliding block; `cells` None is the sampling mesh."""
-    used, found = study(), hypothesis("sliding")
+    return solved(store, "sliding", folder, ratios, cells, progress)
+
+
+def solved(
+    store: Path,
+    name: str,
+    folder: str,
+    ratios: Array,
+    cells: Cells | None,
+    progress: Progress | None = None,
+) -> Campaign:
+    """Runs under one hypothesis; `cells` None is its sampling mesh."""
+    used, found = study(), hypothesis(name)
     model = block_pin_model(used, found, cells or used.sampling_cells(found))
     return run_campaign(model, ratios, store / folder, progress=progress, max_failure_rate=1.0)
 
@@ -113,9 +141,8 @@ def truths(store: Path, progress: Progress | None = None) -> Campaign:
 
     Two Sobol sequences that fill the box of the prior evenly; no emulator of the study saw them.
     """
-    return _benchmark_runs(
-        store, np.vstack([DESIGNS[0].training()[N_PLACED:], held_out()]), progress
-    )
+    points = np.vstack([DESIGNS[0].training()[N_PLACED:], held_out()])
+    return _benchmark_runs(store, "sliding", points, progress)
 
 
 def held_out() -> Array:
@@ -123,14 +150,20 @@ def held_out() -> Array:
     return DESIGNS[0].held_out(32)
 
 
-def further_training(store: Path, progress: Progress | None = None) -> Campaign:
+def held_out_truths(store: Path, name: str, progress: Progress | None = None) -> Campaign:
+    """Runs of the second sequence alone, under a hypothesis."""
+    return _benchmark_runs(store, name, held_out(), progress)
+
+
+def further_training(store: Path, name: str, progress: Progress | None = None) -> Campaign:
     """The training runs of benchmarks/emulator.py, corners and faces among them."""
-    return _benchmark_runs(store, DESIGNS[0].training(), progress)
+    return _benchmark_runs(store, name, DESIGNS[0].training(), progress)
 
 
-def _benchmark_runs(store: Path, points: Array, progress: Progress | None) -> Campaign:
-    model = family(DESIGNS[0].names, "slide", CELLS["slide"])
-    return simulate(points, model, store / "slide", progress or _quiet)
+def _benchmark_runs(store: Path, name: str, points: Array, progress: Progress | None) -> Campaign:
+    contact = CONTACTS[name]
+    model = family(DESIGNS[0].names, contact, CELLS[contact])
+    return simulate(points, model, store / contact, progress or _quiet)
 
 
 def finer_truths(store: Path, progress: Progress | None = None) -> Campaign:
@@ -144,18 +177,20 @@ def check_ratios() -> Array:
     return sobol_design(N_CHECKS, prior().bounds[1:], SEED, n_corners=0)
 
 
-def coarse_design(store: Path, progress: Progress | None = None) -> Campaign:
+def coarse_design(store: Path, name: str, progress: Progress | None = None) -> Campaign:
     """The study's design of training runs, with derivatives, on the coarse mesh."""
     used = study()
-    points = design_points(used, hypothesis("sliding"))[: used.design.n_runs]
-    return sliding(store, "coarse", points, COARSE_CELLS, progress)
+    points = design_points(used, hypothesis(name))[: used.design.n_runs]
+    return solved(store, name, f"coarse-{name}", points, COARSE_CELLS, progress)
 
 
-def checks(store: Path, progress: Progress | None = None) -> tuple[Campaign, Campaign]:
-    """Runs on the check mesh and on the sampling mesh at the same ratios."""
-    ratios = check_ratios()
-    fine = sliding(store, "check", ratios, CHECK_CELLS, progress)
-    return fine, sliding(store, "check-coarse", ratios, None, progress)
+def checks(
+    store: Path, case: MeshCase, progress: Progress | None = None
+) -> tuple[Campaign, Campaign]:
+    """Runs on the check mesh and on that of the emulator at the same ratios."""
+    ratios, name = check_ratios(), case.hypothesis
+    fine = solved(store, name, f"check{case.suffix}", ratios, case.check_cells, progress)
+    return fine, solved(store, name, f"check-coarse{case.suffix}", ratios, case.cells, progress)
 
 
 def other_truths(store: Path, progress: Progress | None = None) -> Campaign:
@@ -178,13 +213,34 @@ def other_truths(store: Path, progress: Progress | None = None) -> Campaign:
     )
 
 
+def rubbing_truths(store: Path, progress: Progress | None = None) -> Campaign:
+    """Mooney-Rivlin blocks with friction, of other heights, fillets and bulk moduli.
+
+    Inner points of the third design of benchmarks/emulator.py.
+    """
+    chosen = DESIGNS[2]
+    points = chosen.training()[chosen.n_corners :][:N_RUBBING]
+    model = family(chosen.names, "friction", CELLS["friction"])
+    return simulate(points, model, store / "friction", progress or _quiet)
+
+
+MESH_CASES = {
+    "finer": MeshCase("sliding", (12, 4, 2), (14, 6, 3), ""),
+    "finer-stuck": MeshCase("stuck", COARSE_CELLS, (10, 5, 2), "-stuck"),
+}
+"""sampling mesh of the sliding block; a coarse one of the stuck block, whose truths are then on its
+sampling mesh"""
+
 PARTS: dict[str, Callable[[Path, Progress], object]] = {
     "sliding": lambda store, progress: design(store, "sliding", progress),
-    "stuck": lambda store, progress: design(store, "stuck", progress),
+    "stuck": lambda store, progress: further_training(store, "stuck", progress),
+    "stuck-truths": lambda store, progress: held_out_truths(store, "stuck", progress),
+    "rubbing": rubbing_truths,
     "ogden": other_truths,
     "truths": truths,
-    "coarse": coarse_design,
-    "checks": checks,
+    "coarse": lambda store, progress: coarse_design(store, "stuck", progress),
+    "checks": lambda store, progress: checks(store, MESH_CASES["finer"], progress),
+    "checks-stuck": lambda store, progress: checks(store, MESH_CASES["finer-stuck"], progress),
     "finer": finer_truths,
 }
 

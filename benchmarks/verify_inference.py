@@ -2,11 +2,12 @@
 
     python -m benchmarks.verify_inference [--only PART ...] [--n 300] [--store DIR] [--out FILE]
 
-Parts: sbc and power (virtual experiments drawn from the prior), emcee (some of their posteriors by
-a chain), misspecified (truths of another law and contact), direct (posterior by FE at every node of
-a quadrature, and the two maxima).  FE runs and posteriors are kept in --store, so that an
-interrupted part goes on where it was; all of them take about half an hour of one quiet core.  Each
-part replaces its own figures in FILE and leaves the others.
+Parts: sbc and power (virtual experiments drawn from the prior), refined (the same with emulators
+refined as a study's are), emcee (some of their posteriors by a chain), misspecified (truths of
+another law and contact, with and without a discrepancy), direct (posterior by FE at every node of a
+quadrature, and the two maxima).  FE runs and posteriors are kept in --store, so that an
+interrupted part goes on where it was.  Each part replaces its own figures in FILE and leaves the
+others.
 """
 
 from __future__ import annotations
@@ -21,7 +22,12 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from benchmarks import calibration_direct, calibration_figures, calibration_misspecified
+from benchmarks import (
+    calibration_direct,
+    calibration_figures,
+    calibration_misspecified,
+    calibration_refined,
+)
 from benchmarks.calibration_runs import ROOT, STORE
 from benchmarks.verify_fe import merge
 
@@ -29,6 +35,7 @@ OUT = ROOT / "docs" / "verification" / "inference.json"
 
 PARTS: dict[str, Callable[[Path, int], dict[str, Any]]] = {
     "sbc": calibration_figures.sbc,
+    "refined": calibration_refined.figures,
     "emcee": calibration_figures.against_emcee,
     "power": calibration_figures.power,
     "misspecified": lambda store, n: calibration_misspecified.figures(store, max(n // 3, 1)),

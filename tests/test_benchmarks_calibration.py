@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from analytic_models import AnalyticBlock, AnalyticForward
 
+from benchmarks.calibration_direct import _log_likelihood
 from benchmarks.calibration_experiments import (
     Certain,
     Experiments,
@@ -21,8 +22,9 @@ from benchmarks.calibration_experiments import (
     place,
     sbc_prior,
 )
+from benchmarks.calibration_misspecified import COARSE, SHARES, _worth
 from calib.data import FieldData, thesis_forces
-from calib.inference import Likelihood, NoiseSettings, build_likelihood
+from calib.inference import Likelihood, NoiseSettings, build_likelihood, theta_of
 from calib.inference.rank_uniformity import coverage, uniformity
 from fe.response import Array
 
@@ -120,3 +122,22 @@ def test_fields_projected_together_are_those_projected_one_by_one() -> None:
         assert found.projected.best == pytest.approx(alone.best, rel=1e-8, abs=1e-10)
         assert found.projected.constant == pytest.approx(alone.constant, rel=1e-10)
         assert found.projected.shared_pull == pytest.approx(alone.shared_pull, rel=1e-8, abs=1e-8)
+
+
+def test_the_density_along_kappa_is_that_of_the_likelihood() -> None:
+    """The field is seen once for all kappa, the forces for each."""
+    own = likelihood()
+    assert own.field is not None
+    some = experiments()
+    one = replace(own, force=some.force[0], field=own.field.of_fields(some.field[:1])[0])
+    x = np.repeat(some.x[:1], 5, axis=0)
+    x[:, 0] += np.linspace(-0.05, 0.05, len(x))
+    assert _log_likelihood(one, x) == pytest.approx(one.log_prob(theta_of(x)), rel=1e-9)
+
+
+def test_shares_that_count_are_looked_at_closely() -> None:
+    """All between the neighbours of every coarse share that is good, and no others."""
+    look = np.arange(len(SHARES))[::COARSE]
+    value = np.where(look == 3 * COARSE, 0.0, -50.0)
+    expected = np.arange(2 * COARSE + 1, 4 * COARSE)
+    assert np.array_equal(_worth(value, look, len(SHARES)), expected)

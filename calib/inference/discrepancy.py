@@ -5,6 +5,12 @@ increments and the front face, apart from the parameters. Its size is relative, 
 forces and field: the field, of many values, tells by its misfit how wrong the model is, and the
 forces, which carry the stiffness, are believed that much less. Were the two sizes free of each
 other, a wrong model that fits five forces by a wrong stiffness would be taken for right.
+
+The force is the slope of an energy that is quadratic in the strains, to first order: displacements
+wrong by a share make it wrong by twice the share, at all travels alike, and by a factor, since it
+stays positive. Such a common factor is the stiffness itself to five forces; it cannot be told from
+it, and the stiffness is known no better than that. Beside it an error of the share itself changes
+over the travel.
 """
 
 from __future__ import annotations
@@ -14,8 +20,8 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial.distance import cdist
 
-from calib.inference.forward import FieldBasis, ForwardModel, Jacobian, Prediction
 from calib.inference.likelihood import Likelihood
+from calib.inference.noise import smooth_over
 from fe.response import Array
 
 LENGTH = 1.5
@@ -24,13 +30,26 @@ TRAVEL_LENGTH = 0.8
 """mm of travel, likewise: the range of the increments"""
 KEPT = 0.99
 """share of the variance over the front face that the patterns hold"""
+COMMON = 2.0
+"""SD of the logarithm of the force's factor common to all travels, over the share"""
+TYPICAL = 0.1
+"""share that a model is as likely to exceed as not, before any data"""
 
 
-def step_discrepancy(travel: Array, length: float = TRAVEL_LENGTH) -> Array:
-    """(n_step, n_step) correlation of a model's error over travels (n_step,), mm."""
-    off = (travel[:, None] - travel[None, :]) / length
-    correlation: Array = np.exp(-0.5 * off**2)
-    return correlation
+def log_prior_of_share(share: Array) -> Array:
+    """Log density of ln share: half-Cauchy of the median `TYPICAL`, which cuts nothing off.
+
+    Gelman, Bayesian Anal. 1 (2006) 515.
+    """
+    scaled = share / TYPICAL
+    density: Array = np.log(2.0 / np.pi * scaled / (1.0 + scaled**2))
+    return density
+
+
+def factor_covariance(travel: Array, share: float, common: float = COMMON) -> Array:
+    """(n_step, n_step) covariance of the logarithm of the force's factor at travels (n_step,)."""
+    covariance: Array = share**2 * (common**2 + smooth_over(travel, TRAVEL_LENGTH))
+    return covariance
 
 
 def field_discrepancy(points: Array, travel: Array, size: Array, length: float = LENGTH) -> Array:
@@ -45,7 +64,7 @@ def field_discrepancy(points: Array, travel: Array, size: Array, length: float =
     values, vectors = values[::-1], vectors[:, ::-1]
     n = int(np.searchsorted(np.cumsum(values) / values.sum(), KEPT)) + 1
     over_points = vectors[:, :n] * np.sqrt(values[:n])
-    over_travel = _root(step_discrepancy(travel))
+    over_travel = _root(smooth_over(travel, TRAVEL_LENGTH))
     parts = np.einsum("it,pn,ic,cd->tncipd", over_travel, over_points, size, np.eye(3))
     patterns: Array = parts.reshape(-1, len(travel), len(points), 3)
     return patterns
@@ -58,45 +77,10 @@ def _root(matrix: Array) -> Array:
     return root
 
 
-class DiscrepantForward:
-    """A forward model whose forces err by a relative SD of `share`, smoothly over the travel."""
-
-    def __init__(
-        self, model: ForwardModel, share: float, travel: Array, length: float = TRAVEL_LENGTH
-    ) -> None:
-        self._model = model
-        self._relative = share**2 * step_discrepancy(travel, length)
-
-    @property
-    def field_basis(self) -> FieldBasis | None:
-        """That of the model."""
-        return self._model.field_basis
-
-    def predict(self, theta: Array) -> Prediction:
-        """Prediction at theta (m, 3), the error in the covariance of the forces."""
-        stated = self._model.predict(theta)
-        force = stated.force
-        covariance = force[:, :, None] * force[:, None, :] * self._relative
-        if stated.force_covariance is not None:
-            covariance = covariance + stated.force_covariance
-        return replace(stated, force_covariance=covariance)
-
-    def jacobian(self, theta: Array) -> Jacobian:
-        """That of the model's means."""
-        return self._model.jacobian(theta)
-
-
 def with_discrepancy(
-    likelihood: Likelihood,
-    travel: Array,
-    points: Array,
-    share: float,
-    *,
-    force_length: float = TRAVEL_LENGTH,
+    likelihood: Likelihood, travel: Array, points: Array, share: float, *, common: float = COMMON
 ) -> Likelihood:
-    """The likelihood of a model that errs by a relative SD of `share`.
-
-    `force_length` is the travel, mm, over which the error of the forces is correlated.
+    """The likelihood of a model that errs by a relative SD of `share`, forces by `common` times it.
 
     In the field it is that share of the root mean square over the points of the predicted
     displacement's offset, at each increment; the larger of the components counts for all, since a
@@ -105,12 +89,12 @@ def with_discrepancy(
     """
     if not share > 0:
         raise ValueError(f"share: expected a positive relative SD, got {share}")
-    forward = DiscrepantForward(likelihood.forward, share, travel, force_length)
+    errors = replace(likelihood.errors, factor=factor_covariance(travel, share, common))
     field = likelihood.field
     if field is None:
-        return likelihood.with_forward(forward)
+        return replace(likelihood, errors=errors)
     rms = np.sqrt(np.mean(field.basis.offset**2, axis=1))
     size = share * np.repeat(rms.max(axis=1)[:, None], 3, axis=1)
     patterns = field_discrepancy(points, travel, size)
     covariance = field.covariance.with_patterns(patterns)
-    return replace(likelihood, forward=forward, field=replace(field, covariance=covariance))
+    return replace(likelihood, errors=errors, field=replace(field, covariance=covariance))

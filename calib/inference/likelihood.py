@@ -17,6 +17,7 @@ from calib.inference.field_scales import (
     discrepancy_patterns,
     rigid_patterns,
 )
+from calib.inference.force_factor import on_log_scale
 from calib.inference.forward import ForwardModel, Prediction, identity_basis
 from calib.inference.gaussian import conditional_log_densities, density_and_misfit
 from calib.inference.noise import (
@@ -172,12 +173,15 @@ class Likelihood:
         """(m, n_step, n_step) covariance of the force residual, nuisances included, N^2.
 
         Of Student-t forces the scale matrix. `theta` (m, n) where sizes of the errors are unknown.
+        A factor by which the model errs counts to first order.
         """
         force = np.ascontiguousarray(prediction.force.T)
         sizes = None if theta is None else self._force_sizes(theta)
         covariance = self.errors.covariance(force, prediction.force_covariance, sizes)
         for shift in self.errors.shifts(force):
             covariance += shift[:, None] * shift[None, :]
+        if self.errors.factor is not None:
+            covariance += force[:, None] * force[None, :] * self.errors.factor[:, :, None]
         return np.ascontiguousarray(covariance.transpose(2, 0, 1))
 
     def _force_along(
@@ -186,9 +190,15 @@ class Likelihood:
         """Log normal density of the forces at `steps` along the nuisances of the test."""
         force = np.ascontiguousarray(prediction.force.T)
         covariance = self.errors.covariance(force, prediction.force_covariance, sizes)
-        residual = self.force[:, None] - force
+        residual, shifts = self.force[:, None] - force, self.errors.shifts(force)
+        factor = self.errors.factor
+        if factor is not None:
+            own = self.errors.measured(sizes)
+            covariance, residual, shifts = on_log_scale(
+                self.force, force, own, covariance - own, shifts, factor
+            )
         along, misfit = density_and_misfit(
-            covariance[np.ix_(steps, steps)], residual[steps], self.errors.shifts(force)[:, steps]
+            covariance[np.ix_(steps, steps)], residual[steps], shifts[:, steps]
         )
         return ForceDensity(along, misfit, len(steps))
 

@@ -148,6 +148,8 @@ class ForceErrors:
     """(n_step, n_step) correlation of a discrepancy of the force, relative to it, over travels"""
     freedom: float | None = None
     """degrees of freedom of all but the shared nuisances as a multivariate t; None is normal"""
+    factor: Array | None = None
+    """(n_step, n_step) covariance of the logarithm of the factor by which the model errs"""
 
     def __post_init__(self) -> None:
         n = self.mean.shape[0]
@@ -171,6 +173,11 @@ class ForceErrors:
         """(q, n_step, m) changes of the forces (n_step, m) by one SD of each nuisance, N."""
         return np.stack([self.zero_shift(force), *(error.force @ force for error in self.further)])
 
+    def measured(self, sizes: ForceSizes | None = None) -> Array:
+        """(n_step, n_step, 1 or m) covariance of the measured mean, N^2."""
+        own = self.mean[:, :, None]
+        return own if sizes is None or sizes.noise is None else own * sizes.noise**2
+
     def covariance(
         self, force: Array, emulator: Array | None = None, sizes: ForceSizes | None = None
     ) -> Array:
@@ -183,10 +190,7 @@ class ForceErrors:
         """
         error = np.sqrt(0.5) * self.discretisation[:, None] * force
         total: Array = error[:, None] * error[None, :]
-        if sizes is None or sizes.noise is None:
-            total += self.mean[:, :, None]
-        else:
-            total += self.mean[:, :, None] * sizes.noise**2
+        total += self.measured(sizes)
         if sizes is not None and sizes.discrepancy is not None and self.smoothness is not None:
             own = sizes.discrepancy * force
             total += own[:, None] * own[None, :] * self.smoothness[:, :, None]
