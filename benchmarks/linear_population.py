@@ -1,4 +1,4 @@
-"""A population under a forward model that is linear in x, whose posterior is known in closed form."""
+"""A population under a forward model that is linear in x: its posterior is known in closed form."""
 
 from __future__ import annotations
 
@@ -37,6 +37,7 @@ class LinearForward:
     """SD of an error of the model, the same at all increments, N"""
 
     def predict(self, theta: Array) -> Prediction:
+        """Forces at theta (m, 2)."""
         x = np.column_stack([np.log(theta[:, 0] / 0.01), theta[:, 1]])
         covariance = None
         if self.common_sd:
@@ -45,11 +46,12 @@ class LinearForward:
         return Prediction(BASE + x @ SLOPE.T, covariance)
 
     def jacobian(self, theta: Array) -> Jacobian:
+        """Not asked for."""
         raise NotImplementedError
 
 
 def prior(r: Marginal | None = None) -> Prior:
-    """ln kappa normal; r uniform over a box."""
+    """Ln kappa normal; r uniform over a box."""
     shift = np.log(0.01) + MEAN
     mean = float(np.exp(shift + 0.5 * SD**2))
     sd = mean * float(np.sqrt(np.expm1(SD**2)))
@@ -72,6 +74,7 @@ def dataset(force: Array, names: tuple[str, ...] | None = None) -> Dataset:
 
 
 def condensed(data: Dataset, common_sd: float = 0.0) -> CondensedSamples:
+    """The samples of a dataset under the linear forward model."""
     return condense(data, LinearForward(common_sd=common_sd), NOISE, OWN)
 
 

@@ -7,6 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from analytic_models import TRAVEL, AnalyticBlock, AnalyticForward
+from scipy.linalg import block_diag
+from scipy.stats import halfnorm, multivariate_normal, t, truncnorm
+
 from benchmarks.linear_population import (
     Exact,
     condensed,
@@ -15,9 +18,6 @@ from benchmarks.linear_population import (
     forces,
     population,
 )
-from scipy.linalg import block_diag
-from scipy.stats import halfnorm, multivariate_normal, t, truncnorm
-
 from calib.data import Dataset, FieldData
 from calib.data.dataset import SampleData
 from calib.data.qc.placing_errors import field_slopes
@@ -49,7 +49,7 @@ PRIOR = Prior(
 
 
 def samples_of(n: int, rng: np.random.Generator, lost: int = 0) -> Dataset:
-    """n samples with field; the last lacks `lost` points."""
+    """N samples with field; the last lacks `lost` points."""
     like = AnalyticForward(BLOCK, field=True)
     x = X + rng.standard_normal((n, 3)) * [0.1, 0.0, 0.0]
     found = like.predict(theta_of(x))
@@ -74,7 +74,7 @@ def samples_of(n: int, rng: np.random.Generator, lost: int = 0) -> Dataset:
 
 
 def dense_log_prob(data: Dataset, theta: Array, forward: AnalyticForward) -> float:
-    """ln density of forces and of what least squares make of the fields, by dense matrices.
+    """Ln density of forces and of what least squares make of the fields, by dense matrices.
 
     Every term of the covariance of all samples' whole fields is written out and then condensed, at
     theta (n, 3).
@@ -87,9 +87,7 @@ def dense_log_prob(data: Dataset, theta: Array, forward: AnalyticForward) -> flo
     covariance = covariance.with_patterns(basis.truncation)
     own = own_field_patterns(data, data.field, data.samples, NOISE)
     variance = covariance.noise_variance * n
-    noise = replace(
-        covariance, noise_variance=variance, floor=0 * covariance.floor, patterns=own
-    )
+    noise = replace(covariance, noise_variance=variance, floor=0 * covariance.floor, patterns=own)
     model = replace(covariance, noise_variance=np.zeros(3))
     size = fields[0].size
     unit = np.eye(size).reshape(-1, *fields[0].shape)
@@ -294,7 +292,7 @@ def test_draws_are_those_of_the_closed_form(tau: float, common_sd: float) -> Non
     force = forces(x, rng, common_sd)
     draws = drawn(force, 1, common_sd, SETTINGS)
     globals_, scatter, own = exact(force, 0.3, common_sd)
-    x_known = globals_._replace(mean=globals_.mean + [np.log(0.01), 0.0])
+    x_known = globals_._replace(mean=globals_.mean + np.array([np.log(0.01), 0.0]))
     size = draws.x[..., 0].size
     ess = size / draws.autocorrelation_time.max()
     assert ess > 200

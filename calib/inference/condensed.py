@@ -86,6 +86,19 @@ class CondensedSamples:
         white = np.einsum("nij,mnj->mni", self.whitening, residual)
         return White(white, np.matmul(self.whitening, factor))
 
+    def forces(self, theta: Array, z: Array) -> tuple[Array, Array]:
+        """(m, n_step) forces at theta (m, d), N, and what common errors z (m, q) add to them."""
+        m, n, s = len(theta), len(self.names), self.n_step
+        force, moved = np.empty((m, s)), np.empty((m, s))
+        # The common errors are laid out for all samples: of a new one those of the first.
+        for rows in np.array_split(np.arange(m), max(1, m * n // 4096)):
+            found = self.forward.predict(np.repeat(theta[rows], n, axis=0))
+            every = found.force.reshape(len(rows), n, s)
+            factor = self._common(every, found)[:, 0, :s]
+            force[rows] = every[:, 0]
+            moved[rows] = np.einsum("msq,mq->ms", factor, z[rows])
+        return force, moved
+
     def _common(self, force: Array, found: Prediction) -> Array:
         """(m, n, p, q) what one SD of each common error changes in each sample's numbers."""
         m, n, s = force.shape
@@ -122,7 +135,7 @@ class CondensedSamples:
     def _n_nuisance(self, found: Prediction) -> int:
         """Number of weights of the fields that are not of modes."""
         assert found.weights is not None
-        return len(self.field[0].weights) - found.weights.shape[1]
+        return int(self.field[0].weights.size - found.weights.shape[1])
 
     def _of_field(self, found: Prediction, m: int) -> Array:
         """(m, n, k, k) factor of the errors of mesh and emulator, mm.
@@ -214,5 +227,3 @@ def _whitening(
     lower = np.linalg.cholesky(total[:known, :known])
     inverse[:known, :known] = np.linalg.inv(lower)
     return inverse
-
-

@@ -5,7 +5,7 @@ the modes M alone. Its generalised least squares estimate of them,
 
     w_i = H_i (u_i - offset),   H_i = (M S^-1 M^T)^-1 M S^-1,   H_i M^T = I,
 
-has the errors H_i (own + common), whose covariances follow exactly. To the modes come the directions
+has the errors H_i (own + common), whose covariances follow exactly. To the modes come directions
 in which nuisances of the test move the field, the zero of the travel first: what a sample's field
 says of its own zero is known of its force too. The model predicts zero along these. S is the
 covariance of the mean field, so that the mean of the w_i holds what the likelihood of the averaged
@@ -82,7 +82,8 @@ class FieldCondenser:
         """
         off = (self.field.displacement - self.basis.offset).ravel()
         flat = self.modes.reshape(len(self.modes), -1)
-        smooth = self.basis.fields(np.linalg.lstsq(flat.T, off, rcond=None)[0][None])[0]
+        best = np.asarray(np.linalg.lstsq(flat.T, off, rcond=None)[0], dtype=np.float64)
+        smooth = self.basis.fields(best[None])[0]
         by_errors = [error.field for error in self.errors.shared[1:] if error.field.any()]
         found = flat
         for matrix in (self.errors.slope, *by_errors):
@@ -168,7 +169,8 @@ def _with_common(
     factor = cholesky_of(*_with_rounding(_products(reference, applied)))
     if estimator is reference:
         return part._replace(common=factor)
-    seen = np.linalg.solve(factor, _products(applied, estimator)).T
+    solved = np.linalg.solve(factor, _products(applied, estimator))
+    seen = np.asarray(solved.T, dtype=np.float64)
     left = _products(estimator, common.applied(estimator)) - seen @ seen.T
     return part._replace(common=seen, own=part.own + _symmetric(left))
 

@@ -58,7 +58,8 @@ class HierarchicalPosterior:
         m, _, _, q = white.factor.shape
         factor = white.factor.reshape(m, -1, q)
         residual = white.residual.reshape(m, -1)
-        good = np.isfinite(residual).all(axis=1) & np.isfinite(factor).all(axis=(1, 2))
+        good = np.asarray(np.isfinite(residual).all(axis=1))
+        good = good & np.asarray(np.isfinite(factor).all(axis=(1, 2)))
         factor = np.where(good[:, None, None], factor, 0.0)
         residual = np.where(good[:, None], residual, 0.0)
         turned = factor.transpose(0, 2, 1)
@@ -66,7 +67,7 @@ class HierarchicalPosterior:
         lower = np.linalg.cholesky(precision)
         pull = np.linalg.solve(lower, turned @ residual[:, :, None])
         root = lower.transpose(0, 2, 1)
-        mean = np.linalg.solve(root, pull)[..., 0]
+        mean = np.asarray(np.linalg.solve(root, pull)[..., 0], dtype=np.float64)
         logdet = 2.0 * np.log(np.diagonal(lower, axis1=1, axis2=2)).sum(axis=1)
         misfit = (residual**2).sum(axis=1) - (pull[..., 0] ** 2).sum(axis=1) + logdet
         value = np.where(good, self.samples.log_norm - 0.5 * misfit, -np.inf)
@@ -121,7 +122,7 @@ class Globals:
         return np.concatenate([logit(place), np.log(tau)], axis=1)
 
     def split(self, y: Array) -> tuple[Array, Array]:
-        """x (m, d) and tau (m, c) of y (m, d + c)."""
+        """X (m, d) and tau (m, c) of y (m, d + c)."""
         low, high = self._box
         d = len(low)
         return low + (high - low) * expit(y[:, :d]), np.exp(y[:, d:])

@@ -4,8 +4,8 @@ An ensemble sampler in all coordinates at once fails where every sample brings i
 walkers move in blocks (`calib.inference.population_moves`), and a round is
 
 1. population, common unknowns and SDs between samples, at fixed v_i: all samples go along;
-2. common unknowns, with population and samples shifted by one distance; in 1 and 2 the common errors
-   are integrated out, then drawn from their exact normal distribution;
+2. common unknowns, with population and samples shifted by one distance; in 1 and 2 the common
+   errors are integrated out, then drawn from their exact normal distribution;
 3. every sample by itself given the rest, twice: at a fixed population samples are independent;
 4. population and SDs at fixed constants of the samples, which takes no forward model.
 

@@ -21,7 +21,6 @@ from scipy.stats import t as student_t
 from calib.inference.prior import Prior
 from fe.response import Array
 
-
 LEAST = 1e-9
 """SD between samples, over its prior's size, below which it is not looked for"""
 

@@ -219,7 +219,7 @@ class Moves:
         """Where walkers are, as numbers of the model."""
         x, tau = self.globals.split(walkers.y)
         log_prob = self.posterior.sample_log_prob(walkers.white, walkers.z)
-        p = chi2.sf(-2.0 * log_prob, self.posterior.samples.n_data)
+        p = np.asarray(chi2.sf(-2.0 * log_prob, self.posterior.samples.n_data))
         return Place(x, tau, self._own(walkers), walkers.z, p)
 
     def alone(self, walkers: Walkers, n_settle: int, n_draw: int) -> Array:
@@ -258,7 +258,7 @@ class Moves:
 
     def _lengths(self, m: int, n: int, dimension: int) -> Array:
         """(m, n) lengths of proposals in a space of a dimension."""
-        length = 2.38 / np.sqrt(2.0 * dimension) * SHORTEST ** self.rng.random((m, n))
+        length: Array = 2.38 / np.sqrt(2.0 * dimension) * SHORTEST ** self.rng.random((m, n))
         length[self.rng.random((m, n)) < LONG_JUMPS] = 1.0
         return length
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from calib.data.dataset import Dataset, FieldData, SampleData
 from calib.data.qc.placing_errors import field_slopes, placed
+from calib.data.readers.frames import BoolArray
 from calib.inference.field_scales import rigid_patterns
 from calib.inference.noise import NoiseSettings
 from fe.response import Array
@@ -46,7 +47,7 @@ def own_field_patterns(
     rigid = rigid_patterns(
         field.points, dataset.travel.size, noise.translation_sd, noise.rotation_sd
     )
-    has = np.isfinite(samples.displacement).all(axis=(1, 3))
+    has: BoolArray = np.asarray(np.isfinite(samples.displacement).all(axis=(1, 3)))
     seen = has[:, None, :, None]
     off = np.where(seen, np.nan_to_num(samples.displacement) - field.displacement, 0.0)
     slopes = field_slopes(field.displacement, field.points, dataset.travel)

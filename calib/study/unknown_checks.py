@@ -201,7 +201,7 @@ def _check_errors(study: Study, index: int, hypothesis: Hypothesis) -> None:
         if prior.high > WIDEST * prior.low:
             expected = f"at most {WIDEST:g} times low ({prior.low:g})"
             raise Contradiction(f"{key}.high", prior.high, expected)
-        if name in OF_FIELD and study.virtual is None and not study.data.is_experiment:
+        if name in OF_FIELD and not study.data.has_field:
             raise Contradiction(key, {}, "none: the data of this study have no field")
 
 
@@ -244,7 +244,7 @@ def _check_truth(study: Study) -> None:
 
 def _check_field(study: Study) -> None:
     """Nuisances of a field are asked for only where the data have one."""
-    if study.virtual is not None or study.data.is_experiment:
+    if study.data.has_field:
         return
     noise = study.noise
     for name in ("field_scale_sd", "translation_sd", "rotation_sd", "field_freedom"):
