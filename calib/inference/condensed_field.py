@@ -8,9 +8,9 @@ the modes M alone. Its generalised least squares estimate of them,
 has the errors H_i (own + common), whose covariances follow exactly. To the modes come directions
 in which nuisances of the test move the field, the zero of the travel first: what a sample's field
 says of its own zero is known of its force too. The model predicts zero along these. S is the
-covariance of the mean field, so that the mean of the w_i holds what the likelihood of the averaged
-sample takes from the field (modes that the data do not see have the weight zero). A sample that
-lacks points has an H_i of the points that it has.
+covariance of the mean field (noise, place, model), so that the mean of the w_i holds what the
+likelihood of the averaged sample takes from the field (modes that the data do not see have the
+weight zero). A sample that lacks points has an H_i of the points that it has.
 """
 
 from __future__ import annotations
@@ -96,10 +96,14 @@ class FieldCondenser:
     def parts(self, floor: Array | float, patterns: Array | None) -> list[FieldPart]:
         """The condensed fields; the model's errors by `floor` and `patterns`, see `condense`."""
         n = self.dataset.n_samples
+        # The patterns of the data set are these samples' own deviations: a least squares estimate
+        # that holds them for noise would not see any sample differ from the others.
         covariance = field_covariance(
-            self.field, floor=floor, patterns=patterns, freedom=self.noise.field_freedom
+            replace(self.field, patterns=None),
+            floor=floor,
+            patterns=patterns,
+            freedom=self.noise.field_freedom,
         ).with_patterns(self.basis.truncation)
-        n_own = 0 if self.field.patterns is None else len(self.field.patterns)
         own = own_field_patterns(self.dataset, self.field, self.samples, self.noise)
         noise = replace(
             covariance,
@@ -107,9 +111,7 @@ class FieldCondenser:
             floor=np.zeros_like(covariance.floor),
             patterns=own,
         )
-        common = replace(
-            covariance, noise_variance=np.zeros(3), patterns=covariance.patterns[n_own:]
-        )
+        common = replace(covariance, noise_variance=np.zeros(3))
         covariance = covariance.with_patterns(own / np.sqrt(n))
         whole = np.ones(len(self.field.points), dtype=np.bool_)
         reference = self._estimator(covariance, whole)
