@@ -122,7 +122,7 @@ def one(seed: int, runs: Path) -> dict[str, object]:
 
 
 def _differences(each: Array, truth: Array) -> list[float]:
-    """z of ln kappa of each sample less the mean of all: free of what all share."""
+    """Z of ln kappa of each sample less the mean of all: free of what all share."""
     own = each - each.mean(axis=1, keepdims=True)
     off = own.mean(axis=0) - (truth - truth.mean())
     return list((off / own.std(axis=0)).tolist())

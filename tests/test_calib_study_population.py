@@ -180,7 +180,7 @@ def refusal(text: str, folder: Path) -> str:
     [
         ('"forces.csv"', '"mean.csv"', "these data hold no samples one by one"),
         ('"forces.csv"', '"thesis-table-5.1"', "these data hold no samples one by one"),
-        ('level = "samples"', 'level = "mean"', "population: found {}, expected none with"),
+        ('level = "samples"', 'level = "mean"', "population: found a table, expected none with"),
         ("[population]\nscatter = { kappa = 0.3 }", "", "expected a section [population] with it"),
         ("{ kappa = 0.3 }", "{ height = 0.1 }", "expected one or more of kappa, r, s"),
         ("{ kappa = 0.3 }", "{ kappa = 0.3, fillet = 0.1 }", "expected an unknown of the forward"),

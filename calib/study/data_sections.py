@@ -28,9 +28,7 @@ class DataSource:
     folder: str | None = None
     """folder of a laboratory's files, with the source "experiment" only"""
     level: Literal["mean", "summary", "samples"] = "mean"
-    """what of the data is used: "mean" (the averaged sample, with its field where there is one),
-    "summary" (mean and SD of the forces alone, as a table gives them) or "samples" (every sample
-    by itself)"""
+    """the averaged sample, mean and SD of its forces alone, or every sample by itself"""
 
     def __post_init__(self) -> None:
         if self.is_file and not self.source.endswith(".csv"):
@@ -61,10 +59,8 @@ class Population:
     """[population] What differs between samples; with data.level = "samples"."""
 
     scatter: Annotated[dict[str, Annotated[float, Field(gt=0)]], Field(min_length=1)]
-    """one or more parameters, each with the size (above 0) of the prior of its SD between samples:
-    relative for kappa and bulk_ratio, in the parameter's unit for others"""
+    """one or more parameters with the sizes (above 0) of the priors of their SDs between samples"""
     freedom: Annotated[float, Field(gt=0)] | None = None
-    """degrees of freedom, above 0: the priors of the SDs are then halves of Student-t, without it
-    of normal distributions"""
+    """degrees of freedom (above 0) where these priors are halves of Student-t, not of normals"""
     travel_zero_sd: Annotated[float, Field(ge=0)] = 0.015
     """standard deviation of the zero of one sample's travel about that of all, mm"""
