@@ -122,6 +122,7 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> tuple[StudyResult, Arr
     return result, own, lines
 
 
+@pytest.mark.slow
 def test_the_population_holds_the_truth_and_is_told(
     finished: tuple[StudyResult, Array, list[str]],
 ) -> None:
@@ -142,6 +143,7 @@ def test_the_population_holds_the_truth_and_is_told(
     assert json.loads(to_json([summary]))[0]["population"]["sample_names"][0] == "S1"
 
 
+@pytest.mark.slow
 def test_the_report_shows_samples_and_population(
     finished: tuple[StudyResult, Array, list[str]],
 ) -> None:
@@ -152,6 +154,7 @@ def test_the_report_shows_samples_and_population(
     assert "Population and samples" in html and "A new sample under sliding" in html
 
 
+@pytest.mark.slow
 def test_the_file_has_a_dimension_of_samples(
     finished: tuple[StudyResult, Array, list[str]],
 ) -> None:

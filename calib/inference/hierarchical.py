@@ -64,7 +64,7 @@ class HierarchicalPosterior:
         residual = np.where(good[:, None], residual, 0.0)
         turned = factor.transpose(0, 2, 1)
         precision = np.eye(q) + turned @ factor
-        lower = np.linalg.cholesky(precision)
+        lower = np.asarray(np.linalg.cholesky(precision), dtype=np.float64)
         pull = np.linalg.solve(lower, turned @ residual[:, :, None])
         root = lower.transpose(0, 2, 1)
         mean = np.asarray(np.linalg.solve(root, pull)[..., 0], dtype=np.float64)
