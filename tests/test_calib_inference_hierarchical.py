@@ -319,7 +319,7 @@ def test_the_order_of_samples_and_of_workers_does_not_matter() -> None:
         at = (np.array([[np.log(0.012), 0.4]]), np.array([[0.2]]), v)
         values.append(posterior.common_errors(posterior.white(*at)).log_prob[0])
     assert values[0] == pytest.approx(values[1], rel=1e-12)
-    short = replace(SETTINGS, max_steps=10, check_every=10)
+    short = replace(SETTINGS, n_walkers=16, max_steps=6, check_every=6)
     first, again = (drawn(force, 5, 0.0, short) for _ in range(2))
     assert np.array_equal(first.own, again.own) and np.array_equal(first.alone, again.alone)
 

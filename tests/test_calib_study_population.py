@@ -204,6 +204,12 @@ def test_what_does_not_go_together_is_refused(
     assert expected in message and message.count("\n") == 0
 
 
+def test_too_few_walkers_for_mean_and_scatter_are_refused(tmp_path: Path) -> None:
+    few = STUDY.replace("n_walkers = 16", "n_walkers = 8")
+    few = few.replace("{ kappa = 0.3 }", "{ kappa = 0.3, r = 0.1, s = 0.1 }")
+    assert "twice the 6 unknowns of the population" in refusal(few, tmp_path)
+
+
 def test_a_table_is_mean_and_sd_of_the_forces_alone(tmp_path: Path) -> None:
     path = tmp_path / "forces.csv"
     path.write_text(csv_of(ANY))

@@ -40,6 +40,10 @@ def check_population(study: Study) -> None:
             expected = f"one or more of {', '.join(names)}, the unknowns of {hypothesis.name}"
             raise Contradiction("population.scatter", dict(population.scatter), expected)
         known |= set(names)
+        unknowns = space.size + len(set(names) & set(population.scatter))
+        if study.sampler.n_walkers < 2 * unknowns:
+            expected = f"at least twice the {unknowns} unknowns of the population"
+            raise Contradiction("sampler.n_walkers", study.sampler.n_walkers, expected)
     for name, size in population.scatter.items():
         if name not in known:
             expected = f"an unknown of the forward model: {', '.join(sorted(known))}"
