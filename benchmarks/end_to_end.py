@@ -128,9 +128,11 @@ def design() -> Array:
     return np.vstack([corners, inner]) * np.array([1.0, 0.5])
 
 
-def training(runs: Path, points: Array, travel: Array) -> tuple[TrainingSet, MeshError]:
+def training(
+    runs: Path, points: Array, travel: Array, n_training: int = N_TRAINING
+) -> tuple[TrainingSet, MeshError]:
     """The emulator's runs and the error of their mesh at points (n, 2) mm and travels, mm."""
-    ratios = design()
+    ratios = design()[:n_training]
     coarse = [solved(COARSE, one, runs) for one in ratios]
     checks = np.array([[0.3, 0.1], [0.7, 0.35]])
     pairs = [(solved(COARSE, one, runs), solved(CHECK, one, runs)) for one in checks]

@@ -8,7 +8,8 @@ from .inference.posterior import Posterior
 from .inference.prior import Prior
 from .study.config import Study, embedded_studies, load_study
 from .study.stages import StudyResult, run_study
-from .study.summary import Summary, load_summary, to_frame
+from .study.summary import Summary, load_summary
+from .study.summary_files import to_frame
 
 __all__ = [
     "Dataset",

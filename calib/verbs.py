@@ -120,7 +120,8 @@ def _check_executor(arguments: argparse.Namespace) -> None:
 
 def summary_verb(arguments: argparse.Namespace) -> int:
     """Print the constants of a finished study."""
-    from calib.study.summary import format_table, load_summary, to_csv, to_json
+    from calib.study.summary import format_table, load_summary
+    from calib.study.summary_files import to_csv, to_json
 
     path = arguments.path / "posterior.nc" if arguments.path.is_dir() else arguments.path
     if not path.is_file():

@@ -287,8 +287,9 @@ def saved(monkeypatch, tmp_path):
         (tmp_path / "posterior.nc").write_bytes(b"")
         module = "calib.study.summary"
         monkeypatch.setattr(f"{module}.load_summary", lambda path: list(summaries))
-        for name in ("format_table", "to_json", "to_csv"):
-            monkeypatch.setattr(f"{module}.{name}", lambda found, name=name: f"{name}\n")
+        styles = {"format_table": "", "to_json": "_files", "to_csv": "_files"}
+        for name, where in styles.items():
+            monkeypatch.setattr(f"{module}{where}.{name}", lambda found, name=name: f"{name}\n")
         return tmp_path
 
     return install

@@ -22,10 +22,10 @@ from calib.inference import (
     build_likelihood,
     sample_posterior,
 )
+from calib.inference.convergence import convergence
 from calib.inference.inference_data import (
     HypothesisSamples,
     build_inference_data,
-    convergence,
     load_inference_data,
     provenance_of,
     save_inference_data,

@@ -25,7 +25,8 @@ from calib.study.posterior_setup import marginal
 from calib.study.sections import Cells, Hypothesis, ParameterPrior, Virtual
 from calib.study.stage_list import stages_of
 from calib.study.stages import StudyResult, report_again, run_stages, run_study
-from calib.study.summary import load_summary, to_json
+from calib.study.summary import load_summary
+from calib.study.summary_files import to_json
 from calib.study.virtual_stage import run as run_virtual
 from fe.campaign import CampaignFailed
 from fe.executors import serial_map

@@ -11,15 +11,14 @@ import numpy as np
 import pytest
 
 from calib.inference.at_bound import AtBound
+from calib.inference.convergence import Convergence
 from calib.inference.coordinates import CONSTANTS
-from calib.inference.inference_data import Convergence
 from calib.study.summary import (
     Summary,
     format_table,
     summarise,
-    to_csv,
-    to_json,
 )
+from calib.study.summary_files import to_csv, to_json
 from calib.study.summary_tables import constants_table, points_table
 
 GOOD = Convergence(ess_bulk=2000.0, ess_tail=1500.0, r_hat=1.001)

@@ -11,7 +11,8 @@ import pytest
 from calib.study.config import load_study
 from calib.study.data_stage import load_data
 from calib.study.stages import StudyResult, run_study
-from calib.study.summary import load_summary, to_json
+from calib.study.summary import load_summary
+from calib.study.summary_files import to_json
 
 pytestmark = pytest.mark.study
 

@@ -166,6 +166,28 @@ class FieldCovariance:
             )
         return product
 
+    def solve(self, fields: Array) -> Array:
+        """(q, n_step, n_point, 3) covariance^-1 of fields (q, ...), 1/mm."""
+        white = self._whiten(fields)
+        if len(self.patterns):
+            pattern = self._whitened_patterns
+            white = white - (cho_solve(self._capacitance, pattern @ white.T)).T @ pattern
+        blocks = white.reshape(len(fields), self.floor_values.size, 3, self.step.shape[0])
+        back = np.einsum("pcji,qpcj->qipc", self._inverse_factors, blocks)
+        return self._rotate(back, self.vectors)
+
+    def applied(self, fields: Array) -> Array:
+        """(q, n_step, n_point, 3) covariance times fields (q, ...), mm^3 for fields in mm."""
+        noise = np.einsum("ij,qjpc,c->qipc", self.step, fields, self.noise_variance)
+        found = self._rotate(noise, self.correlation)
+        # L = S V diag(floor_values) V^T S
+        both = self.vectors.T @ self.correlation
+        smooth = both.T @ (self.floor_values[:, None] * both)
+        found += self._rotate(np.einsum("cij,qjpc->qipc", self.floor, fields), smooth)
+        sizes = np.tensordot(fields, self.patterns, ([1, 2, 3], [1, 2, 3]))
+        total: Array = found + np.tensordot(sizes, self.patterns, 1)
+        return total
+
     @cached_property
     def logdet(self) -> float:
         """Natural logarithm of the determinant of the covariance."""

@@ -1,4 +1,4 @@
-"""Posterior samples as ArviZ InferenceData and netCDF; the only file with xarray and ArviZ."""
+"""Posterior samples as ArviZ InferenceData and netCDF."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ import numpy as np
 import xarray as xr
 
 from calib.data.dataset import Dataset
-from calib.inference.autocorrelation import integrated_time
 from calib.inference.coordinates import Space, theta_of
 from calib.inference.likelihood import Likelihood
 from calib.inference.prediction import expected_forces, predictive_forces
@@ -41,18 +40,6 @@ class HypothesisSamples:
     samples: SamplingResult
     space: Space = field(default_factory=Space)
     """what was unknown under it"""
-
-
-@dataclass(frozen=True)
-class Convergence:
-    """Diagnostics of one quantity under one hypothesis."""
-
-    ess_bulk: float
-    """effective sample size for the centre: the smaller of ArviZ's over walkers and draws/tau"""
-    ess_tail: float
-    """the same for the 5 % and 95 % quantiles"""
-    r_hat: float
-    """rank-normalised split R-hat over the independent ensembles"""
 
 
 def build_inference_data(
@@ -92,17 +79,6 @@ def build_inference_data(
         log_likelihood=_log_likelihood(x, coords, likelihoods),
         observed_data=_observed(dataset),
     )
-
-
-def smoothed_weights(log_ratios: Array) -> tuple[Array, Array]:
-    """Pareto-smoothed log weights (m, k), each column summing to 1, and Pareto shapes (k,).
-
-    `log_ratios` (m, k) are ln of the importance ratios of m draws to k targets, up to constants.
-    """
-    stacked = xr.DataArray(log_ratios.T, dims=("target", "__sample__"))
-    weights, shape = az.psislw(stacked)  # type: ignore[no-untyped-call]
-    values: Array = np.asarray(weights.values, dtype=np.float64).T
-    return values, np.asarray(shape.values, dtype=np.float64)
 
 
 def provenance_of(data: az.InferenceData) -> dict[str, object]:
@@ -227,56 +203,6 @@ def _observed(dataset: Dataset) -> xr.Dataset:
         "force_sd": ("travel", dataset.force_sd, {**count, "long_name": "SD between samples"}),
     }
     return xr.Dataset(variables, {"travel": travel}, attrs)
-
-
-def convergence(data: az.InferenceData, hypothesis: str) -> dict[str, Convergence]:
-    """Diagnostics of every posterior variable that there is under one hypothesis.
-
-    R-hat compares ensembles, each one chain in the order of time: walkers of an ensemble are not
-    independent, so comparing them says little. For the effective size every walker is a chain
-    (walkers interleaved in one chain would look less correlated than they are), and the result
-    is not allowed above (number of draws) / (autocorrelation time averaged over walkers).
-    """
-    posterior = data["posterior"].sel(hypothesis=hypothesis)
-    ensemble = posterior["ensemble"].values
-    result = {}
-    for name in posterior.data_vars:
-        draws = posterior[name].transpose("chain", "draw").values
-        if not np.isfinite(draws).any():
-            continue  # not a parameter under this hypothesis
-        result[str(name)] = Convergence(
-            ess_bulk=min(_ess(draws, "bulk"), _ess_by_tau(draws, ensemble)),
-            ess_tail=min(_ess(draws, "tail"), _tail_by_tau(draws, ensemble)),
-            r_hat=_r_hat(draws, ensemble),
-        )
-    return result
-
-
-def _by_ensemble(draws: Array, ensemble: Array) -> list[Array]:
-    """(n_draw, n_walker) of each ensemble."""
-    return [draws[ensemble == index].T for index in np.unique(ensemble)]
-
-
-def _ess(draws: Array, method: str) -> float:
-    return float(az.ess(draws, method=method))  # type: ignore[no-untyped-call]
-
-
-def _r_hat(draws: Array, ensemble: Array) -> float:
-    in_time = np.array([values.ravel() for values in _by_ensemble(draws, ensemble)])
-    return float(az.rhat(in_time, method="rank"))  # type: ignore[no-untyped-call]
-
-
-def _ess_by_tau(draws: Array, ensemble: Array) -> float:
-    """Draws over the longest autocorrelation time of the ensembles; 0 when it is not known."""
-    return draws.size / max(integrated_time(values) for values in _by_ensemble(draws, ensemble))
-
-
-def _tail_by_tau(draws: Array, ensemble: Array) -> float:
-    low, high = np.quantile(draws, [0.05, 0.95])
-    return min(
-        _ess_by_tau((draws <= low).astype(np.float64), ensemble),
-        _ess_by_tau((draws >= high).astype(np.float64), ensemble),
-    )
 
 
 def save_inference_data(data: az.InferenceData, path: Path) -> None:

@@ -16,9 +16,9 @@ import numpy as np
 from scipy.optimize import minimize
 from scipy.special import logsumexp
 
+from calib.inference.convergence import smoothed_weights
 from calib.inference.coordinates import theta_of, x_of
 from calib.inference.data_parts import FieldOnly
-from calib.inference.inference_data import smoothed_weights
 from calib.inference.likelihood import Likelihood
 from calib.inference.posterior import Posterior
 from calib.inference.quadrature import integrate

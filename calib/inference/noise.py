@@ -202,12 +202,19 @@ class ForceErrors:
 
 
 def force_errors(
-    dataset: Dataset, settings: NoiseSettings, discretisation: Array | float = 0.0
+    dataset: Dataset,
+    settings: NoiseSettings,
+    discretisation: Array | float = 0.0,
+    *,
+    mean: Array | None = None,
 ) -> ForceErrors:
-    """Errors of the forces of `dataset`; `discretisation` (n_step,) or one relative SD for all."""
+    """Errors of the forces of `dataset`; `discretisation` (n_step,) or one relative SD for all.
+
+    `mean` (n_step, n_step) N^2 stands in for `mean_covariance`.
+    """
     relative = np.broadcast_to(np.asarray(discretisation, dtype=np.float64), dataset.travel.shape)
     return ForceErrors(
-        mean=mean_covariance(dataset, settings),
+        mean=mean_covariance(dataset, settings) if mean is None else mean,
         discretisation=np.array(relative),
         travel_zero_sd=settings.travel_zero_sd,
         slope=slope_matrix(dataset.travel),

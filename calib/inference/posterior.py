@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 
@@ -14,6 +15,17 @@ from fe.response import Array
 
 # Rows evaluated at once: the working arrays of this many stay in the processor's cache.
 BATCH = 1024
+
+
+class Density(Protocol):
+    """A density of x with a prior to start from."""
+
+    @property
+    def prior(self) -> Prior:
+        """Of x."""
+
+    def log_prob(self, x: Array) -> Array:
+        """(m,) unnormalised log density at x (m, n)."""
 
 
 @dataclass(frozen=True)

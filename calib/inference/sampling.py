@@ -13,7 +13,7 @@ from scipy.special import expit, log_expit, logit
 
 from calib.inference.chain_store import Block, ChainStore, block_of, run_key
 from calib.inference.chain_verdict import BURN_SHARE, ChainVerdict, judge
-from calib.inference.posterior import Posterior
+from calib.inference.posterior import Density, Posterior
 from fe.response import Array
 
 Progress = Callable[[int, int], None]
@@ -228,7 +228,7 @@ def _settle(
     return emcee.State(coords, random_state=state.random_state)
 
 
-def dispersed_starts(posterior: Posterior, n_walkers: int, rng: np.random.Generator) -> Array:
+def dispersed_starts(posterior: Density, n_walkers: int, rng: np.random.Generator) -> Array:
     """(n_walkers, n) starts far wider than the posterior but not hopeless.
 
     Prior draws, chosen without replacement with probability proportional to likelihood^beta;

@@ -7,7 +7,7 @@ from calib.inference.laws import RATIOS
 from calib.study.config import Study
 from calib.study.data_source import measured_dataset
 from calib.study.mesh_error import left_share
-from calib.study.sections import ParameterPrior, Virtual
+from calib.study.sections import VIRTUAL, ParameterPrior, Virtual
 from calib.study.tables import Table
 from calib.study.unknown_checks import is_positive
 from calib.study.unknowns import ERRORS, INPUTS, law_of
@@ -123,7 +123,7 @@ def _prior_rows(study: Study) -> list[tuple[str, str, str]]:
 def _force_rows(study: Study) -> list[tuple[str, str, str]]:
     """What the covariance of the mean force is made of."""
     noise, data = study.noise, study.data
-    if data.is_experiment and measured_dataset(data).force_covariance is not None:
+    if data.source != VIRTUAL and measured_dataset(data).force_covariance is not None:
         return [("covariance of the mean force", "measured between the samples", "-")]
     return [
         ("load cell, SD of one reading", f"{noise.load_cell_sd:g}", "N"),

@@ -15,6 +15,7 @@ from pydantic import AliasChoices, Field
 from pydantic.dataclasses import dataclass
 
 from calib.study.data_source import measured_dataset
+from calib.study.population_checks import check_level, check_population
 from calib.study.prior_sections import Prior
 from calib.study.sections import (
     MIN_REFINEMENT,
@@ -28,6 +29,7 @@ from calib.study.sections import (
     Mesh,
     Name,
     Noise,
+    Population,
     Positive,
     Virtual,
     finer_than,
@@ -90,6 +92,8 @@ class Study:
     """a section [design]"""
     emulator: EmulatorLimits = EmulatorLimits()
     """a section [emulator]"""
+    population: Population | None = None
+    """a section [population], with data.level = "samples" only"""
     sampler: Sampler = Sampler()
     """a section [sampler]"""
     verification: Verification = Verification()
@@ -102,6 +106,7 @@ class Study:
         self._check_hypotheses()
         self._check_virtual()
         check_unknowns(self)
+        check_population(self)
 
     def sampling_cells(self, hypothesis: Hypothesis) -> Cells:
         """Mesh of the runs that train the emulator under a hypothesis."""
@@ -229,7 +234,8 @@ def _read_study(document: Document, folder: Path) -> Study:
         if not path.is_file():
             reason = sentence(study.data.source, f"a file in {folder}")
             raise document.refuse(Refusal(("data", "source"), reason))
-        study = dataclasses.replace(study, data=DataSource(source=str(path)))
+        source = dataclasses.replace(study.data, source=str(path))
+        study = dataclasses.replace(study, data=source)
     if study.data.folder is not None:
         path = (folder / study.data.folder).resolve()
         if not (path / FILE).is_file():
@@ -251,6 +257,7 @@ def _check_against_data(study: Study) -> None:
     if study.data.source == VIRTUAL:
         return
     measured = measured_dataset(study.data)
+    check_level(study.data, measured)
     if measured.field is not None:
         _check_places(study, measured.field.points)
     spread = []

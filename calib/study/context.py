@@ -89,7 +89,7 @@ def _field_grid(study: Study) -> FieldGrid:
 
     Where the height is unknown, points stay at their places, inside the lowest block that there is.
     """
-    if not study.data.is_experiment:
+    if not (study.data.is_experiment and study.data.has_field):
         if not any("height" in inputs_of(study, h) for h in study.hypotheses):
             return (35, 24)
         lowest = min(least_height(study, h) for h in study.hypotheses)

@@ -21,6 +21,7 @@ from calib.study.further_table import further_table
 from calib.study.maxima_table import map_table, rounds_table
 from calib.study.mesh_error import check_folder
 from calib.study.nuisances import correlation_table, nuisance_table
+from calib.study.population_report import every_population_table, population_sections
 from calib.study.predict_stage import CHECKS
 from calib.study.predictive_tables import (
     face_summary_table,
@@ -163,6 +164,7 @@ def _tables(findings: Findings, study: Study) -> dict[str, list[Table]]:
         ],
         "nuisances": [nuisance_table(findings.comparison)],
         "prior": [prior_table(findings.prior)],
+        "population": [*every_population_table(findings.summaries)],
     }
     return {about: _kept(tables) for about, tables in found.items()}
 
@@ -184,6 +186,7 @@ def sections(findings: Findings, pictures: dict[str, Picture], study: Study) -> 
             tables["constants"],
             (pictures["marginals"], pictures["pairs"]),
         ),
+        *population_sections(findings.summaries, pictures),
         Section("Forces", (), [data_table(findings.data)], (pictures["forces"],)),
         Section(
             "Predictive checks",

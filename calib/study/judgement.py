@@ -46,7 +46,7 @@ class Judged(NamedTuple):
 
 def has_field(study: Study) -> bool:
     """Whether the study's data have a field, so that the error of the emulated field matters."""
-    return study.virtual is not None or study.data.is_experiment
+    return study.data.has_field
 
 
 def measurement_noise(study: Study) -> Noise:

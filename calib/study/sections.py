@@ -12,10 +12,26 @@ from pydantic import Field, SkipValidation
 from pydantic.dataclasses import dataclass
 
 from calib.inference.laws import RATIOS
+from calib.study.data_sections import (
+    EXPERIMENT,
+    THESIS_TABLE,
+    VIRTUAL,
+    DataSource,
+    Population,
+)
 from calib.study.prior_sections import STRICT, ParameterPrior, Prior
 from calib.toml_file.refusal import Contradiction
 
-__all__ = ["STRICT", "ParameterPrior", "Prior"]
+__all__ = [
+    "EXPERIMENT",
+    "STRICT",
+    "THESIS_TABLE",
+    "VIRTUAL",
+    "DataSource",
+    "ParameterPrior",
+    "Population",
+    "Prior",
+]
 
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]*$", max_length=60)]
 Positive = Annotated[float, Field(gt=0)]
@@ -28,38 +44,6 @@ Interface = SkipValidation[Literal["stick", "slide"] | float]
 """checked by `Hypothesis` as a whole, whose message names all that is possible"""
 
 SHARPEST = 0.05  # mm; the strain at a sharp edge is singular, so that no mesh resolves it
-THESIS_TABLE = "thesis-table-5.1"
-VIRTUAL = "virtual"
-EXPERIMENT = "experiment"
-
-
-@dataclass(frozen=True, kw_only=True, config=STRICT)
-class DataSource:
-    """[data] What was measured."""
-
-    source: str
-    """where the data come from: a data set of the package, "experiment" or a csv file beside the
-    study file"""
-    folder: str | None = None
-    """folder of a laboratory's files, with the source "experiment" only"""
-
-    def __post_init__(self) -> None:
-        if self.is_file and not self.source.endswith(".csv"):
-            expected = f'"{THESIS_TABLE}", "{VIRTUAL}", "{EXPERIMENT}" or the path of a .csv file'
-            raise Contradiction("source", self.source, expected)
-        if self.is_experiment != (self.folder is not None):
-            expected = f"a folder with source = {EXPERIMENT!r}, and none without"
-            raise Contradiction("folder", self.folder, expected)
-
-    @property
-    def is_file(self) -> bool:
-        """True when the data are a file of the user's (`source` is then its path)."""
-        return self.source not in {THESIS_TABLE, VIRTUAL, EXPERIMENT}
-
-    @property
-    def is_experiment(self) -> bool:
-        """True when the data are made of a laboratory's files in `folder`."""
-        return self.source == EXPERIMENT
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)

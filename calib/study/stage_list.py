@@ -13,6 +13,7 @@ from calib.data.qc.lab_files import input_hash, sample_files
 from calib.study import (
     check_stage,
     compare_stage,
+    hierarchical_stage,
     map_stage,
     posterior_stage,
     predict_stage,
@@ -182,6 +183,13 @@ STAGES = (
         posterior_stage.run,
     ),
     Stage(
+        "population",
+        "sample the population and all its samples",
+        ("data", "check", "refine", "sample"),
+        _sections("hypotheses", "noise", "prior", "population", "sampler", "seed"),
+        hierarchical_stage.run,
+    ),
+    Stage(
         "compare",
         "compare the hypotheses",
         ("data", "check", "refine", "sample", "map"),
@@ -198,7 +206,7 @@ STAGES = (
     Stage(
         "report",
         "draw the figures and write the report",
-        ("posterior", "compare", "predict", "check", "refine", "map", "prior"),
+        ("posterior", "population", "compare", "predict", "check", "refine", "map", "prior"),
         _whole_study,
         report_stage.run,
     ),
@@ -214,6 +222,8 @@ def stages_of(study: Study, until: str = "report") -> tuple[Stage, ...]:
     for stage in reversed(STAGES):
         if stage.name in needed:
             needed |= set(stage.needs)
-    return tuple(
-        s for s in STAGES if s.name in needed and (s.name != "virtual" or study.virtual is not None)
-    )
+    wanted = {
+        "virtual": study.virtual is not None,
+        "population": hierarchical_stage.is_wanted(study),
+    }
+    return tuple(s for s in STAGES if s.name in needed and wanted.get(s.name, True))

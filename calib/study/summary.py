@@ -1,32 +1,29 @@
-"""The table of a posterior: constants, intervals, diagnostics, maxima; for readers and programs.
+"""The table of a posterior: constants, intervals, diagnostics, maxima; for readers.
 
-The only module with pandas. Everything is read from posterior.nc, so that the table can be had
-long after the study, from that file alone.
+Everything is read from posterior.nc, so that the table can be had long after the study, from that
+file alone. Of a study that takes its samples one by one population_<hypothesis>.nc beside it tells
+of these.
 """
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
 
 from calib.inference.at_bound import AtBound, at_bound
-from calib.inference.inference_data import (
-    Convergence,
-    convergence,
-    load_inference_data,
-    provenance_of,
-)
+from calib.inference.convergence import Convergence, convergence
+from calib.inference.inference_data import load_inference_data, provenance_of
 from calib.inference.laws import DEFAULT_LAW
-from calib.study.artifacts import plain
 from calib.study.figure_style import INTERVAL, Array, hdi
 from calib.study.further_table import further_table
 from calib.study.maxima_table import is_verified, largest_difference
+from calib.study.population_checks import SAMPLES
+from calib.study.population_summary import PopulationSummary, load_population, population_path
+from calib.study.population_tables import population_tables
 from calib.study.provenance_facts import maxima_in, space_in, truth_in
 from calib.study.summary_tables import constants_table, points_table
 
@@ -75,6 +72,8 @@ class Summary:
     """bounds of the prior that the posterior leans on"""
     failures: tuple[str, ...]
     """diagnostics outside the limits of the study, one sentence each"""
+    population: PopulationSummary | None = None
+    """the hierarchical model, where samples were taken one by one"""
 
     @property
     def passed(self) -> bool:
@@ -91,7 +90,7 @@ def load_summary(path: Path) -> list[Summary]:
     provenance: dict[str, Any] = dict(provenance_of(data))
     try:
         names = [str(name) for name in data["posterior"]["hypothesis"].values]
-        return [
+        found = [
             summarise(
                 name,
                 {
@@ -106,6 +105,19 @@ def load_summary(path: Path) -> list[Summary]:
         ]
     except KeyError as error:
         raise ValueError(f"{path}: holds no {error}; run the study again") from error
+    if provenance.get("study_file", {}).get("data", {}).get("level") != SAMPLES:
+        return found
+    return [_with_population(summary, path.parent) for summary in found]
+
+
+def _with_population(summary: Summary, folder: Path) -> Summary:
+    """With the population of the same study, where its file is there."""
+    path = population_path(folder, summary.hypothesis)
+    if not path.is_file():
+        return summary
+    population = load_population(path)
+    failures = (*summary.failures, *population.failures)
+    return replace(summary, population=population, failures=failures)
 
 
 def summarise(
@@ -219,44 +231,11 @@ def format_table(summaries: Sequence[Summary]) -> str:
         parts += [points_table(summary).text(), ""]
         further = further_table(summary)
         parts += [further.text(), ""] if further is not None else []
+        for table in population_tables(summary.population, summary.hypothesis):
+            parts += [table.text(), ""]
     parts += [f"FAILED  {s.hypothesis}: {failure}" for s in summaries for failure in s.failures]
     if all(summary.passed for summary in summaries):
         parts.append("All diagnostics are within the limits of the study.")
     first = summaries[0]
     parts.append(f"softcal {first.version}, seed {first.seed}; constants in {UNIT}")
     return "\n".join(parts)
-
-
-def to_json(summaries: Sequence[Summary]) -> str:
-    """A list with one object for each hypothesis; what was not found is null."""
-    found = [
-        {**plain(summary), "passed": summary.passed, "failures": list(summary.failures)}
-        for summary in summaries
-    ]
-    return json.dumps(found, indent=2, allow_nan=False)
-
-
-def to_frame(summaries: Sequence[Summary]) -> pd.DataFrame:
-    """One row for each hypothesis and constant."""
-    rows = [
-        {
-            "study": summary.study,
-            "seed": summary.seed,
-            "version": summary.version,
-            "hypothesis": summary.hypothesis,
-            "interval": summary.interval,
-            "synthetic": summary.synthetic,
-            "constant": name,
-            **asdict(constant),
-            "truth": None if summary.truth is None else summary.truth.get(name),
-            "passed": summary.passed,
-        }
-        for summary in summaries
-        for name, constant in (summary.constants | summary.further).items()
-    ]
-    return pd.DataFrame(rows)
-
-
-def to_csv(summaries: Sequence[Summary]) -> str:
-    """One line for each hypothesis and constant, with a header."""
-    return str(to_frame(summaries).to_csv(index=False, lineterminator="\n"))

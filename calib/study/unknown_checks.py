@@ -205,7 +205,7 @@ def _check_errors(study: Study, index: int, hypothesis: Hypothesis) -> None:
         if name == "force_discrepancy" and study.noise.force_freedom is not None:
             expected = "none beside noise.force_freedom: both explain forces that are off"
             raise Contradiction(key, {}, expected)
-        if name in OF_FIELD and study.virtual is None and not study.data.is_experiment:
+        if name in OF_FIELD and not study.data.has_field:
             raise Contradiction(key, {}, "none: the data of this study have no field")
 
 
@@ -248,7 +248,7 @@ def _check_truth(study: Study) -> None:
 
 def _check_field(study: Study) -> None:
     """Nuisances of a field are asked for only where the data have one."""
-    if study.virtual is not None or study.data.is_experiment:
+    if study.data.has_field:
         return
     noise = study.noise
     for name in ("field_scale_sd", "translation_sd", "rotation_sd", "field_freedom"):

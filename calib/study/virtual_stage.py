@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +10,7 @@ import numpy as np
 from calib.inference.coordinates import theta_of_constants
 from calib.study.config import Study, StudyError
 from calib.study.context import Context, Simulate, stream
+from calib.study.data_source import at_level
 from calib.study.data_stage import StudyData, load_data, measured, save_data, with_mu
 from calib.study.progress import progress_bar
 from calib.study.sections import Hypothesis, Virtual, is_finer
@@ -105,6 +107,7 @@ def run_data(context: Context) -> list[Path]:
         data = measured(context.study)
     else:
         data = load_data(context.out / FOLDER)
+        data = replace(data, dataset=at_level(data.dataset, context.study.data))
     return save_data(context.out, data)
 
 

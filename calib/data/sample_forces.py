@@ -1,0 +1,105 @@
+"""Forces of samples one by one, from a csv file with one line a sample and travel."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import numpy as np
+
+from calib.data.dataset import Dataset, SampleData
+from fe.response import Array
+
+COLUMNS = ("sample", "travel_mm", "force_N")
+
+
+def has_samples(path: Path | str) -> bool:
+    """Whether the first line of a csv file that is no remark names these columns."""
+    try:
+        lines = _lines(Path(path))
+    except ValueError:
+        return False
+    return bool(lines) and _cells(lines[0][1]) == list(COLUMNS)
+
+
+def read_sample_forces(path: Path | str) -> Dataset:
+    """Read forces from a csv with the columns sample, travel_mm, force_N; the rest is computed.
+
+    Lines that start with # and empty lines are skipped. All samples are measured at the same
+    travels, in any order. The covariance between samples is the measured one where there are two
+    samples more than travels, as of an experiment. The dataset takes the file's name.
+    Raises ValueError with one sentence naming file, line, what was found and expected.
+    """
+    path = Path(path)
+    forces: dict[str, dict[float, float]] = {}
+    lines = _lines(path)
+    if not lines or _cells(lines[0][1]) != list(COLUMNS):
+        found = ", ".join(_cells(lines[0][1])) if lines else "nothing"
+        raise ValueError(f"{path}: found columns {found}, expected {', '.join(COLUMNS)}")
+    for number, line in lines[1:]:
+        name, travel, force = _row(path, number, _cells(line))
+        own = forces.setdefault(name, {})
+        if travel in own:
+            raise ValueError(f"{path}:{number}: found {name} at {travel:g} mm again, expected once")
+        own[travel] = force
+    if len(forces) < 2:
+        raise ValueError(f"{path}: found {len(forces)} samples, expected two or more")
+    travels = sorted(next(iter(forces.values())))
+    for name, own in forces.items():
+        if sorted(own) != travels:
+            known = ", ".join(f"{value:g}" for value in travels)
+            raise ValueError(f"{path}: {name}: found other travels, expected {known} mm as before")
+    array = np.array([[own[travel] for travel in travels] for own in forces.values()])
+    try:
+        return _dataset(path.stem, tuple(forces), np.array(travels), array)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from error
+
+
+def _dataset(name: str, names: tuple[str, ...], travel: Array, force: Array) -> Dataset:
+    """Mean, covariance and samples of forces (n, n_step), N; no field."""
+    n, n_step = force.shape
+    covariance = np.atleast_2d(np.cov(force, rowvar=False, ddof=1))
+    return Dataset(
+        name=name,
+        synthetic=False,
+        travel=travel,
+        force_mean=force.mean(axis=0),
+        force_sd=np.sqrt(np.diag(covariance)),
+        n_samples=n,
+        force_covariance=covariance if n >= n_step + 2 else None,
+        samples=SampleData(names, force, np.zeros((n, n_step, 0, 3))),
+    )
+
+
+def _lines(path: Path) -> list[tuple[int, str]]:
+    """Numbers and texts of the lines that say something."""
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except (OSError, UnicodeDecodeError) as error:
+        raise ValueError(f"{path}: not a readable text file ({error})") from error
+    numbered = enumerate(text.splitlines(), start=1)
+    return [(n, line) for n, line in numbered if line.strip() and not line.lstrip().startswith("#")]
+
+
+def _cells(line: str) -> list[str]:
+    return [cell.strip() for cell in next(csv.reader([line]))]
+
+
+def _row(path: Path, number: int, cells: list[str]) -> tuple[str, float, float]:
+    if len(cells) != len(COLUMNS):
+        raise ValueError(
+            f"{path}:{number}: found {len(cells)} values, expected {', '.join(COLUMNS)}"
+        )
+    values = []
+    for column, cell in zip(COLUMNS[1:], cells[1:], strict=True):
+        try:
+            value = float(cell)
+        except ValueError:
+            value = np.nan
+        if not (np.isfinite(value) and value > 0):
+            raise ValueError(
+                f"{path}:{number}: {column}: found {cell!r}, expected a positive number"
+            )
+        values.append(value)
+    return cells[0], values[0], values[1]

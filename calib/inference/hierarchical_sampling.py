@@ -1,0 +1,145 @@
+"""Draws of a population and its samples, by independent ensembles of walkers.
+
+An ensemble sampler in all coordinates at once fails where every sample brings its own. Here
+walkers move in blocks (`calib.inference.population_moves`), and a round is
+
+1. population, common unknowns and SDs between samples, at fixed v_i: all samples go along;
+2. common unknowns, with population and samples shifted by one distance; in 1 and 2 the common
+   errors are integrated out, then drawn from their exact normal distribution;
+3. every sample by itself given the rest, twice: at a fixed population samples are independent;
+4. population and SDs at fixed constants of the samples, which takes no forward model.
+
+1 moves well where the data of one sample say little beside the population's scatter, 4 where they
+say much (interweaving, Yu & Meng, J. Comput. Graph. Stat. 20 (2011) 531); 2 along ridges of common
+unknowns and constants. All moves are exact: nothing but the length of the chains is approximate.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib.inference.chain_verdict import BURN_SHARE, ChainVerdict, judge
+from calib.inference.hierarchical import HierarchicalPosterior
+from calib.inference.population_moves import Moves, Place
+from calib.inference.sampling import Progress, SamplerSettings, SamplingStatus
+from fe.response import Array
+
+ROUNDS = 2
+"""rounds of a kept step"""
+ALONE = 40
+"""moves after which samples have forgotten the population, and as many that are kept"""
+
+
+@dataclass(frozen=True)
+class PopulationDraws:
+    """Kept part of the chains of a population, and how they were obtained."""
+
+    x: Array
+    """(n_ensemble, n_step, n_walker, d) population's and common coordinates"""
+    tau: Array
+    """(n_ensemble, n_step, n_walker, c) SDs between samples"""
+    own: Array
+    """(n_ensemble, n_step, n_walker, n, c) coordinates of the samples that differ"""
+    z: Array
+    """(n_ensemble, n_step, n_walker, q) common errors"""
+    alone: Array
+    """(m, n, c) each sample by its own data, common unknowns and errors as all data say"""
+    p_value: Array
+    """(n,) mean p-value of each sample's residuals"""
+    autocorrelation_time: Array
+    """(n_ensemble, d + c + n c) steps, of x, tau and samples"""
+    r_hat: float
+    """largest over the same; infinite where the chains were too short to tell"""
+    acceptance: Array
+    """(4,) accepted share of the proposals of the moves 1 to 4"""
+    status: SamplingStatus
+    message: str
+    """one sentence on how sampling ended"""
+
+
+def sample_population(
+    posterior: HierarchicalPosterior,
+    settings: SamplerSettings,
+    rng: np.random.Generator,
+    progress: Progress | None = None,
+) -> PopulationDraws:
+    """Run the ensembles until they are long enough and agree, by the rules of `sample_posterior`.
+
+    A first `check_every` rounds only settle the walkers. The result depends on `rng`'s seed and on
+    nothing else. Reaching `max_steps` is a status, not an error.
+    Raises ValueError when too few prior draws have a finite density.
+    """
+    moves = Moves(posterior, settings.n_ensembles, settings.n_walkers, rng)
+    walkers = moves.start()
+    for _ in range(settings.check_every):
+        walkers = moves.round(walkers)
+    moves.accepted[:] = 0
+    places: list[Place] = []
+    verdict = _judged(places, settings)
+    while not verdict.ended:
+        for _ in range(min(settings.check_every, settings.max_steps - len(places))):
+            for _ in range(ROUNDS):
+                walkers = moves.round(walkers)
+            places.append(moves.place(walkers))
+        verdict = _judged(places, settings)
+        if progress is not None:
+            progress(len(places), max(verdict.expected, len(places)))
+    acceptance = moves.accepted[:, 0] / moves.accepted[:, 1]
+    alone = moves.alone(walkers, ALONE, ALONE)
+    burn = len(places) // BURN_SHARE
+    x, tau, own, z, p_value = (
+        _by_ensemble([place[index] for place in places[burn:]], settings) for index in range(5)
+    )
+    return PopulationDraws(
+        x=x,
+        tau=tau,
+        own=own,
+        z=z,
+        alone=alone,
+        p_value=p_value.mean(axis=(0, 1, 2)),
+        autocorrelation_time=verdict.times,
+        r_hat=verdict.r_hat,
+        acceptance=acceptance,
+        status=SamplingStatus.CONVERGED if verdict.converged else SamplingStatus.MAX_STEPS,
+        message=_message(verdict, settings, len(places), burn),
+    )
+
+
+def _judged(places: list[Place], settings: SamplerSettings) -> ChainVerdict:
+    chains = None
+    if places:
+        parts = [
+            np.concatenate([place.x, place.tau, place.own.reshape(len(place.x), -1)], axis=1)
+            for place in places
+        ]
+        chains = _by_ensemble(parts, settings)
+    return judge(
+        chains,
+        n_autocorrelation=settings.n_autocorrelation,
+        max_r_hat=settings.max_r_hat,
+        max_steps=settings.max_steps,
+        check_every=settings.check_every,
+    )
+
+
+def _by_ensemble(steps: list[Array], settings: SamplerSettings) -> Array:
+    """(n_ensemble, n_step, n_walker, ...) of one array (m, ...) a step."""
+    stacked = np.array(steps)
+    shape = (len(steps), settings.n_ensembles, settings.n_walkers, *stacked.shape[2:])
+    return np.ascontiguousarray(stacked.reshape(shape).swapaxes(0, 1))
+
+
+def _message(verdict: ChainVerdict, settings: SamplerSettings, done: int, burn: int) -> str:
+    slowest = verdict.times.max()
+    message = (
+        f"{done} steps of {settings.n_walkers} walkers in {settings.n_ensembles} ensembles, "
+        f"kept {(done - burn) / slowest:.0f} autocorrelation times of {slowest:.1f} steps"
+    )
+    if not verdict.converged:
+        message += (
+            f"; stopped at max_steps before {settings.n_autocorrelation:g} times and an R-hat of "
+            f"{settings.max_r_hat:g} were reached"
+        )
+    return message

@@ -1,0 +1,117 @@
+"""Stage `population`: the hierarchical model over all samples, under every hypothesis."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from calib import __version__
+from calib.inference.condensed import condense
+from calib.inference.forward import EmulatorForward
+from calib.inference.hierarchical import HierarchicalPosterior
+from calib.inference.hierarchical_sampling import PopulationDraws, sample_population
+from calib.inference.inference_data import save_inference_data
+from calib.inference.population import Population, ScatterPrior
+from calib.inference.population_data import build_population_data
+from calib.inference.sample_errors import SampleErrors
+from calib.study.artifacts import plain
+from calib.study.config import Study
+from calib.study.context import Context, stream
+from calib.study.data_stage import load_data
+from calib.study.mesh_error import load_mesh_error
+from calib.study.population_checks import SAMPLES
+from calib.study.population_summary import population_path
+from calib.study.posterior_setup import noise_of
+from calib.study.progress import progress_bar
+from calib.study.sample_stage import settings_of
+from calib.study.sections import Hypothesis
+from calib.study.train_stage import load_emulator
+from calib.study.unknowns import prior_of
+from surrogate import ScaledEmulator
+
+
+def is_wanted(study: Study) -> bool:
+    """Whether the study takes its samples one by one."""
+    return study.data.level == SAMPLES
+
+
+def run(context: Context) -> list[Path]:
+    """Sample the population under every hypothesis; returns the files population_<name>.nc."""
+    study, paths = context.study, []
+    data = load_data(context.out)
+    for hypothesis in study.hypotheses:
+        posterior = population_posterior(context, hypothesis)
+        rng = stream(study, f"population {hypothesis.name}")
+        label = f"population {hypothesis.name}"
+        with progress_bar(label, "step", shown=context.show_progress) as progress:
+            draws = sample_population(posterior, settings_of(study), rng, progress)
+        context.echo(f"  {hypothesis.name}: {draws.message}")
+        found = build_population_data(
+            posterior,
+            draws,
+            data.dataset,
+            (noise_of(study), own_errors(study)),
+            provenance(study, hypothesis, posterior, draws),
+            rng,
+        )
+        path = population_path(context.out, hypothesis.name)
+        save_inference_data(found, path)
+        paths.append(path)
+    return paths
+
+
+def population_posterior(context: Context, hypothesis: Hypothesis) -> HierarchicalPosterior:
+    """Posterior of a hypothesis with its emulator as forward model of every sample."""
+    study, dataset = context.study, load_data(context.out).dataset
+    mesh = load_mesh_error(context.out, hypothesis)
+    with_field = dataset.field is not None
+    emulator = ScaledEmulator(load_emulator(context.out, hypothesis))
+    samples = condense(
+        dataset,
+        EmulatorForward(emulator, with_field=with_field, correction=mesh.correction),
+        noise_of(study),
+        own_errors(study),
+        force_discretisation=mesh.force,
+        field_floor=mesh.field_floor,
+        field_patterns=mesh.field_patterns,
+    )
+    prior = prior_of(study, hypothesis, with_field=with_field)
+    assert study.population is not None  # refused when the study was read
+    scatter = {
+        name: ScatterPrior(size, study.population.freedom)
+        for name, size in study.population.scatter.items()
+        if name in prior.space.names
+    }
+    return HierarchicalPosterior(Population(prior, scatter), samples)
+
+
+def own_errors(study: Study) -> SampleErrors:
+    """What the study assumes of one sample's own errors."""
+    assert study.population is not None
+    return SampleErrors(study.population.travel_zero_sd)
+
+
+def provenance(
+    study: Study, hypothesis: Hypothesis, posterior: HierarchicalPosterior, draws: PopulationDraws
+) -> dict[str, object]:
+    """Where the draws come from and by what they are to be judged (JSON data)."""
+    population = posterior.population
+    facts: dict[str, object] = {
+        "study": study.name,
+        "hypothesis": hypothesis.name,
+        "seed": study.seed,
+        "version": __version__,
+        "varying": population.varying,
+        "common": population.common,
+        "constants": population.prior.space.law.constants,
+        "scatter": population.scatter,
+        "limits": {"max_r_hat": study.sampler.max_r_hat, "min_ess": study.sampler.min_ess},
+        "sampling": {
+            "status": str(draws.status),
+            "message": draws.message,
+            "autocorrelation_time": draws.autocorrelation_time.max(axis=0),
+            "acceptance": draws.acceptance,
+        },
+        "study_file": study,
+    }
+    described: dict[str, object] = plain(facts)
+    return described

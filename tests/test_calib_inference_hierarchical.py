@@ -1,0 +1,374 @@
+"""The hierarchical model against closed forms, dense matrices, and the model of the mean."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from analytic_models import TRAVEL, AnalyticBlock, AnalyticForward
+from scipy.linalg import block_diag
+from scipy.stats import halfnorm, multivariate_normal, t, truncnorm
+
+from benchmarks.linear_population import (
+    Exact,
+    condensed,
+    dataset,
+    exact,
+    forces,
+    population,
+)
+from calib.data import Dataset, FieldData
+from calib.data.dataset import SampleData
+from calib.data.qc.placing_errors import field_slopes
+from calib.inference.condensed import CondensedSamples, condense
+from calib.inference.coordinates import theta_of
+from calib.inference.field_noise import field_covariance
+from calib.inference.hierarchical import HierarchicalPosterior, Pooled
+from calib.inference.hierarchical_sampling import PopulationDraws, sample_population
+from calib.inference.likelihood import build_likelihood
+from calib.inference.noise import NoiseSettings, slope_matrix
+from calib.inference.population import Population, ScatterPrior
+from calib.inference.posterior import Posterior
+from calib.inference.prior import Marginal, Prior
+from calib.inference.sample_errors import SampleErrors, own_field_patterns
+from calib.inference.sampling import SamplerSettings
+from fe.response import Array
+
+N = 6
+POINTS = np.random.default_rng(5).random((10, 2)) * [5.0, 2.5]
+BLOCK = AnalyticBlock(points=POINTS)
+X = np.array([np.log(0.012), 0.4, 0.1])
+NOISE = NoiseSettings(load_cell_sd=0.01, travel_zero_sd=0.01, gain_sd=0.02, field_scale_sd=0.01)
+OWN = SampleErrors(travel_zero_sd=0.008)
+PATTERNS = 0.01 * np.random.default_rng(6).standard_normal((2, 5, 10, 3))
+ERRORS = {"force_discretisation": 0.03, "field_floor": 0.004, "field_patterns": PATTERNS}
+PRIOR = Prior(
+    Marginal("log_uniform", 0.001, 0.1), Marginal("uniform", 0.0, 1.0), Marginal("uniform", 0, 0.5)
+)
+
+
+def samples_of(n: int, rng: np.random.Generator, lost: int = 0) -> Dataset:
+    """N samples with field; the last lacks `lost` points."""
+    like = AnalyticForward(BLOCK, field=True)
+    x = X + rng.standard_normal((n, 3)) * [0.1, 0.0, 0.0]
+    found = like.predict(theta_of(x))
+    assert like.field_basis is not None and found.weights is not None
+    field = like.field_basis.fields(found.weights)
+    field = field + 0.01 * rng.standard_normal(field.shape)
+    if lost:
+        field[-1, :, :lost] = np.nan
+    force = found.force + 0.01 * rng.standard_normal(found.force.shape)
+    mean = np.nanmean(field, axis=0)
+    noise_std = np.array([0.01, 0.01, 0.012]) / np.sqrt(n)
+    return Dataset(
+        name="analytic",
+        synthetic=True,
+        travel=TRAVEL,
+        force_mean=force.mean(axis=0),
+        force_sd=np.maximum(force.std(axis=0, ddof=1), 0.011),
+        n_samples=n,
+        field=FieldData(POINTS, mean, noise_std, 0.5, 0.3, nugget=0.05),
+        samples=SampleData(tuple(f"S{i}" for i in range(n)), force, field),
+    )
+
+
+def dense_log_prob(data: Dataset, theta: Array, forward: AnalyticForward) -> float:
+    """Ln density of forces and of what least squares make of the fields, by dense matrices.
+
+    Every term of the covariance of all samples' whole fields is written out and then condensed, at
+    theta (n, 3).
+    """
+    assert data.field is not None and data.samples is not None
+    n, found, basis = data.n_samples, forward.predict(theta), forward.basis
+    assert basis is not None and basis.modes is not None and found.weights is not None
+    fields, slope = basis.fields(found.weights), slope_matrix(TRAVEL)
+    covariance = field_covariance(data.field, floor=0.004, patterns=PATTERNS)
+    covariance = covariance.with_patterns(basis.truncation)
+    own = own_field_patterns(data, data.field, data.samples, NOISE)
+    variance = covariance.noise_variance * n
+    noise = replace(covariance, noise_variance=variance, floor=0 * covariance.floor, patterns=own)
+    model = replace(covariance, noise_variance=np.zeros(3))
+    size = fields[0].size
+    unit = np.eye(size).reshape(-1, *fields[0].shape)
+    own_field, model_field, mean_field = (
+        given.applied(unit).reshape(size, size)
+        for given in (noise, model, covariance.with_patterns(own / np.sqrt(n)))
+    )
+    modes = basis.modes.reshape(len(basis.modes), -1)
+    off = (data.field.displacement - basis.offset).ravel()
+    middle = np.linalg.lstsq(modes.T, off, rcond=None)[0] @ modes
+    middle = middle.reshape(fields[0].shape) + basis.offset
+    # without an offset a change of scale is a change of weights
+    directions = np.vstack([modes, np.tensordot(slope, middle, 1).ravel()])
+    k = len(directions)
+    residual, blocks, root, condensing = [], [], [], []
+    for i in range(n):
+        seen = np.isfinite(data.samples.displacement[i]).ravel()
+        weighed = np.linalg.solve(mean_field[np.ix_(seen, seen)], directions[:, seen].T)
+        h = np.zeros((k, size))
+        h[:, seen] = np.linalg.solve(directions[:, seen] @ weighed, weighed.T)
+        force, field = found.force[i], fields[i].ravel()
+        measured = np.nan_to_num(data.samples.displacement[i]).ravel()
+        fitted = ((h @ measured)[: len(modes)] @ modes).reshape(fields[0].shape)
+        smooth = data.force_mean * data.samples.force[i].sum() / data.force_mean.sum()
+        condense_one = np.zeros((5 + k, 5 + size))
+        condense_one[:5, :5], condense_one[5:, 5:] = np.eye(5), h
+        condensing.append(condense_one)
+        both = np.zeros((5 + size, 5 + size))
+        both[:5, :5], both[5:, 5:] = NOISE.load_cell_sd**2 * np.eye(5), own_field
+        zero = np.concatenate([slope @ smooth, np.tensordot(slope, fitted, 1).ravel()])
+        blocks.append(both + OWN.travel_zero_sd**2 * np.outer(zero, zero))
+        residual.append(np.concatenate([data.samples.force[i] - force, measured - field]))
+        e = np.sqrt(0.5) * 0.03 * force
+        columns = np.zeros((5 + size, 5 + size + 3))
+        columns[:5, :5] = np.linalg.cholesky(np.outer(e, e) + np.diag(e**2))
+        columns[5:, 5:-3] = np.linalg.cholesky(model_field)
+        moved = np.concatenate([slope @ force, np.tensordot(slope, fields[i], 1).ravel()])
+        columns[:, -3] = NOISE.travel_zero_sd * moved
+        columns[:5, -2], columns[5:, -1] = NOISE.gain_sd * force, NOISE.field_scale_sd * field
+        root.append(columns)
+    common = np.concatenate(root)
+    matrix = block_diag(*condensing)
+    total = matrix @ (block_diag(*blocks) + common @ common.T) @ matrix.T
+    off = matrix @ np.concatenate(residual)
+    value: float = multivariate_normal(np.zeros(len(off)), total).logpdf(off)
+    return value
+
+
+@pytest.mark.parametrize(("lost", "error"), [(0, 1e-5), (2, 0.02)])
+def test_density_is_that_of_dense_matrices(lost: int, error: float) -> None:
+    """To rounding; where a sample lacks points, common errors of the model agree to 2 %."""
+    data = samples_of(2, np.random.default_rng(8), lost)
+    forward = AnalyticForward(BLOCK, field=True)
+    samples = condense(data, forward, NOISE, OWN, **ERRORS)
+    at = theta_of(X + np.random.default_rng(9).standard_normal((4, 2, 3)) * [0.02, 0.02, 0.01])
+    posterior = HierarchicalPosterior(Population(PRIOR, {"kappa": ScatterPrior(0.3)}), samples)
+    found = posterior.common_errors(samples.white(at)).log_prob
+    dense = np.array([dense_log_prob(data, theta, forward) for theta in at])
+    assert np.ptp(dense) > 5.0
+    assert found == pytest.approx(dense, abs=error * np.ptp(dense))
+
+
+def test_covariance_of_condensed_weights_is_that_of_drawn_fields() -> None:
+    """Two hundred samples of one truth: variances of the weights within five standard errors."""
+    rng = np.random.default_rng(10)
+    forward, n = AnalyticForward(BLOCK, field=True), 200
+    data = samples_of(n, rng, lost=3)
+    assert data.field is not None and data.samples is not None
+    noise = replace(
+        field_covariance(data.field), noise_variance=data.field.noise_std**2 * n
+    ).sample(rng, n)
+    clean = BLOCK(X[1:]).displacement
+    missing = np.isnan(data.samples.displacement)
+    fields = np.where(missing, np.nan, clean + noise)
+    data = replace(data, samples=replace(data.samples, displacement=fields))
+    samples = condense(data, forward, NOISE, SampleErrors(0.0), **ERRORS)
+    weights = samples.data[:-1, 5:9] - np.array([1.0, X[1], X[1] ** 2, X[2]])
+    own = samples.field[0].own[:4, :4]
+    white = weights @ np.linalg.inv(np.linalg.cholesky(own)).T
+    # placing errors, of which there are none here, are estimated from noise: a little too much
+    assert np.all(white.var(axis=0) < 1 + 5 * np.sqrt(2 / n))
+    assert np.all(white.var(axis=0) > 0.7 - 5 * np.sqrt(2 / n))
+    assert np.abs(white.mean(axis=0)).max() < 5 / np.sqrt(n)
+    fewer = samples.field[-1].own[:4, :4] - own
+    assert np.linalg.eigvalsh(fewer).max() > 0  # the sample that lacks points knows less
+
+
+def test_solve_and_applied_are_inverse_to_each_other() -> None:
+    data = samples_of(3, np.random.default_rng(1)).field
+    assert data is not None
+    covariance = field_covariance(data, floor=0.003, patterns=PATTERNS)
+    fields = np.random.default_rng(2).standard_normal((3, 5, 10, 3))
+    assert covariance.applied(covariance.solve(fields)) == pytest.approx(fields, abs=1e-8)
+    products = fields.reshape(3, -1) @ covariance.solve(fields).reshape(3, -1).T
+    assert products == pytest.approx(covariance.inner(fields, fields), rel=1e-9)
+
+
+def without_placing(data: Dataset, monkeypatch: pytest.MonkeyPatch) -> CondensedSamples:
+    """Condensed with errors of placing of nothing, which the mean's likelihood has not either."""
+    monkeypatch.setattr(
+        "calib.inference.condensed_field.own_field_patterns",
+        lambda *_: np.zeros((0, *data.field.displacement.shape)),
+    )
+    return condense(data, AnalyticForward(BLOCK, 0.02, True), NOISE, SampleErrors(0.0), **ERRORS)
+
+
+@pytest.mark.parametrize("lost", [0, 2])
+def test_without_scatter_the_model_is_that_of_the_mean(
+    lost: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The mean's force noise is that of one over n. Nuisances move the field by its predicted slope
+    in one and, when it is condensed, by the mean's: to 2 parts in a thousand."""
+    data = samples_of(5, np.random.default_rng(3), lost)
+    noise = NOISE.load_cell_sd**2 * np.eye(5)
+    monkeypatch.setattr("calib.inference.noise.mean_covariance", lambda *_: noise / 5)
+    mean = Posterior(
+        PRIOR, build_likelihood(data, AnalyticForward(BLOCK, 0.02, True), NOISE, **ERRORS)
+    )
+    samples = without_placing(data, monkeypatch)
+    pooled = Pooled(HierarchicalPosterior(Population(PRIOR, {"kappa": ScatterPrior(1)}), samples))
+    x = X + np.random.default_rng(4).standard_normal((8, 3)) * [0.05, 0.1, 0.05]
+    by_mean, by_samples = mean.log_prob(x), pooled.log_prob(x)
+    assert np.ptp(by_mean) > 5.0
+    error = (0.002 if lost == 0 else 0.02) * np.ptp(by_mean)
+    assert by_samples - by_samples[0] == pytest.approx(by_mean - by_mean[0], abs=error)
+
+
+def test_a_sample_without_a_field_counts_by_its_force() -> None:
+    data = samples_of(4, np.random.default_rng(3), lost=10)
+    samples = condense(data, AnalyticForward(BLOCK, 0.02, True), NOISE, OWN, **ERRORS)
+    assert samples.n_data.tolist() == [10, 10, 10, 5]
+    x = np.repeat(X[None, None], 4, axis=1)
+    white = samples.white(theta_of(x))
+    assert np.all(white.residual[0, 3, 5:] == 0) and np.all(white.factor[0, 3, 5:] == 0)
+    assert np.isfinite(white.factor).all()
+
+
+def test_truncated_normal_population_is_scipys() -> None:
+    family = Population(PRIOR, {"s": ScatterPrior(0.1), "kappa": ScatterPrior(0.3)})
+    assert family.varying == ("kappa", "s") and family.common == ("r",)
+    rng = np.random.default_rng(0)
+    x, tau = np.array([[np.log(0.002), 0.3, 0.02]]), np.array([[0.5, 0.06]])
+    v = rng.standard_normal((1, 7, 2))
+    own = family.samples(x, tau, v)[:, :, [0, 2]]
+    low, high = PRIOR.bounds[[0, 2]].T
+    centre = x[0, [0, 2]]
+    known = truncnorm((low - centre) / tau[0], (high - centre) / tau[0], centre, tau[0])
+    assert own[0] == pytest.approx(known.ppf(0.5 * (1 + _erf(v[0]))), rel=1e-9)
+    assert family.standard(x, tau, own) == pytest.approx(v, rel=1e-7)
+    assert family.log_density(x, tau, own)[0] == pytest.approx(known.logpdf(own[0]).sum(axis=0))
+
+
+def _erf(v: Array) -> Array:
+    from scipy.special import erf
+
+    value: Array = erf(v / np.sqrt(2))
+    return value
+
+
+def test_population_keeps_its_digits_far_outside_and_next_to_bounds() -> None:
+    family = Population(PRIOR, {"s": ScatterPrior(0.1)})
+    x, v = np.array([[np.log(0.01), 0.3, 0.0]]), np.array([[[-6.0], [-1.0], [0.0], [6.0]]])
+    for size in (1e-8, 1e-3, 10.0):
+        tau = np.array([[size]])
+        own = family.samples(x, tau, v)
+        assert np.all(np.diff(own[0, :, 2]) >= 0) and own[0, 0, 2] >= 0
+        assert family.standard(x, tau, own[:, :, [2]]) == pytest.approx(v, rel=1e-5, abs=1e-5)
+        assert np.isfinite(family.log_density(x, tau, own[:, :, [2]])).all()
+
+
+def test_scatter_priors_are_halves_of_scipys() -> None:
+    tau = np.array([0.01, 0.2, 3.0])
+    normal, heavy = ScatterPrior(0.3), ScatterPrior(0.3, 4.0)
+    assert normal.log_density(tau) == pytest.approx(halfnorm(scale=0.3).logpdf(tau))
+    assert heavy.log_density(tau) == pytest.approx(np.log(2) + t(4, scale=0.3).logpdf(tau))
+    for prior in (normal, heavy):
+        assert prior.quantile(np.array([0.5])) > 0
+    assert normal.quantile(np.array([0.7])) == pytest.approx(halfnorm(scale=0.3).ppf(0.7))
+
+
+SETTINGS = SamplerSettings(
+    n_ensembles=2, n_walkers=64, n_autocorrelation=20, max_steps=100, check_every=50
+)
+
+
+def drawn(force: Array, seed: int, common_sd: float, settings: SamplerSettings) -> PopulationDraws:
+    posterior = HierarchicalPosterior(population(0.3), condensed(dataset(force), common_sd))
+    return sample_population(posterior, settings, np.random.default_rng(seed))
+
+
+def assert_agrees(found: Array, known: Exact, ess: float) -> None:
+    """Five Monte-Carlo errors for means; SDs to five of theirs."""
+    flat = found.reshape(-1, known.mean.size)
+    assert np.abs((flat.mean(axis=0) - known.mean) / known.sd).max() < 5 / np.sqrt(ess)
+    assert np.abs(flat.std(axis=0) / known.sd - 1).max() < 5 / np.sqrt(ess)
+
+
+@pytest.mark.parametrize(
+    ("tau", "common_sd"), [(0.2, 0.3), pytest.param(0.01, 0.0, marks=pytest.mark.slow)]
+)
+def test_draws_are_those_of_the_closed_form(tau: float, common_sd: float) -> None:
+    rng = np.random.default_rng(3)
+    x = np.column_stack([0.3 + tau * rng.standard_normal(N), np.full(N, 0.4)])
+    force = forces(x, rng, common_sd)
+    draws = drawn(force, 1, common_sd, SETTINGS)
+    globals_, scatter, own = exact(force, 0.3, common_sd)
+    x_known = globals_._replace(mean=globals_.mean + np.array([np.log(0.01), 0.0]))
+    size = draws.x[..., 0].size
+    ess = size / draws.autocorrelation_time.max()
+    assert ess > 200
+    assert_agrees(draws.x, x_known, ess)
+    assert_agrees(draws.tau, scatter, ess)
+    assert_agrees(draws.own, own._replace(mean=own.mean + np.log(0.01)), ess)
+    # by itself no sample knows of the others, so that the population can only draw them together
+    alone = draws.alone.mean(axis=0)[:, 0]
+    assert np.ptp(draws.own.mean(axis=(0, 1, 2))[:, 0]) < np.ptp(alone)
+
+
+def test_the_order_of_samples_and_of_workers_does_not_matter() -> None:
+    """Another order gives the same density; the same seed the same bits."""
+    rng = np.random.default_rng(11)
+    x = np.column_stack([0.2 * rng.standard_normal(N), np.full(N, 0.4)])
+    force = forces(x, rng)
+    order = rng.permutation(N)
+    values = []
+    for index in (np.arange(N), order):
+        posterior = HierarchicalPosterior(population(), condensed(dataset(force[index]), 0.2))
+        v = np.random.default_rng(0).standard_normal((1, N, 1))[:, index]
+        at = (np.array([[np.log(0.012), 0.4]]), np.array([[0.2]]), v)
+        values.append(posterior.common_errors(posterior.white(*at)).log_prob[0])
+    assert values[0] == pytest.approx(values[1], rel=1e-12)
+    short = replace(SETTINGS, n_walkers=16, max_steps=6, check_every=6)
+    first, again = (drawn(force, 5, 0.0, short) for _ in range(2))
+    assert np.array_equal(first.own, again.own) and np.array_equal(first.alone, again.alone)
+
+
+def test_one_sample_and_missing_samples_are_refused() -> None:
+    data = samples_of(2, np.random.default_rng(3))
+    assert data.samples is not None
+    forward = AnalyticForward(BLOCK, field=True)
+    with pytest.raises(ValueError, match="samples: found none one by one"):
+        condense(replace(data, samples=None), forward, NOISE, OWN)
+    single = SampleData(("S1",), data.samples.force[:1], data.samples.displacement[:1])
+    with pytest.raises(ValueError, match="samples: found one, expected two or more"):
+        condense(replace(data, n_samples=1, samples=single), forward, NOISE, OWN)
+    bad = replace(data.samples, force=data.samples.force * np.nan)
+    with pytest.raises(ValueError, match="finite forces"):
+        condense(replace(data, samples=bad), forward, NOISE, OWN)
+
+
+def test_impossible_populations_are_refused_in_one_sentence() -> None:
+    with pytest.raises(ValueError, match="scatter: expected some of kappa, r, s, found nothing"):
+        Population(PRIOR, {})
+    with pytest.raises(ValueError, match="found height"):
+        Population(PRIOR, {"height": ScatterPrior(0.1)})
+    with pytest.raises(ValueError, match="size: expected a positive number"):
+        ScatterPrior(0.0)
+    with pytest.raises(ValueError, match="freedom: expected a positive number"):
+        ScatterPrior(1.0, -1.0)
+    with pytest.raises(ValueError, match="travel_zero_sd"):
+        SampleErrors(-0.1)
+
+
+def test_placing_errors_of_one_sample_have_the_size_that_samples_show() -> None:
+    """Fields moved by 0.05 mm (SD) along x on their lattice: the first pattern is that."""
+    rng = np.random.default_rng(4)
+    n, grid = 40, np.stack(np.meshgrid(np.linspace(0, 5, 9), np.linspace(0, 2.4, 6)), -1)
+    points = grid.reshape(-1, 2)
+    clean = AnalyticBlock(points=points)(X[1:]).displacement
+    by_x = field_slopes(clean, points, TRAVEL)[0]
+    moved = 0.05 * rng.standard_normal((n, 1, 1, 1)) * by_x
+    noise = 1e-3 * rng.standard_normal((n, *clean.shape))
+    fields = clean + moved + noise
+    mean = FieldData(points, fields.mean(axis=0), np.full(3, 1e-3 / np.sqrt(n)), 0.1, 0.0)
+    force = np.tile(np.arange(1.0, 6.0), (n, 1))
+    data = Dataset(
+        "grid", True, TRAVEL, force[0], np.full(5, 0.1), n, mean,
+        samples=SampleData(tuple(map(str, range(n))), force, fields),
+    )  # fmt: skip
+    assert data.samples is not None
+    patterns = own_field_patterns(data, mean, data.samples, NoiseSettings())
+    shown = np.sqrt(np.mean(patterns[0] ** 2) / np.mean(by_x**2))
+    assert shown == pytest.approx(0.05, rel=5 / np.sqrt(2 * n))
+    assert np.mean(patterns[1] ** 2) < 1e-2 * np.mean(patterns[0] ** 2)

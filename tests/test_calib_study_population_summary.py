@@ -1,0 +1,86 @@
+"""What was drawn of a population comes back from its file, and is shown."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks.linear_population import NOISE, OWN, condensed, dataset, forces, population
+from calib.inference.hierarchical import HierarchicalPosterior
+from calib.inference.hierarchical_sampling import PopulationDraws, sample_population
+from calib.inference.inference_data import save_inference_data
+from calib.inference.population_data import build_population_data
+from calib.inference.sampling import SamplerSettings
+from calib.study.artifacts import plain
+from calib.study.figure_style import png_bytes
+from calib.study.population_figures import new_sample_forces, shrinkage
+from calib.study.population_summary import PopulationSummary, load_population
+from calib.study.population_tables import population_tables
+
+N = 5
+FORCE = forces(
+    np.column_stack([0.1 * np.arange(N), np.full(N, 0.4)]), np.random.default_rng(2), 0.1
+)
+
+
+@pytest.fixture(scope="module")
+def found(tmp_path_factory: pytest.TempPathFactory) -> tuple[PopulationSummary, PopulationDraws]:
+    data = dataset(FORCE)
+    posterior = HierarchicalPosterior(population(), condensed(data, 0.1))
+    settings = SamplerSettings(n_ensembles=2, n_walkers=16, max_steps=20, check_every=20)
+    draws = sample_population(posterior, settings, np.random.default_rng(1))
+    facts = {
+        "varying": ["kappa"],
+        "constants": posterior.population.prior.space.law.constants,
+        "scatter": posterior.population.scatter,
+        "limits": {"max_r_hat": 1.01, "min_ess": 400.0},
+        "sampling": {"message": draws.message},
+    }
+    stored = build_population_data(
+        posterior, draws, data, (NOISE, OWN), plain(facts), np.random.default_rng(3)
+    )
+    path: Path = tmp_path_factory.mktemp("population") / "population_linear.nc"
+    save_inference_data(stored, path)
+    return load_population(path), draws
+
+
+def test_stored_means_are_those_of_the_draws(
+    found: tuple[PopulationSummary, PopulationDraws],
+) -> None:
+    summary, draws = found
+    assert summary.sample_names == ("S1", "S2", "S3", "S4", "S5")
+    kappa = np.exp(draws.own[..., 0]).mean(axis=(0, 1, 2))
+    assert [one.mean for one in summary.samples["kappa"]] == pytest.approx(kappa)
+    assert summary.population["sd_kappa"].mean == pytest.approx(draws.tau.mean())
+    assert summary.population["r"].mean == pytest.approx(draws.x[..., 1].mean())
+    assert summary.population["mu"].unit == "MPa" and summary.population["sd_kappa"].unit == "1"
+    assert summary.fit_p == pytest.approx(draws.p_value)
+
+
+def test_a_new_sample_is_less_known_than_the_population(
+    found: tuple[PopulationSummary, PopulationDraws],
+) -> None:
+    summary, _ = found
+    assert summary.new["kappa"].sd > summary.population["kappa"].sd
+    spread = FORCE.std(axis=0, ddof=1)
+    for force, seen, sd in zip(summary.force_new, FORCE.mean(axis=0), spread, strict=True):
+        assert abs(force.mean - seen) < 3 * sd and force.sd > 0.5 * sd
+
+
+def test_tables_name_units_and_short_chains_fail(
+    found: tuple[PopulationSummary, PopulationDraws],
+) -> None:
+    summary, _ = found
+    population_text, new, samples = (t.text() for t in population_tables(summary, "linear"))
+    assert "SD of kappa between samples" in population_text and "MPa" in population_text
+    assert "force at 0.5 mm" in new and "by itself" in samples
+    assert any("ESS" in failure for failure in summary.failures)
+    assert population_tables(None, "linear") == []
+
+
+def test_figures_are_drawn(found: tuple[PopulationSummary, PopulationDraws]) -> None:
+    summary, _ = found
+    for figure in (shrinkage(summary), new_sample_forces(summary, FORCE)):
+        assert len(png_bytes(figure, dpi=50)) > 2000
