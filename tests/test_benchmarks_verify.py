@@ -90,7 +90,9 @@ def test_the_sobol_study_counts_what_was_reached_and_goes_on_where_it_was(tmp_pa
 )
 def test_sensitivities_pass_the_taylor_test(case, name):
     """The remainder falls as h^2; with a wrong derivative it would as h. Force and field."""
-    steps = taylor.STEPS[:3]
+    # a dimension takes points past the corners of the fillet, the less the smaller the step; in a
+    # constant what the solver leaves open must stay far below the remainder
+    steps = taylor.STEPS[1:] if name in ("height", "pin_fillet") else taylor.STEPS[:3]
     found = taylor.remainders(taylor.model(taylor.CONTACTS[case]), name, steps)
     np.testing.assert_allclose(taylor.orders(found, steps), 2.0, atol=0.1)
 
