@@ -43,9 +43,7 @@ class Directions(NamedTuple):
     """(n_elem, n_v, n_p, n_p) derivative of int psi psi' dV, mm3 per unit"""
 
 
-def directions(
-    material: Material, elements: Elements, changes: Array, motion: Array
-) -> Directions:
+def directions(material: Material, elements: Elements, changes: Array, motion: Array) -> Directions:
     """Along `changes` (n_c, n_constant) of the constants and `motion` (n_v, n_node, 3) mm."""
     slopes = [material.slope(change) for change in changes]
     sizes = np.array([s.constants.size for s in slopes], dtype=np.int64)

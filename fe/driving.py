@@ -206,9 +206,7 @@ def _state(
     gradient = Sensitivity(np.zeros((*at.u.shape, 0)), np.zeros(0), moved)
     by_objective = np.zeros(0)
     if potential.has_friction or found.arrived:
-        partials = potential.partials(
-            at.u, travel, memory, at.assembly, along, asked.inner
-        )
+        partials = potential.partials(at.u, travel, memory, at.assembly, along, asked.inner)
         prescribed = potential.problem.motion[..., None] * -along.zeroes.astype(np.float64)
         if potential.has_friction or asked.objective is None:
             fixed = direct(potential, tangent, at.assembly, partials)

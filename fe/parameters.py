@@ -12,8 +12,8 @@ import numpy.typing as npt
 from fe.contact import Faces
 from fe.directions import Directions, directions
 from fe.materials.material import Material
-from fe.weak_form import Elements
 from fe.surface_slopes import SurfaceSlopes
+from fe.weak_form import Elements
 
 Array = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]

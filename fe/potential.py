@@ -177,7 +177,9 @@ class Potential:
             pull,
         )
         flat = pull.reshape(*pull.shape[:2], -1)
-        nodal = np.matmul(faces.shape.transpose(0, 2, 1), flat).reshape(faces.nodes.size, *pull.shape[2:])
+        nodal = np.matmul(faces.shape.transpose(0, 2, 1), flat).reshape(
+            faces.nodes.size, *pull.shape[2:]
+        )
         total = np.zeros((len(u), *pull.shape[2:]))
         np.add.at(total, faces.nodes.ravel(), nodal)
         return self.restrict(total), on_pin

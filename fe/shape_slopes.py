@@ -27,7 +27,7 @@ Array = npt.NDArray[np.float64]
 
 
 class _Element(NamedTuple):
-    """Deformation and mean dilation of one element; its pressure is K psi' M^-1 (b + int psi v')."""
+    """Deformation and mean dilation of one element."""
 
     J: Array
     """(n_q,)"""
@@ -38,7 +38,7 @@ class _Element(NamedTuple):
     b: Array
     """(n_p,) mm3"""
     pressure: Array
-    """(n_p,) coefficients over K"""
+    """(n_p,) coefficients over K: M^-1 (b + int psi v')"""
     along: Array
     """(n_v, n_p) derivative of the pressure's coefficients in the mesh, MPa per unit"""
 
