@@ -119,6 +119,7 @@ def _march(
         return equilibrate(potential, solver, *start, travel, memory, newton)
 
     def accept(found: Found) -> Start:
+        """Keep a converged step: its state and warnings; the start of the next one."""
         nonlocal state
         force = found.equilibrium.assembly.pin_force
         if state is not None and force < FALL * state.pin_force:

@@ -33,21 +33,24 @@ from fe.sensitivity import Objective
 from fe.specimens.block_pin_field import field_motion
 from fe.specimens.block_pin_geometry import BlockPin, Contact, Interface, Symmetry
 from fe.specimens.block_pin_mesh import (
+    Cells,
     Discretisation,
     FieldGrid,
     block_mesh,
     check_field_grid,
+    contact_faces,
     discretise,
     front_points,
 )
 from fe.specimens.block_pin_parameters import known_names, parameters
 from fe.specimens.block_pin_part import SYMMETRY_FACTOR, check_part, modelled_part
 from fe.specimens.checks import check_bulk_ratio, check_counts, check_travel
+from fe.specimens.ring_mesh import Rings, check_rings
 from fe.steps import March, StepOptions
 from fe.surface_slopes import SurfaceSlopes
 from fe.ties import Stick
 
-__all__ = ["BlockPin", "BlockPinModel", "Contact", "Discretisation", "Interface"]
+__all__ = ["BlockPin", "BlockPinModel", "Contact", "Discretisation", "Interface", "Rings"]
 
 Array = npt.NDArray[np.float64]
 
@@ -66,7 +69,8 @@ class _Run(NamedTuple):
 class BlockPinModel:
     """Simulation of the specimen as a function of its material; picklable, one thread.
 
-    `cells` are the numbers of Q2 elements along x, y, z of a quarter; `travel` the pin travels
+    `cells` are the numbers of Q2 elements along x, y, z of a quarter, or `Rings` that follow the
+    rim of a round pin; `travel` the pin travels
     (mm, increasing) at which the response is asked, or `force` the forces of the whole sample (N,
     increasing; at kappa = 1 MPa for ratios); `bulk_ratio` the bulk modulus over the shear
     modulus mu = 2 kappa where ratios (r, s) are asked; `field_grid` the numbers of field points
@@ -87,7 +91,7 @@ class BlockPinModel:
 
     specimen: BlockPin
     contact: Contact
-    cells: tuple[int, int, int]
+    cells: Cells
     travel: tuple[float, ...] = ()
     bulk_ratio: float = 200.0
     field_grid: FieldGrid = (35, 24)
@@ -100,7 +104,10 @@ class BlockPinModel:
     plane_strain: bool = False
 
     def __post_init__(self) -> None:
-        check_counts("cells", self.cells, (1, 1, 1))
+        if isinstance(self.cells, Rings):
+            check_rings(self.specimen, self.part)
+        else:
+            check_counts("cells", self.cells, (1, 1, 1))
         check_asked(self.sensitivities)
         check_targets(self.travel, self.force)
         check_travel(self.travel, self.specimen.height, "block's height")
@@ -108,7 +115,8 @@ class BlockPinModel:
         check_part(self.specimen, self.contact, self.symmetry)
         check_field_grid(self.field_grid, self.specimen, self.part)
         straight = self.specimen.pin == "bar" and not self.specimen.turned
-        if self.plane_strain and not (straight and self.cells[2] == 1 and self.part != "full"):
+        one = not isinstance(self.cells, Rings) and self.cells[2] == 1
+        if self.plane_strain and not (straight and one and self.part != "full"):
             raise ValueError(
                 f"plane_strain: expected a bar along z, a quarter or half model and one element "
                 f"along z, found pin={self.specimen.pin!r} turned by "
@@ -244,7 +252,8 @@ class BlockPinModel:
             problem,
             self.specimen,
             shear,
-            lambda specimen: block_mesh(specimen, self.part, self.cells, self.contact),
+            self._mesh_of,
+            area=self._contact_areas if isinstance(self.cells, Rings) else None,
         )
 
     def problem(self, discrete: Discretisation, ratios: Array, kappa: float = 1.0) -> Problem:
@@ -268,7 +277,15 @@ class BlockPinModel:
 
     def mesh(self) -> MeshHex:
         """Hexahedra of the modelled part of the block."""
-        return block_mesh(self.specimen, self.part, self.cells, self.contact)
+        return self._mesh_of(self.specimen)
+
+    def _mesh_of(self, specimen: BlockPin) -> MeshHex:
+        return block_mesh(specimen, self.part, self.cells, self.contact)
+
+    def _contact_areas(self, specimen: BlockPin) -> Array:
+        """(n_face, n_q) of the contact points, mm2."""
+        rubs = self.contact.friction(1.0).base > 0.0
+        return contact_faces(self._mesh_of(specimen), specimen, rubs, ends=True)[0].weights
 
     def discretise(self) -> Discretisation:
         """Tables of the mesh, contact faces, constraints and field points."""
@@ -287,7 +304,7 @@ class BlockPinModel:
         motion = field_motion(
             names,
             self.specimen,
-            lambda specimen: block_mesh(specimen, self.part, self.cells, self.contact),
+            self._mesh_of,
             lambda specimen: front_points(specimen, self.part, self.field_grid),
         )
         return Seen(
