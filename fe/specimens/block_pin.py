@@ -33,7 +33,6 @@ from fe.sensitivity import Objective
 from fe.specimens.block_pin_field import field_motion
 from fe.specimens.block_pin_geometry import BlockPin, Contact, Interface, Symmetry
 from fe.specimens.block_pin_mesh import (
-    Cells,
     Discretisation,
     FieldGrid,
     block_mesh,
@@ -43,14 +42,19 @@ from fe.specimens.block_pin_mesh import (
     front_points,
 )
 from fe.specimens.block_pin_parameters import known_names, parameters
-from fe.specimens.block_pin_part import SYMMETRY_FACTOR, check_part, modelled_part
+from fe.specimens.block_pin_part import (
+    SYMMETRY_FACTOR,
+    check_part,
+    check_plane_strain,
+    modelled_part,
+)
 from fe.specimens.checks import check_bulk_ratio, check_counts, check_travel
-from fe.specimens.ring_mesh import Rings, check_rings
+from fe.specimens.ring_mesh import Cells, Rings, check_rings
 from fe.steps import March, StepOptions
 from fe.surface_slopes import SurfaceSlopes
 from fe.ties import Stick
 
-__all__ = ["BlockPin", "BlockPinModel", "Contact", "Discretisation", "Interface", "Rings"]
+__all__ = ["BlockPin", "BlockPinModel", "Cells", "Contact", "Discretisation", "Interface", "Rings"]
 
 Array = npt.NDArray[np.float64]
 
@@ -104,24 +108,18 @@ class BlockPinModel:
     plane_strain: bool = False
 
     def __post_init__(self) -> None:
-        if isinstance(self.cells, Rings):
-            check_rings(self.specimen, self.part)
-        else:
+        if not isinstance(self.cells, Rings):
             check_counts("cells", self.cells, (1, 1, 1))
         check_asked(self.sensitivities)
         check_targets(self.travel, self.force)
         check_travel(self.travel, self.specimen.height, "block's height")
         check_bulk_ratio(self.bulk_ratio)
         check_part(self.specimen, self.contact, self.symmetry)
+        if isinstance(self.cells, Rings):
+            check_rings(self.specimen, self.part)
         check_field_grid(self.field_grid, self.specimen, self.part)
-        straight = self.specimen.pin == "bar" and not self.specimen.turned
-        one = not isinstance(self.cells, Rings) and self.cells[2] == 1
-        if self.plane_strain and not (straight and one and self.part != "full"):
-            raise ValueError(
-                f"plane_strain: expected a bar along z, a quarter or half model and one element "
-                f"along z, found pin={self.specimen.pin!r} turned by "
-                f"{self.specimen.pin_rotation} degrees, a {self.part} model, cells={self.cells}"
-            )
+        if self.plane_strain:
+            check_plane_strain(self.specimen, self.cells, self.part)
 
     @property
     def part(self) -> Symmetry:

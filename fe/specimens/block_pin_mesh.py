@@ -16,7 +16,7 @@ from fe.pin_surface import RigidPin, under_flat
 from fe.specimens.block_pin_geometry import BlockPin, Contact, Symmetry
 from fe.specimens.checks import check_counts
 from fe.specimens.mesh_lines import N_DENSITY, Dense, bump, lines_of_density, thinner
-from fe.specimens.ring_mesh import Rings, ring_mesh
+from fe.specimens.ring_mesh import Cells, Rings, ring_mesh
 from fe.weak_form import Elements
 
 Array = npt.NDArray[np.float64]
@@ -72,8 +72,6 @@ class Discretisation:
     probe: sp.csr_matrix
     """(n_point, n_node) nodal values to values at the field points"""
 
-
-Cells = tuple[int, int, int] | Rings
 
 FieldGrid = tuple[int, int] | tuple[tuple[float, float], ...]
 """numbers of field points along x and y of half the front face, or their own x, y in mm"""

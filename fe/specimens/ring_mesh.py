@@ -51,6 +51,10 @@ class Rings:
             check_counts(name, getattr(self, name), 1)
 
 
+Cells = tuple[int, int, int] | Rings
+"""numbers of elements along x, y, z, or rings"""
+
+
 def check_rings(specimen: BlockPin, part: Symmetry) -> None:
     """Raise ValueError for a pin that rings cannot follow to the block's sides."""
     sides = sorted((specimen.width, specimen.depth))
@@ -58,8 +62,8 @@ def check_rings(specimen: BlockPin, part: Symmetry) -> None:
     if specimen.pin != "round" or part != "quarter" or wide:
         raise ValueError(
             f"cells: expected for rings a quarter model of a round pin, at most {WIDEST} times as "
-            f"wide as the block, found a {part} model of {specimen.pin!r}, {specimen.pin_width} mm, "
-            f"on {specimen.width} x {specimen.depth} mm"
+            f"wide as the block, found a {part} model of {specimen.pin!r}, "
+            f"{specimen.pin_width} mm, on {specimen.width} x {specimen.depth} mm"
         )
     if sides[1] > LONGEST * sides[0]:
         raise ValueError(
