@@ -25,7 +25,7 @@ from fe.materials.material import Material, mooney_rivlin_of_ratios
 from fe.newton import NewtonOptions
 from fe.parameters import Parameters, check_asked, check_names
 from fe.potential import Problem
-from fe.pressing import Pressed, press
+from fe.pressing import press
 from fe.progress import Progress, listener
 from fe.response import Response
 from fe.seen import FieldObjective, Seen, objective_gradients, response
@@ -50,9 +50,9 @@ from fe.specimens.block_pin_part import (
 )
 from fe.specimens.checks import check_bulk_ratio, check_counts, check_travel
 from fe.specimens.ring_mesh import Cells, Rings, check_rings
+from fe.specimens.under_pin import pressed_of, problem_of
 from fe.steps import March, StepOptions
 from fe.surface_slopes import SurfaceSlopes
-from fe.ties import Stick
 
 __all__ = ["BlockPin", "BlockPinModel", "Cells", "Contact", "Discretisation", "Interface", "Rings"]
 
@@ -229,15 +229,7 @@ class BlockPinModel:
         problem = self._problem(discrete, run.material, run.shear)
         along = self.parameters(run.names, run.known, problem, run.shear)
         factor = SYMMETRY_FACTOR[self.part]
-        pressed = Pressed(
-            problem=problem,
-            glued=discrete.glued,
-            stick=Stick(self.contact.pin == "stick", self.contact.base == "stick"),
-            targets=self.travel or tuple(f / factor for f in self.force),
-            control=self.control,
-            steps=self.steps,
-            newton=self.newton,
-        )
+        pressed = pressed_of(self, problem, discrete, factor)
         return press(pressed, along, objective, listener(progress, factor))
 
     def parameters(
@@ -261,17 +253,7 @@ class BlockPinModel:
 
     def _problem(self, discrete: Discretisation, material: Material, shear: float) -> Problem:
         """The discrete problem with contact as stiff as for the shear modulus `shear` (MPa)."""
-        penalty = self.penalty
-        return Problem(
-            elements=discrete.elements,
-            faces=discrete.faces,
-            pattern=discrete.pattern,
-            pin=self.specimen.rigid_pin(
-                penalty.stiffness * shear, penalty.ramp, penalty.base * shear
-            ),
-            material=material,
-            friction=self.contact.friction(penalty.slip),
-        )
+        return problem_of(self, self.specimen, discrete, material, shear)
 
     def mesh(self) -> MeshHex:
         """Hexahedra of the modelled part of the block."""
