@@ -67,7 +67,7 @@ def figures(folder: Path) -> dict[str, Any]:
     }
     for case in CASES:
         meshes = similar(case)
-        size = np.array([1.0 / mesh.cells[0] for mesh in meshes])[::-1]
+        size = np.array([1.0 / mesh.numbers[0] for mesh in meshes])[::-1]
         runs = [_run(folder, case, mesh) for mesh in meshes][::-1]
         name = str(case)
         force = np.array([run.force for run in runs])
@@ -81,7 +81,7 @@ def figures(folder: Path) -> dict[str, Any]:
         found["field_gci_order"][name] = _by_travel([order for _, order in by_field])
         found["force_gci_monotone"][name] = _by_travel(monotone.tolist())
         found["gci_seconds"][name] = [run.seconds for run in runs[::-1]]
-        found["gci_meshes"][name] = [[*mesh.cells] for mesh in meshes]
+        found["gci_meshes"][name] = [[*mesh.numbers] for mesh in meshes]
     return found
 
 

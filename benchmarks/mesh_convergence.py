@@ -7,14 +7,15 @@ Runs one mesh after the other in one process with one thread, at kappa = 1 MPa, 
 difference of each from the finest: force in %, field as RMS over the components at 840 points
 in mm.  Every run is kept in the folder, also for `benchmarks.grid_convergence`, under a name that
 changes with the model and the code (`benchmarks.run_key`), and not repeated.  Meshes are those of
-a design sample and of a fit and three similar ones, or the given `--cells`, the finest last.
+a design sample and of a fit and three similar ones, or the given `--cells`, the finest last; under
+a round pin r12x8x2 are 12 rings, 8 layers and 2 elements along an eighth of the rim.
 """
 
 from __future__ import annotations
 
 import argparse
 import time
-from dataclasses import replace
+from dataclasses import astuple, replace
 from pathlib import Path
 from typing import NamedTuple, cast
 
@@ -23,8 +24,8 @@ import numpy.typing as npt
 
 from benchmarks.meshes import FITTING_CELLS, SAMPLING_CELLS, Pin
 from benchmarks.run_key import run_key
-from fe import BlockPin, BlockPinModel, Contact, Response, load_response, save_response
-from fe.specimens.block_pin import Interface
+from fe import BlockPin, BlockPinModel, Contact, Response, Rings, load_response, save_response
+from fe.specimens.block_pin import Cells, Interface
 from fe.steps import StepOptions
 
 Array = npt.NDArray[np.float64]
@@ -36,12 +37,17 @@ RUNS = Path(__file__).resolve().parents[1] / "runs" / "verify-fe" / "gci"
 class Mesh(NamedTuple):
     """Elements along x, y, z of the quarter, and the largest load step."""
 
-    cells: tuple[int, int, int]
+    cells: Cells
     step: float
     """mm; stick is tied at the end of a step, so its size belongs to the discretisation"""
 
     def __str__(self) -> str:
-        return f"{' x '.join(map(str, self.cells))}, {self.step:g}"
+        return f"{' x '.join(map(str, self.numbers))}, {self.step:g}"
+
+    @property
+    def numbers(self) -> tuple[int, ...]:
+        """The numbers of elements; of rings those from core to side, over height, an eighth."""
+        return astuple(self.cells) if isinstance(self.cells, Rings) else self.cells
 
 
 class Case(NamedTuple):
@@ -96,7 +102,7 @@ def simulate(folder: Path, case: Case, mesh: Mesh, ratios: Array) -> Response:
         steps=steps,
         plane_strain=case.plane_strain,
     )
-    words = [str(case), "x".join(map(str, mesh.cells)), *(f"{v:g}" for v in ratios)]
+    words = [str(case), "x".join(map(str, mesh.numbers)), *(f"{v:g}" for v in ratios)]
     path = folder / f"{'-'.join(words).replace(', ', '-').replace(' ', '-')}-{run_key(model)}.npz"
     if path.exists():
         return load_response(path)
@@ -135,6 +141,22 @@ def main(arguments: list[str] | None = None) -> None:
         negative = int(run.negative_pivots.max())
         print(f"| {mesh} | {forces} | {run.seconds:.0f} | {negative} |", flush=True)
     _print_differences(meshes, runs)
+    if len(runs) >= 3:
+        _print_index(meshes[-3:], runs[-3:])
+
+
+def _print_index(meshes: list[Mesh], runs: list[Response]) -> None:
+    """Grid convergence index of the last three, taken as similar."""
+    from benchmarks.grid_convergence import grid_index, index_percent  # which needs this module
+
+    size = np.array([1.0 / mesh.numbers[0] for mesh in meshes])[::-1]
+    force = np.array([run.force for run in runs])[::-1]
+    e21, e32 = field_difference(runs[1], runs[2]), field_difference(runs[0], runs[1])
+    by_force = [index_percent(f, size) for f in force.T]
+    by_field = [grid_index(a, b, size)[0] for a, b in zip(e21, e32, strict=True)]
+    print("\nindex: force % " + " | ".join(f"{index:.2f}" for index, _ in by_force), end="; ")
+    print("order " + " | ".join(f"{order:.1f}" for _, order in by_force), end="; ")
+    print("field mm " + " | ".join(f"{index:.4f}" for index in by_field))
 
 
 def _options(arguments: list[str] | None) -> argparse.Namespace:
@@ -149,9 +171,9 @@ def _options(arguments: list[str] | None) -> argparse.Namespace:
     return parser.parse_args(arguments)
 
 
-def _cells(text: str) -> tuple[int, int, int]:
-    nx, ny, nz = (int(n) for n in text.split("x"))
-    return nx, ny, nz
+def _cells(text: str) -> Cells:
+    one, two, three = (int(n) for n in text.removeprefix("r").split("x"))
+    return Rings(one, two, three) if text.startswith("r") else (one, two, three)
 
 
 def _print_differences(meshes: list[Mesh], runs: list[Response]) -> None:

@@ -14,7 +14,7 @@ from fe.executors import process_map, serial_map
 from fe.progress import StepReport
 from fe.response import Response, Status, load_response, save_response
 from fe.simulate import Specimen, simulate
-from fe.specimens.block_pin import BlockPin, BlockPinModel, Contact
+from fe.specimens.block_pin import BlockPin, BlockPinModel, Contact, Rings
 from fe.specimens.block_pin_family import FAMILY, BlockPinFamily
 from fe.specimens.cylinder import Cylinder, CylinderModel
 from fe.specimens.disc_pin import Disc, DiscPinModel
@@ -40,6 +40,7 @@ __all__ = [
     "NotchedPlate",
     "Parameter",
     "Response",
+    "Rings",
     "Specimen",
     "Status",
     "StepReport",

@@ -55,11 +55,14 @@ class Pattern:
         return total
 
     def expand(self, values: Array) -> Array:
-        """(n_node, 3) from free values (n_free,), zero where prescribed: `restrict` transposed."""
+        """(n_node, 3[, k]) from free values (n_free[, k]), zero where prescribed.
+
+        `restrict` transposed.
+        """
         free = self.equation >= 0
-        full = np.zeros(free.size)
+        full = np.zeros((free.size, *values.shape[1:]))
         full[free] = values[self.equation[free]]
-        return full.reshape(-1, 3)
+        return full.reshape(-1, 3, *values.shape[1:])
 
 
 def elements(mesh: MeshHex) -> tuple[Elements, Basis]:

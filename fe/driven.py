@@ -16,6 +16,7 @@ import scipy.sparse as sp
 
 from fe import plate_contact, plate_slopes
 from fe.coupled_tangent import CoupledTangent
+from fe.directions import Directions
 from fe.discretisation import Pattern, add_entries, entry_slots
 from fe.linear_solver import GeneralMatrix
 from fe.materials.material import Material
@@ -219,16 +220,17 @@ class DrivenPotential:
         memory: PlateMemory | None,
         assembly: Assembly,
         parameters: Parameters[PlateSlopes | None],
+        inner: Directions,
     ) -> Partials:
         """Derivatives at fixed free unknowns and travel; `assembly` is that of this state.
 
-        A zero of the travel that is off takes the prescribed motion back.
+        `inner` is what the solid's forces are differentiated along.  A zero of the travel that is
+        off takes the prescribed motion back.
         """
         problem, plate, slopes = self.problem, self.problem.plate, parameters.surface
         n_p = len(parameters.names)
         total = np.zeros((u.size, n_p))
-        inner = self.solid.force_slopes(u, parameters.directions(self.solid.material))
-        parameters.add_inner(total, inner.reshape(len(inner), -1).T)
+        parameters.add_inner(total, self.solid.force_slopes(u, inner).reshape(u.size, -1))
         total = total.reshape(*u.shape, n_p)
         direct = np.zeros(n_p)
         if plate is not None and slopes is not None and memory is not None:
@@ -273,7 +275,7 @@ class DrivenPotential:
         return self.problem.pattern.restrict(full)
 
     def expand(self, free: Array) -> Array:
-        """(n_node, 3) displacement from its (n_free,) free values; prescribed ones are zero."""
+        """(n_node, 3[, k]) displacement from its (n_free[, k]) free values, else zero."""
         return self.problem.pattern.expand(free)
 
     def pressure_step(self, du: Array) -> Array:

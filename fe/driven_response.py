@@ -111,21 +111,26 @@ class _Run(NamedTuple):
     seen: Seen
 
 
-def parameter_names(model: DrivenModel, material: Material | None) -> tuple[str, ...]:
+def parameter_names(model: DrivenModel, material: Material | None = None) -> tuple[str, ...]:
     """Names that `sensitivities` may have: of ratios, or of a material if one is given."""
     own = ("r", "s", "bulk_ratio") if material is None else all_parameters(material).names
     return (*own, *known_names(model.discretise().problem, model.specimen))
 
 
 def respond(model: DrivenModel, material: Material, progress: Progress | None = None) -> Response:
-    """Response of any material, by default with derivatives in its constants and bulk modulus."""
+    """Response of any material, by default with gradients in its constants and bulk modulus.
+
+    `progress` is called after each step of the solver.  Raises ValueError for sensitivities that
+    there are not, and when the material is incompressible (infinite bulk modulus).
+    """
     return _respond(lambda: _of(model, material), progress)
 
 
 def respond_to_ratios(model: DrivenModel, ratios: Array) -> Response:
-    """Response at kappa = 1 MPa, by default with derivatives in (r, s).
+    """Response at kappa = 1 MPa for ratios (r, s), by default with gradients in these.
 
-    Raises ValueError when the ratios do not give a material (two finite numbers).
+    Raises ValueError when the ratios do not give a material (two finite numbers), and for
+    sensitivities that there are not.
     """
     material = mooney_rivlin_of_ratios(ratios, 1.0, 2.0 * model.bulk_ratio)
     known = ratio_parameters(material)
@@ -133,7 +138,10 @@ def respond_to_ratios(model: DrivenModel, ratios: Array) -> Response:
 
 
 def objective_gradients(model: DrivenModel, material: Material, objective: FieldObjective) -> Array:
-    """(n_step, n_p) derivatives of a scalar of each travel's response, by the adjoint."""
+    """(n_step, n_p) derivatives of a scalar of each travel's response, by the adjoint.
+
+    As of `fe.BlockPinModel.objective_gradients`.
+    """
     run = _of(model, material)
 
     def states(of_state: Objective) -> Any:
@@ -142,8 +150,8 @@ def objective_gradients(model: DrivenModel, material: Material, objective: Field
     return seen.objective_gradients(states, run.seen, objective)
 
 
-def solve_for(model: DrivenModel, material: Material, progress: Progress | None) -> Solution:
-    """States of the modelled part at the targets reached."""
+def solve_for(model: DrivenModel, material: Material, progress: Progress | None = None) -> Solution:
+    """States of the modelled part at the targets reached, outcome, factorisations."""
     return _solve(_of(model, material), progress)
 
 

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from fe.directions import Directions
 from fe.driven import DrivenPotential, DrivenProblem
 from fe.force_control import (
     FALL,
@@ -71,6 +72,7 @@ class _Asked(NamedTuple):
     """What is wanted of each step."""
 
     parameters: Parameters[PlateSlopes | None]
+    inner: Directions
     control: Control
     objective: Objective | None
 
@@ -107,7 +109,7 @@ def solve(
     solver = SymmetricSolver(problem.pattern.indptr, problem.pattern.indices)
     outcome = March(listen=listen)
     along = no_parameters(problem, material) if parameters is None else parameters
-    asked = _Asked(along, control, objective)
+    asked = _Asked(along, along.directions(material, problem.elements), control, objective)
     potential = DrivenPotential(problem, material)
     try:
         states = list(drive(potential, solver, targets, outcome, asked, steps, newton))
@@ -204,7 +206,7 @@ def _state(
     gradient = Sensitivity(np.zeros((*at.u.shape, 0)), np.zeros(0), moved)
     by_objective = np.zeros(0)
     if potential.has_friction or found.arrived:
-        partials = potential.partials(at.u, travel, memory, at.assembly, along)
+        partials = potential.partials(at.u, travel, memory, at.assembly, along, asked.inner)
         prescribed = potential.problem.motion[..., None] * -along.zeroes.astype(np.float64)
         if potential.has_friction or asked.objective is None:
             fixed = direct(potential, tangent, at.assembly, partials)

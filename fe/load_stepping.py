@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fe.contact_memory import ContactMemory, slide_anchors, tie_touching
+from fe.directions import Directions
 from fe.force_control import (
     FALL,
     Control,
@@ -80,7 +81,8 @@ def march(
     What happened is left in `outcome`: the travel reached and, when the march stopped early, why.
     """
     tangent = Tangent(potential, solver)
-    history = History(memory, parameters, stick, control, objective)
+    inner = parameters.directions(potential.problem.material, potential.problem.elements)
+    history = History(memory, parameters, inner, stick, control, objective)
     yield from _march(potential, solver, tangent, history, targets, outcome, steps, newton)
 
 
@@ -90,6 +92,8 @@ class History:
 
     memory: ContactMemory
     parameters: Parameters[SurfaceSlopes]
+    inner: Directions
+    """what the parameters take the forces of the solid along"""
     stick: Stick
     control: Control
     objective: Objective | None
@@ -115,6 +119,7 @@ def _march(
         return equilibrate(potential, solver, *start, travel, memory, newton)
 
     def accept(found: Found) -> Start:
+        """Keep a converged step: its state and warnings; the start of the next one."""
         nonlocal state
         force = found.equilibrium.assembly.pin_force
         if state is not None and force < FALL * state.pin_force:
@@ -164,7 +169,7 @@ def _accept(
     gradient = Gradient(np.zeros((*u.shape, 0)), np.zeros(0))
     by_objective = np.zeros(0)
     if remembers or found.arrived:
-        at = partials(potential, u, travel, memory, history.parameters)
+        at = partials(potential, u, travel, memory, history.parameters, history.inner)
         if remembers or history.objective is None:
             gradient = direct(potential, tangent, assembly, at)
             if history.control == "force":

@@ -51,7 +51,7 @@ class NewtonProblem(Protocol[Memory_contra]):
         ...
 
     def expand(self, free: Array) -> Array:
-        """(n_node, 3) displacement from its (n_free,) free values; prescribed ones are zero."""
+        """(n_node, 3[, k]) displacement from its (n_free[, k]) free values, else zero."""
         ...
 
     def restrict(self, full: Array) -> Array:

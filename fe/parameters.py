@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Generic, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
 from fe.contact import Faces
+from fe.directions import Directions, directions
 from fe.materials.material import Material
-from fe.shape_slopes import Directions, directions
 from fe.surface_slopes import SurfaceSlopes
+from fe.weak_form import Elements
 
 Array = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -56,29 +58,33 @@ class Parameters(Generic[Surface]):
         """(n_p,) which of them is the zero of the travel."""
         return np.array([name == TRAVEL_ZERO for name in self.names], dtype=bool)
 
-    @property
+    @cached_property
     def changing(self) -> IntArray:
         """Those (n_c,) that change the constants."""
         return np.flatnonzero(self.constants.any(axis=1))
 
-    @property
+    @cached_property
     def moving(self) -> IntArray:
         """Those (n_v,) that move the mesh."""
         return np.flatnonzero(self.motion.any(axis=(1, 2)))
 
-    def directions(self, material: Material) -> Directions:
+    def directions(self, material: Material, elements: Elements) -> Directions:
         """What the element residual is differentiated along, `changing` and `moving` in order."""
-        return directions(material, self.constants[self.changing], self.motion[self.moving])
+        motion = self.motion[self.moving]
+        return directions(material, elements, self.constants[self.changing], motion)
 
     def add_inner(self, total: Array, inner: Array) -> None:
         """Add to `total` (n, n_p) the derivatives along `directions`, bulk between the two.
 
         `inner` (n, n_c + 1 + n_v).
         """
-        changing, moving = self.changing, self.moving
-        total[:, changing] += inner[:, : changing.size]
-        total += np.outer(inner[:, changing.size], self.bulk)
-        total[:, moving] += inner[:, changing.size + 1 :]
+        total += inner @ self._shares
+
+    @cached_property
+    def _shares(self) -> Array:
+        """(n_c + 1 + n_v, n_p) of each direction in each parameter."""
+        each = np.eye(len(self.names))
+        return np.vstack([each[self.changing], self.bulk, each[self.moving]])
 
 
 def at_rest(parameters: Parameters[SurfaceSlopes]) -> SurfaceSlopes:

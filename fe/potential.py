@@ -13,12 +13,12 @@ from fe.contact import Faces
 from fe.contact_memory import ContactMemory
 from fe.contact_slopes import contact_pull
 from fe.coupled_tangent import CoupledTangent
+from fe.directions import Directions
 from fe.discretisation import Pattern, add_entries, sum_to_nodes
 from fe.friction import Frame
 from fe.linear_solver import GeneralMatrix
 from fe.materials.material import Material
 from fe.pin_surface import RigidPin
-from fe.shape_slopes import Directions
 from fe.solid import Solid
 from fe.surface_slopes import SurfaceSlopes
 from fe.touch import FrictionLaw
@@ -134,7 +134,7 @@ class Potential:
         )
 
     def expand(self, free: Array) -> Array:
-        """(n_node, 3) displacement from its (n_free,) free values; prescribed ones are zero."""
+        """(n_node, 3[, k]) displacement from its (n_free[, k]) free values, else zero."""
         return self.problem.pattern.expand(free)
 
     def pressure_step(self, du: Array) -> Array:
@@ -153,7 +153,7 @@ class Potential:
 
         Along changes of the law, in the bulk modulus and along motions of the mesh.
         """
-        return self.restrict(np.moveaxis(self.solid.force_slopes(u, along), 0, 2))
+        return self.restrict(self.solid.force_slopes(u, along))
 
     def contact_partials(
         self, u: Array, travel: float, memory: ContactMemory, slopes: SurfaceSlopes
@@ -176,9 +176,12 @@ class Potential:
             slopes,
             pull,
         )
-        nodal = np.einsum("cqa,cqij->caij", faces.shape, pull)
+        flat = pull.reshape(*pull.shape[:2], -1)
+        nodal = np.matmul(faces.shape.transpose(0, 2, 1), flat).reshape(
+            faces.nodes.size, *pull.shape[2:]
+        )
         total = np.zeros((len(u), *pull.shape[2:]))
-        np.add.at(total, faces.nodes, nodal)
+        np.add.at(total, faces.nodes.ravel(), nodal)
         return self.restrict(total), on_pin
 
     def restrict(self, full: Array) -> Array:

@@ -16,6 +16,7 @@ import numpy.typing as npt
 import scipy.sparse as sp
 
 from fe.contact_memory import ContactMemory
+from fe.directions import Directions
 from fe.linear_solver import SymmetricSolver
 from fe.newton_problem import NewtonProblem
 from fe.parameters import Parameters
@@ -82,11 +83,14 @@ def partials(
     travel: float,
     memory: ContactMemory,
     parameters: Parameters[SurfaceSlopes],
+    along: Directions,
 ) -> Partials:
-    """Derivatives at fixed u (n_node, 3) mm and travel, mm, by material, mesh and contact."""
+    """Derivatives at fixed u (n_node, 3) mm and travel, mm, by material, mesh and contact.
+
+    `along` is what the parameters take the inner forces along.
+    """
     residual, force = potential.contact_partials(u, travel, memory, parameters.surface)
-    inner = potential.inner_partials(u, parameters.directions(potential.problem.material))
-    parameters.add_inner(residual, inner)
+    parameters.add_inner(residual, potential.inner_partials(u, along))
     return Partials(residual, force)
 
 
@@ -98,7 +102,7 @@ def direct(
         return Gradient(np.zeros((*potential.zero_state()[0].shape, 0)), at.force)
     free = tangent.solve(-at.residual)
     force = assembly.pin_force_by_u @ free + at.force
-    return Gradient(np.stack([potential.expand(column) for column in free.T], axis=2), force)
+    return Gradient(potential.expand(free), force)
 
 
 def adjoint(

@@ -9,10 +9,11 @@ import numpy as np
 import numpy.typing as npt
 
 from fe import weak_form
+from fe.directions import Directions
 from fe.discretisation import sum_to_nodes
 from fe.materials.material import Material
 from fe.materials.volumetric import deviation_slopes
-from fe.shape_slopes import Directions, residual_slopes
+from fe.shape_slopes import residual_slopes
 from fe.weak_form import Elements
 
 Array = npt.NDArray[np.float64]
@@ -95,10 +96,10 @@ class Solid:
         return p
 
     def force_slopes(self, u: Array, along: Directions) -> Array:
-        """(n_c + 1 + n_v, n_node, 3) derivative of the nodal forces at fixed u (n_node, 3) mm, N.
+        """(n_node, 3, n_c + 1 + n_v) derivative of the nodal forces at fixed u (n_node, 3) mm, N.
 
         Along changes of the law, in the bulk modulus and along motions of the mesh.
         """
-        total = np.zeros((along.laws.size + 1 + along.motion.shape[0], *u.shape))
+        total = np.zeros((*u.shape, along.laws.size + 1 + along.rates.shape[2]))
         residual_slopes(u, self.elements, self._kernel, along, total)
         return total

@@ -90,7 +90,9 @@ def test_the_sobol_study_counts_what_was_reached_and_goes_on_where_it_was(tmp_pa
 )
 def test_sensitivities_pass_the_taylor_test(case, name):
     """The remainder falls as h^2; with a wrong derivative it would as h. Force and field."""
-    steps = taylor.STEPS[:3]
+    # a dimension takes points past the corners of the fillet, the less the smaller the step; in a
+    # constant what the solver leaves open must stay far below the remainder
+    steps = taylor.STEPS[1:] if name in ("height", "pin_fillet") else taylor.STEPS[:3]
     found = taylor.remainders(taylor.model(taylor.CONTACTS[case]), name, steps)
     np.testing.assert_allclose(taylor.orders(found, steps), 2.0, atol=0.1)
 
@@ -107,9 +109,9 @@ def test_a_part_replaces_its_figures_and_leaves_the_others(tmp_path, monkeypatch
 @pytest.mark.parametrize("case", grid_convergence.CASES, ids=str)
 def test_meshes_of_the_index_are_refined_alike_in_all_directions(case):
     meshes = similar(case)
-    coarse = np.array(meshes[0].cells)
+    coarse = np.array(meshes[0].numbers)
     for mesh in meshes[1:]:
-        assert np.ptp(np.array(mesh.cells) / coarse) == 0.0
+        assert np.ptp(np.array(mesh.numbers) / coarse) == 0.0
     assert len({mesh.step for mesh in meshes}) == 1
 
 
@@ -130,7 +132,7 @@ def test_indices_of_force_and_field_cover_errors_of_second_order(tmp_path, monke
     """With errors C h^2 the index is 1.25 times the error of the finest mesh."""
 
     def simulate(folder, case, mesh, ratios):
-        h = similar(case)[-1].cells[0] / mesh.cells[0]
+        h = similar(case)[-1].numbers[0] / mesh.numbers[0]
         force = np.linspace(100.0, 900.0, 5) * (1.0 + 0.002 * h**2)
         field = np.full((5, 7, 3), 0.4 - 0.001 * h**2)
         return SimpleNamespace(force=force, displacement=field, seconds=1.0, status="made up")

@@ -11,12 +11,12 @@ from material_laws import CONSTANTS, make
 from fe import BlockPin, BlockPinModel, Contact
 from fe.closed_forms import uniaxial
 from fe.contact_memory import initial_memory
+from fe.directions import directions
 from fe.linear_solver import SymmetricSolver
 from fe.materials import Material
 from fe.materials.volumetric import VOLUMETRIC_CODES
 from fe.newton import Equilibrium, NewtonOptions, equilibrate
 from fe.potential import Potential
-from fe.shape_slopes import directions
 
 PLATEN = BlockPin(pin_width=40.0)
 MODEL = BlockPinModel(PLATEN, Contact("slide", "slide"), (2, 1, 1), (0.3,))
@@ -81,7 +81,8 @@ def test_force_sensitivities_in_all_constants_and_the_bulk_modulus(law, volumetr
     potential, solver = start(material)
     state = compress(potential, solver)[-1]
     solver.factorise(state.assembly.data)
-    along = directions(material, np.eye(len(material.constants)), np.zeros((0, *state.u.shape)))
+    changes, still = np.eye(len(material.constants)), np.zeros((0, *state.u.shape))
+    along = directions(material, potential.problem.elements, changes, still)
     slopes = state.assembly.by_travel @ solver.solve(-potential.inner_partials(state.u, along))
     solver.close()
     numbers, h = np.array([*material.constants, material.bulk]), 1e-4

@@ -10,12 +10,12 @@ from material_laws import CONSTANTS, make
 
 from fe import BlockPin, BlockPinModel, Contact
 from fe.contact_memory import initial_memory
+from fe.directions import directions
 from fe.material_parameters import all_parameters, ratio_parameters
 from fe.materials import Material
 from fe.materials.material import mooney_rivlin_of_ratios
 from fe.materials.volumetric import VOLUMETRIC_CODES
 from fe.potential import Potential, Problem
-from fe.shape_slopes import directions
 
 BULK = 20.0
 FAR_ABOVE = -10.0
@@ -49,7 +49,8 @@ def bent() -> np.ndarray:
 
 def inner_partials(material: Material, u: np.ndarray) -> np.ndarray:
     """(n_free, n_constant + 1) in every constant and, last, the bulk modulus."""
-    along = directions(material, np.eye(len(material.constants)), np.zeros((0, *u.shape)))
+    changes, still = np.eye(len(material.constants)), np.zeros((0, *u.shape))
+    along = directions(material, DISCRETE.elements, changes, still)
     return with_material(material).inner_partials(u, along)
 
 

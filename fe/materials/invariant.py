@@ -62,6 +62,34 @@ def invariant_stress(
     `cof` is dJ/dF and `J` = det F > 0 at `F`.
     """
     work = np.empty((9, 3, 3))  # one allocation: nine cost as much as the arithmetic
+    i1, i2, j23 = invariant_slopes(F, cof, J, work)
+    j43 = j23 * j23
+    D1, D2 = work[4], work[5]
+    W, W1, W2, W11, W12, W22 = invariant_derivatives(law, j23 * i1, j43 * i2, constants)
+    for i in range(3):
+        for j in range(3):
+            P[i, j] = W1 * D1[i, j] + W2 * D2[i, j]
+    if not with_tangent:
+        return W
+    _invariant_tangent(
+        F,
+        work,
+        (2.0 * W2 * j43, 2.0 * j23 * W1 + 2.0 * W2 * j43 * i1),
+        2.0 / 3.0 * (W1 * j23 * i1 + 2.0 * W2 * j43 * i2),
+        (W1, W2, W1 * j23, W2 * j43),
+        (W11, W12, W22),
+        A,
+    )
+    return W
+
+
+@njit(cache=True)
+def invariant_slopes(F: Array, cof: Array, J: float, work: Array) -> tuple[float, float, float]:
+    """Fill work[4], work[5] (3, 3) with the derivatives of I1bar and I2bar in F.
+
+    Returns (I1, I2, J^(-2/3)).  work[:4] are what the tangent is made of besides: F^-T, C, B = F F'
+    and the derivative of I2.
+    """
     T, C, B, G2 = work[0], work[1], work[2], work[3]
     D1, D2 = work[4], work[5]
     i1 = 0.0
@@ -76,26 +104,13 @@ def invariant_stress(
     i2 = 0.5 * (i1 * i1 - cc)
     j23 = J ** (-2.0 / 3.0)
     j43 = j23 * j23
-    W, W1, W2, W11, W12, W22 = invariant_derivatives(law, j23 * i1, j43 * i2, constants)
     for i in range(3):
         for j in range(3):
             D1[i, j] = 2.0 * j23 * (F[i, j] - i1 / 3.0 * T[i, j])
             FC = F[i, 0] * C[0, j] + F[i, 1] * C[1, j] + F[i, 2] * C[2, j]
             G2[i, j] = 2.0 * (i1 * F[i, j] - FC)
             D2[i, j] = j43 * (G2[i, j] - 4.0 / 3.0 * i2 * T[i, j])
-            P[i, j] = W1 * D1[i, j] + W2 * D2[i, j]
-    if not with_tangent:
-        return W
-    _invariant_tangent(
-        F,
-        work,
-        (2.0 * W2 * j43, 2.0 * j23 * W1 + 2.0 * W2 * j43 * i1),
-        2.0 / 3.0 * (W1 * j23 * i1 + 2.0 * W2 * j43 * i2),
-        (W1, W2, W1 * j23, W2 * j43),
-        (W11, W12, W22),
-        A,
-    )
-    return W
+    return i1, i2, j23
 
 
 @njit(cache=True)

@@ -25,7 +25,7 @@ from fe.materials.material import Material, mooney_rivlin_of_ratios
 from fe.newton import NewtonOptions
 from fe.parameters import Parameters, check_asked, check_names
 from fe.potential import Problem
-from fe.pressing import Pressed, press
+from fe.pressing import press
 from fe.progress import Progress, listener
 from fe.response import Response
 from fe.seen import FieldObjective, Seen, objective_gradients, response
@@ -37,17 +37,24 @@ from fe.specimens.block_pin_mesh import (
     FieldGrid,
     block_mesh,
     check_field_grid,
+    contact_faces,
     discretise,
     front_points,
 )
 from fe.specimens.block_pin_parameters import known_names, parameters
-from fe.specimens.block_pin_part import SYMMETRY_FACTOR, check_part, modelled_part
+from fe.specimens.block_pin_part import (
+    SYMMETRY_FACTOR,
+    check_part,
+    check_plane_strain,
+    modelled_part,
+)
 from fe.specimens.checks import check_bulk_ratio, check_counts, check_travel
+from fe.specimens.ring_mesh import Cells, Rings, check_rings
+from fe.specimens.under_pin import pressed_of, problem_of
 from fe.steps import March, StepOptions
 from fe.surface_slopes import SurfaceSlopes
-from fe.ties import Stick
 
-__all__ = ["BlockPin", "BlockPinModel", "Contact", "Discretisation", "Interface"]
+__all__ = ["BlockPin", "BlockPinModel", "Cells", "Contact", "Discretisation", "Interface", "Rings"]
 
 Array = npt.NDArray[np.float64]
 
@@ -66,7 +73,8 @@ class _Run(NamedTuple):
 class BlockPinModel:
     """Simulation of the specimen as a function of its material; picklable, one thread.
 
-    `cells` are the numbers of Q2 elements along x, y, z of a quarter; `travel` the pin travels
+    `cells` are the numbers of Q2 elements along x, y, z of a quarter, or `Rings` that follow the
+    rim of a round pin; `travel` the pin travels
     (mm, increasing) at which the response is asked, or `force` the forces of the whole sample (N,
     increasing; at kappa = 1 MPa for ratios); `bulk_ratio` the bulk modulus over the shear
     modulus mu = 2 kappa where ratios (r, s) are asked; `field_grid` the numbers of field points
@@ -87,7 +95,7 @@ class BlockPinModel:
 
     specimen: BlockPin
     contact: Contact
-    cells: tuple[int, int, int]
+    cells: Cells
     travel: tuple[float, ...] = ()
     bulk_ratio: float = 200.0
     field_grid: FieldGrid = (35, 24)
@@ -100,20 +108,18 @@ class BlockPinModel:
     plane_strain: bool = False
 
     def __post_init__(self) -> None:
-        check_counts("cells", self.cells, (1, 1, 1))
+        if not isinstance(self.cells, Rings):
+            check_counts("cells", self.cells, (1, 1, 1))
         check_asked(self.sensitivities)
         check_targets(self.travel, self.force)
         check_travel(self.travel, self.specimen.height, "block's height")
         check_bulk_ratio(self.bulk_ratio)
         check_part(self.specimen, self.contact, self.symmetry)
+        if isinstance(self.cells, Rings):
+            check_rings(self.specimen, self.part)
         check_field_grid(self.field_grid, self.specimen, self.part)
-        straight = self.specimen.pin == "bar" and not self.specimen.turned
-        if self.plane_strain and not (straight and self.cells[2] == 1 and self.part != "full"):
-            raise ValueError(
-                f"plane_strain: expected a bar along z, a quarter or half model and one element "
-                f"along z, found pin={self.specimen.pin!r} turned by "
-                f"{self.specimen.pin_rotation} degrees, a {self.part} model, cells={self.cells}"
-            )
+        if self.plane_strain:
+            check_plane_strain(self.specimen, self.cells, self.part)
 
     @property
     def part(self) -> Symmetry:
@@ -223,15 +229,7 @@ class BlockPinModel:
         problem = self._problem(discrete, run.material, run.shear)
         along = self.parameters(run.names, run.known, problem, run.shear)
         factor = SYMMETRY_FACTOR[self.part]
-        pressed = Pressed(
-            problem=problem,
-            glued=discrete.glued,
-            stick=Stick(self.contact.pin == "stick", self.contact.base == "stick"),
-            targets=self.travel or tuple(f / factor for f in self.force),
-            control=self.control,
-            steps=self.steps,
-            newton=self.newton,
-        )
+        pressed = pressed_of(self, problem, discrete, factor)
         return press(pressed, along, objective, listener(progress, factor))
 
     def parameters(
@@ -244,7 +242,8 @@ class BlockPinModel:
             problem,
             self.specimen,
             shear,
-            lambda specimen: block_mesh(specimen, self.part, self.cells, self.contact),
+            self._mesh_of,
+            area=self._contact_areas if isinstance(self.cells, Rings) else None,
         )
 
     def problem(self, discrete: Discretisation, ratios: Array, kappa: float = 1.0) -> Problem:
@@ -254,21 +253,19 @@ class BlockPinModel:
 
     def _problem(self, discrete: Discretisation, material: Material, shear: float) -> Problem:
         """The discrete problem with contact as stiff as for the shear modulus `shear` (MPa)."""
-        penalty = self.penalty
-        return Problem(
-            elements=discrete.elements,
-            faces=discrete.faces,
-            pattern=discrete.pattern,
-            pin=self.specimen.rigid_pin(
-                penalty.stiffness * shear, penalty.ramp, penalty.base * shear
-            ),
-            material=material,
-            friction=self.contact.friction(penalty.slip),
-        )
+        return problem_of(self, self.specimen, discrete, material, shear)
 
     def mesh(self) -> MeshHex:
         """Hexahedra of the modelled part of the block."""
-        return block_mesh(self.specimen, self.part, self.cells, self.contact)
+        return self._mesh_of(self.specimen)
+
+    def _mesh_of(self, specimen: BlockPin) -> MeshHex:
+        return block_mesh(specimen, self.part, self.cells, self.contact)
+
+    def _contact_areas(self, specimen: BlockPin) -> Array:
+        """(n_face, n_q) of the contact points, mm2."""
+        rubs = self.contact.friction(1.0).base > 0.0
+        return contact_faces(self._mesh_of(specimen), specimen, rubs, ends=True)[0].weights
 
     def discretise(self) -> Discretisation:
         """Tables of the mesh, contact faces, constraints and field points."""
@@ -287,7 +284,7 @@ class BlockPinModel:
         motion = field_motion(
             names,
             self.specimen,
-            lambda specimen: block_mesh(specimen, self.part, self.cells, self.contact),
+            self._mesh_of,
             lambda specimen: front_points(specimen, self.part, self.field_grid),
         )
         return Seen(

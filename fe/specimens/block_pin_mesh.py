@@ -15,18 +15,12 @@ from fe.discretisation import Pattern, elements, faces, pattern
 from fe.pin_surface import RigidPin, under_flat
 from fe.specimens.block_pin_geometry import BlockPin, Contact, Symmetry
 from fe.specimens.checks import check_counts
+from fe.specimens.mesh_lines import N_DENSITY, Dense, bump, lines_of_density, thinner
+from fe.specimens.ring_mesh import Cells, Rings, ring_mesh
 from fe.weak_form import Elements
 
 Array = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
-
-
-class Dense(NamedTuple):
-    """Where mesh lines stand closer: their density is 1 + `peak` at a place, 1 far from it."""
-
-    peak: float
-    spread: float
-    """fraction of the length that it is measured by"""
 
 
 GLUED_EDGE = Dense(peak=3.0, spread=0.4)
@@ -44,8 +38,6 @@ TOP = Dense(peak=4.0, spread=0.12)
 """below a glued top, by the height"""
 FLAT = 0.85
 """usual half width of a bar's flat over that of the bar"""
-N_DENSITY = 4001
-"""places at which densities of mesh lines are tabulated"""
 GLUED_DEPTH = 2.25
 """along a bar elements get thinner towards the front face: 1 - (1 - t)^GLUED_DEPTH"""
 
@@ -120,9 +112,7 @@ def front_points(specimen: BlockPin, symmetry: Symmetry, grid: FieldGrid) -> Arr
     return np.stack([c.ravel() for c in np.meshgrid(x, y, indexing="ij")], axis=1)
 
 
-def block_mesh(
-    specimen: BlockPin, symmetry: Symmetry, cells: tuple[int, int, int], contact: Contact
-) -> MeshHex:
+def block_mesh(specimen: BlockPin, symmetry: Symmetry, cells: Cells, contact: Contact) -> MeshHex:
     """Hexahedra of the modelled part, finer where the solution is not smooth.
 
     Where material passes the pin's edge whole rows of nodes snap past its fillet.  Glued faces are
@@ -135,8 +125,10 @@ def block_mesh(
     nearest line to that edge is the same one, as with even numbers along x.
 
     `cells` are numbers of elements of a quarter; a half and a full model have as many on each side
-    of the pin's axis.
+    of the pin's axis.  With `Rings` the lines follow the rim of a round pin instead.
     """
+    if isinstance(cells, Rings):
+        return ring_mesh(specimen, cells, contact)
     half_width, half_depth = specimen.width / 2.0, specimen.depth / 2.0
     nx, ny, nz = cells
     x0, z0 = specimen.pin_shift
@@ -180,35 +172,29 @@ def _from_axis(specimen: BlockPin, glued: Glued, rim: Dense, length: float, n: i
     """(n + 1,) lines at distances from the pin's axis, mm; `rim` of a top that is not glued."""
     edge = specimen.pin_width / 2.0
     x = np.linspace(0.0, length, N_DENSITY)
-    density = 1.0 + (_bump(length - x, SIDE, length) if glued.base else 0.0)
+    density = 1.0 + (bump(length - x, SIDE, length) if glued.base else 0.0)
     if not glued.top:
-        return _lines(x, density + _bump(x - 0.7 * edge, rim, edge), n)
-    density = density + _bump(x - 0.675 * edge, GLUED_EDGE, edge)
-    return _lines(x, density, n, through=(edge - specimen.pin_fillet, FLAT * edge))
+        return lines_of_density(x, density + bump(x - 0.7 * edge, rim, edge), n)
+    density = density + bump(x - 0.675 * edge, GLUED_EDGE, edge)
+    return lines_of_density(x, density, n, through=(edge - specimen.pin_fillet, FLAT * edge))
 
 
 def _along_bar(glued: Glued, thinning: Thinning, length: float, n: int) -> Array:
     """(n + 1,) lines at distances along a bar from the plane of symmetry, mm."""
     if any(glued):
         return length * (1.0 - (1.0 - np.linspace(0.0, 1.0, n + 1)) ** GLUED_DEPTH)
-    return _thinner(length, thinning.front, n)
-
-
-def _thinner(length: float, thinning: float, n: int) -> Array:
-    """(n + 1,) lines that stand closer towards the end, mm."""
-    at = np.linspace(0.0, length, n + 1)
-    return np.asarray(at * (1.0 + thinning * (1.0 - at / length)))
+    return thinner(length, thinning.front, n)
 
 
 def _height_lines(glued: Glued, thinning: Thinning, height: float, n: int) -> Array:
     """(n + 1,) lines above the base, mm."""
     if not any(glued):
-        return _thinner(height, thinning.top, n)
+        return thinner(height, thinning.top, n)
     y = np.linspace(0.0, height, N_DENSITY)
     density = np.ones(N_DENSITY)
-    density += _bump(y, BASE, height) if glued.base else 0.0
-    density += _bump(height - y, TOP, height) if glued.top else 0.0
-    return _lines(y, density, n)
+    density += bump(y, BASE, height) if glued.base else 0.0
+    density += bump(height - y, TOP, height) if glued.top else 0.0
+    return lines_of_density(y, density, n)
 
 
 def discretise(
@@ -228,7 +214,7 @@ def discretise(
     table, basis = elements(mesh)
     tolerance = 1e-9 * specimen.height
     rubs = contact.friction(1.0).base > 0.0
-    contact_faces, on_top = _contact_faces(mesh, specimen, rubs, ends=not plane_strain)
+    met, on_top = contact_faces(mesh, specimen, rubs, ends=not plane_strain)
     position = table.positions
     fixed = np.zeros(position.shape, dtype=bool)
     if symmetry == "quarter":
@@ -241,18 +227,18 @@ def discretise(
     fixed[base, 1] = not rubs
     if contact.base == "stick":
         fixed[base] = True
-    glued = on_top[:, None] & under_flat(contact_faces.points, pin)
+    glued = on_top[:, None] & under_flat(met.points, pin)
     probe_at = np.vstack([points.T, np.full(len(points), specimen.depth / 2.0)])
     return Discretisation(
         elements=table,
-        faces=contact_faces,
-        pattern=pattern(table.nodes, contact_faces.nodes, fixed.ravel()),
+        faces=met,
+        pattern=pattern(table.nodes, met.nodes, fixed.ravel()),
         glued=glued & (contact.pin == "stick"),
         probe=basis.probes(probe_at).tocsr(),
     )
 
 
-def _contact_faces(
+def contact_faces(
     mesh: MeshHex, specimen: BlockPin, rubs: bool, *, ends: bool
 ) -> tuple[Faces, BoolArray]:
     """Faces that may touch, and which of them (n_face,) are on top; the bottom's if it rubs.
@@ -283,28 +269,4 @@ def _both_sides(behind: Array, before: Array) -> Array:
     axis = half - before[-1]
     lines = np.concatenate([axis - behind[:0:-1], axis + before])
     lines[[0, -1]] = -half, half
-    return lines
-
-
-def _bump(distance: Array, dense: Dense, unit: float) -> Array:
-    """Density of mesh lines above the background at a distance, mm."""
-    return dense.peak * np.exp(-((distance / (dense.spread * unit)) ** 2))
-
-
-def _lines(x: Array, density: Array, n: int, through: tuple[float, float] | None = None) -> Array:
-    """(n + 1,) mesh lines from x[0] to x[-1], mm, spaced as the inverse of the density at x.
-
-    The line nearest to the second place of `through`, unless it is an end, is moved to the first,
-    and its neighbours with it: the same line wherever the first is, so that lines move smoothly.
-    """
-    share = np.concatenate([[0.0], np.cumsum((density[1:] + density[:-1]) / 2.0)])
-    share /= share[-1]
-    at = np.linspace(0.0, 1.0, n + 1)
-    if through is not None and x[0] < through[0] < x[-1]:
-        wanted, usual = (float(np.interp(place, x, share)) for place in through)
-        nearest = round(n * usual)
-        if 0 < nearest < n:
-            at = np.interp(at, [0.0, nearest / n, 1.0], [0.0, wanted, 1.0])
-    lines = np.interp(at, share, x)
-    lines[[0, -1]] = x[0], x[-1]
     return lines

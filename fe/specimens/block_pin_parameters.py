@@ -15,13 +15,14 @@ from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
-from skfem import Mesh
+from skfem import Basis, ElementHex1, Mesh
 
 from fe.material_parameters import MaterialParameters
 from fe.parameters import TRAVEL_ZERO, Parameters, carry_faces
 from fe.plane_elements import with_hoop
 from fe.potential import Problem
 from fe.specimens.block_pin_geometry import BlockPin, Contact, Symmetry
+from fe.specimens.mesh_lines import is_grid
 from fe.surface_slopes import SurfaceSlopes, no_slopes
 
 Array = npt.NDArray[np.float64]
@@ -55,11 +56,13 @@ def parameters(
     lines: Callable[[BlockPin], Mesh],
     *,
     ring: bool = False,
+    area: Geometry | None = None,
 ) -> Parameters[SurfaceSlopes]:
     """Derivatives of the discrete problem in the named parameters.
 
     `shear` is the modulus that the contact stiffness goes with, MPa; `lines` makes the mesh.  A
-    `ring` is a section (r, y) of a body of revolution, with hoop nodes.
+    `ring` is a section (r, y) of a body of revolution, with hoop nodes.  `area` gives the areas
+    (n_face, n_q) of the contact points, mm2, of faces that are no rectangles along the axes.
     """
     n_p, pin = len(names), problem.pin
     nodes = problem.elements.positions
@@ -83,6 +86,11 @@ def parameters(
             field, slope = _DIRECT[name]
             getattr(surface, field)[j] = slope
     surface = carry_faces(surface, problem.faces, nodes, motion)
+    if area is not None:
+        for j, name in enumerate(names):
+            grown = by_geometry(name, specimen, area)
+            if grown is not None:
+                surface.weights[..., j] = grown
     if ring:
         for moved in motion:
             moved[:] = with_hoop(moved[: len(moved) // 2, :2])
@@ -128,12 +136,15 @@ def by_geometry(name: str, specimen: BlockPin, of: Geometry) -> Array | None:
 def mesh_motion(
     name: str, specimen: BlockPin, nodes: Array, lines: Callable[[BlockPin], Mesh]
 ) -> Array:
-    """(n, 3) motion of the material at `nodes` (n, 3) mm with the mesh's planes, per unit."""
+    """(n, 3) motion of the material at `nodes` (n, 3) mm with the mesh, per unit."""
     moved = by_geometry(name, specimen, lambda changed: np.asarray(lines(changed).p))
     motion = np.zeros(nodes.shape)
     if moved is None:
         return motion
-    vertices = lines(specimen).p
+    mesh = lines(specimen)
+    vertices = mesh.p
+    if not is_grid(vertices):
+        return np.asarray(Basis(mesh, ElementHex1(), intorder=1).probes(nodes.T) @ moved.T)
     for i in range(len(moved)):
         if moved[i].any():
             planes, first = np.unique(vertices[i], return_index=True)

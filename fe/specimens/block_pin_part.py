@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Literal
 
 from fe.specimens.block_pin_geometry import BlockPin, Contact, Symmetry
+from fe.specimens.ring_mesh import Cells, Rings
 
 Asked = Literal["auto"] | Symmetry
 
@@ -37,4 +38,16 @@ def check_part(specimen: BlockPin, contact: Contact, symmetry: Asked) -> None:
             f"contact: expected a pin or base that sticks or has friction in a {part} "
             f"model, where the block could slide away, found pin={contact.pin}, "
             f"base={contact.base}"
+        )
+
+
+def check_plane_strain(specimen: BlockPin, cells: Cells, part: Symmetry) -> None:
+    """Raise ValueError for what is not the same all along z, or more than one element there."""
+    straight = specimen.pin == "bar" and not specimen.turned
+    one = not isinstance(cells, Rings) and cells[2] == 1
+    if not (straight and one and part != "full"):
+        raise ValueError(
+            f"plane_strain: expected a bar along z, a quarter or half model and one element along "
+            f"z, found pin={specimen.pin!r} turned by {specimen.pin_rotation} degrees, a {part} "
+            f"model, cells={cells}"
         )

@@ -27,11 +27,10 @@ from fe.material_parameters import MaterialParameters, all_parameters, ratio_par
 from fe.materials.material import Material, mooney_rivlin_of_ratios
 from fe.newton import NewtonOptions
 from fe.parameters import check_asked, check_names
-from fe.pin_surface import RigidPin, under_flat
+from fe.pin_surface import under_flat
 from fe.plane_elements import axisymmetric_elements, hoop_equations
 from fe.plate import ring_edges
-from fe.potential import Problem
-from fe.pressing import Pressed, press
+from fe.pressing import press
 from fe.progress import Progress, listener
 from fe.response import Response
 from fe.seen import FieldObjective, Seen, objective_gradients, response
@@ -40,8 +39,8 @@ from fe.specimens.block_pin_geometry import BlockPin, Contact
 from fe.specimens.block_pin_mesh import Discretisation, block_mesh
 from fe.specimens.block_pin_parameters import by_geometry, known_names, mesh_motion, parameters
 from fe.specimens.checks import check_bulk_ratio, check_counts, check_lengths, check_travel
+from fe.specimens.under_pin import pressed_of, problem_of
 from fe.steps import March, StepOptions
-from fe.ties import Stick
 
 Array = npt.NDArray[np.float64]
 
@@ -189,7 +188,7 @@ class DiscPinModel:
         fixed[base, 1] = not rubs
         if contact.base == "stick":
             fixed[base] = True
-        glued = on_top[:, None] & under_flat(faces.points, self._pin(1.0))
+        glued = on_top[:, None] & under_flat(faces.points, block.rigid_pin(1.0, 1.0, 1.0))
         probe = basis.probes(self.points().T).tocsr()
         return Discretisation(
             elements=table,
@@ -229,34 +228,13 @@ class DiscPinModel:
         progress: Progress | None,
     ) -> tuple[list[TravelState], March, int]:
         shear = run.material.shear_modulus
-        problem = Problem(
-            elements=discrete.elements,
-            faces=discrete.faces,
-            pattern=discrete.pattern,
-            pin=self._pin(shear),
-            material=run.material,
-            friction=self.contact.friction(self.penalty.slip),
-        )
+        block = self.specimen.block()
+        problem = problem_of(self, block, discrete, run.material, shear)
         of_block = tuple(DIMENSIONS.get(name, name) for name in run.names)
-        along = parameters(
-            of_block, run.known, problem, self.specimen.block(), shear, self._mesh, ring=True
-        )
-        pressed = Pressed(
-            problem=problem,
-            glued=discrete.glued,
-            stick=Stick(self.contact.pin == "stick", self.contact.base == "stick"),
-            targets=self.travel or self.force,
-            control=self.control,
-            steps=self.steps,
-            newton=self.newton,
-        )
+        along = parameters(of_block, run.known, problem, block, shear, self._mesh, ring=True)
+        pressed = pressed_of(self, problem, discrete, 1.0)
         with threadpool_limits(limits=1):
             return press(pressed, along, objective, listener(progress, 1.0))
-
-    def _pin(self, shear: float) -> RigidPin:
-        """Rigid pin, as stiff as for this shear modulus, MPa."""
-        law = self.penalty
-        return self.specimen.block().rigid_pin(law.stiffness * shear, law.ramp, law.base * shear)
 
     def _mesh(self, block: BlockPin) -> MeshQuad:
         lines = block_mesh(block, "quarter", (*self.cells, 1), self.contact).p

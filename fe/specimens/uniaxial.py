@@ -15,26 +15,14 @@ import numpy as np
 import numpy.typing as npt
 from skfem import Basis, ElementHex1, MeshHex
 
+from fe import driven_response
 from fe.discretisation import VOLUME_ORDER
 from fe.driven import DrivenProblem, unknowns
 from fe.driven_parameters import Shape, free_shape
-from fe.driven_response import (
-    DrivenSpecimen,
-    Schedule,
-    objective_gradients,
-    parameter_names,
-    respond,
-    respond_to_ratios,
-    solve_for,
-)
-from fe.driving import Solution
+from fe.driven_response import DrivenSpecimen, Schedule
 from fe.force_control import check_targets
-from fe.materials.material import Material
 from fe.newton import NewtonOptions
 from fe.parameters import check_asked
-from fe.progress import Progress
-from fe.response import Response
-from fe.seen import FieldObjective
 from fe.specimens.checks import check_bulk_ratio, check_counts, check_lengths, check_travel
 from fe.steps import StepOptions
 from fe.weak_form import Elements
@@ -95,36 +83,11 @@ class UniaxialModel:
         y = (np.arange(ny) + 0.5) * self.specimen.length / ny
         return np.stack([c.ravel() for c in np.meshgrid(x, y, indexing="ij")], axis=1)
 
-    def parameter_names(self, material: Material | None = None) -> tuple[str, ...]:
-        """Names that `sensitivities` may have: of ratios, or of a material if one is given."""
-        return parameter_names(self, material)
-
-    def __call__(self, ratios: Array) -> Response:
-        """Response at kappa = 1 MPa for ratios (r, s).
-
-        Raises ValueError when the ratios do not give a material (two finite numbers), and for
-        sensitivities that there are not.
-        """
-        return respond_to_ratios(self, ratios)
-
-    def respond(self, material: Material, progress: Progress | None = None) -> Response:
-        """Response of any material, by default with gradients in its constants and bulk modulus.
-
-        `progress` is called after each step of the solver.  Raises ValueError for sensitivities
-        that there are not, and when the material is incompressible (infinite bulk modulus).
-        """
-        return respond(self, material, progress)
-
-    def objective_gradients(self, material: Material, objective: FieldObjective) -> Array:
-        """(n_step, n_p) derivatives of a scalar of each travel's response, by the adjoint.
-
-        As of `fe.BlockPinModel.objective_gradients`.
-        """
-        return objective_gradients(self, material, objective)
-
-    def solve_for(self, material: Material, progress: Progress | None = None) -> Solution:
-        """States of the modelled part at the targets reached, outcome, factorisations."""
-        return solve_for(self, material, progress)
+    parameter_names = driven_response.parameter_names
+    __call__ = driven_response.respond_to_ratios
+    respond = driven_response.respond
+    objective_gradients = driven_response.objective_gradients
+    solve_for = driven_response.solve_for
 
     def discretise(self) -> DrivenSpecimen:
         """Tables of the one element."""
