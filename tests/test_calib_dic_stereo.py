@@ -216,6 +216,30 @@ def test_the_command_writes_points_that_the_readers_read(folder, capsys):
     assert "stereo angle 34.00 degrees" in capsys.readouterr().out
 
 
+def test_a_stopped_series_goes_on_with_the_same_bits(folder, capsys, monkeypatch):
+    text = STUDY.format(right="right").replace("= 12", "= 24")
+    for side in ("left", "right"):
+        text = text.replace(f'["{side}1.tif"]', f'["{side}1.tif", "{side}2.tif"]')
+        (folder / f"{side}2.tif").write_bytes((folder / f"{side}1.tif").read_bytes())
+    (folder / "long.toml").write_text(text.replace("[2.5]", "[2.5, 3.5]"))
+    assert main(["dic", str(folder / "long.toml"), "--out", str(folder / "whole")]) == 0
+
+    def stopped_at_the_second(reference, left, right, settings, before):
+        if before.left.last is not None:
+            raise KeyboardInterrupt
+        return follow_pair(reference, left, right, settings, before)
+
+    with monkeypatch.context() as patch:
+        patch.setattr("calib.dic_study.stereo_run.follow_pair", stopped_at_the_second)
+        assert main(["dic", str(folder / "long.toml")]) != 0
+    capsys.readouterr()
+    assert main(["dic", str(folder / "long.toml")]) == 0
+    said = capsys.readouterr().out
+    assert said.count("(kept)") == 1 and said.count("(measured)") == 1
+    for name in ("points/left1.csv", "points/left2.csv", "left2-strain.csv", "dic.json"):
+        assert (folder / "long-dic" / name).read_bytes() == (folder / "whole" / name).read_bytes()
+
+
 @pytest.mark.parametrize(
     ("change", "words"),
     [
@@ -233,7 +257,7 @@ def test_the_command_writes_points_that_the_readers_read(folder, capsys):
         ((('calibration = "rig.json"\n', ""),), "either a file here or a section"),
         (
             (('["left1.tif"]', '["left1.tif", "left0.tif"]'), ("[2.5]", "[1.0, 2.0]")),
-            "expected 2 files",
+            'stereo.right_deformed: found ["right1.tif"], expected 2 files',
         ),
         ((("rig.json", "left0.tif"),), "not a calibration"),
     ],

@@ -11,7 +11,9 @@ from calib.dic.chessboard import Chessboard, chessboard_view
 from calib.dic.dot_grid import DotPlate, dot_view
 from calib.dic.images import GreyImage, check_sizes, read_image
 from calib.dic.plate_view import PlateView
-from calib.dic_study.stereo_config import Plates, StereoStudy, named_files
+from calib.dic_study.named_files import named_files
+from calib.dic_study.stereo_config import Plates, StereoStudy
+from calib.toml_file import Contradiction
 
 Say = Callable[[str], None]
 
@@ -41,9 +43,10 @@ def _calibrated(plates: Plates, folder: Path, say: Say) -> Calibration:
         for side, names in (("left", plates.left), ("right", plates.right))
     )
     if len(left) != len(right):
-        raise ValueError(
-            f"calibration.right: expected {len(left)} files as calibration.left, found {len(right)}"
-        )
+        raise Contradiction(
+            "calibration.right", list(plates.right),
+            f"{len(left)} files as calibration.left names, not {len(right)}",
+        )  # fmt: skip
     views, first = [], None
     for paths in zip(left, right, strict=True):
         images = tuple(read_image(path) for path in paths)

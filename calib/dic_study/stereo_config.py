@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated, Literal
 
 from pydantic import Field
@@ -109,23 +108,3 @@ class StereoStudy:
 def has_stereo(document: Document) -> bool:
     """Whether a study of images is one of two cameras."""
     return "stereo" in document.values
-
-
-def named_files(
-    names: tuple[str, ...], folder: Path, key: str, leave: set[str]
-) -> tuple[Path, ...]:
-    """Files in their order, * written out by name; `leave` are left out of these.
-
-    Raises ValueError for a pattern that no file has.
-    """
-    paths: list[Path] = []
-    for name in names:
-        if "*" not in name:
-            paths.append(folder / name)
-            continue
-        found = [p for p in sorted(folder.glob(name)) if p.is_file()]
-        found = [p for p in found if p not in {folder / one for one in leave}]
-        if not found:
-            raise ValueError(f"{key}: expected files {folder / name}, found none")
-        paths += found
-    return tuple(paths)
