@@ -92,7 +92,7 @@ def test_swapped_cameras_and_a_strange_calibration_are_told_apart():
     rest = still(0)
     rig = CAMERAS.rig
     points = points_on(rest)[0]
-    with pytest.raises(ValueError, match="images are swapped"):
+    with pytest.raises(ValueError, match="are swapped"):
         place_reference(StereoRig(rig.right, rig.left), rest.left, rest.right, points, STEREO)
     with pytest.raises(ValueError, match="another set-up, or the cameras have moved"):
         place_reference(turned(rig, 1.0), rest.left, rest.right, points, STEREO)
@@ -185,6 +185,15 @@ step_px = 12
 """
 
 
+BOARD = """
+[calibration]
+plate = "chessboard"
+left = ["left0.tif"]
+right = ["right0.tif"]
+spacing_mm = 1.0
+"""
+
+
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory) -> Path:
     place = tmp_path_factory.mktemp("stereo")
@@ -260,6 +269,18 @@ def test_a_stopped_series_goes_on_with_the_same_bits(folder, capsys, monkeypatch
             'stereo.right_deformed: found ["right1.tif"], expected 2 files',
         ),
         ((("rig.json", "left0.tif"),), "not a calibration"),
+        ((("[60, 30, 240, 120]", "[60, 30, 240, 151]"),), ":15: region.rectangle_px: found [60.0"),
+        (
+            (
+                ('calibration = "rig.json"\n', ""),
+                ("[region]", BOARD + "columns = 8\nrows = 6\n[region]"),
+            ),
+            "calibration.columns: found [8, 6], expected one odd and one even",
+        ),
+        (
+            (('calibration = "rig.json"\n', ""), ("[region]", BOARD + "[region]")),
+            "calibration: found 0 poses in 1 pairs of images in which both cameras see the plate",
+        ),
     ],
 )
 def test_wrong_studies_of_two_cameras_get_one_sentence(folder, capsys, change, words):

@@ -198,7 +198,10 @@ def test_wrong_images_are_refused_in_one_sentence(folder, capsys, name, image, m
 
 def test_file_that_is_no_image_is_refused(tmp_path):
     (tmp_path / "x.tif").write_text("no image")
-    with pytest.raises(ValueError, match=r"x\.tif: expected an image, could not read it"):
+    words = (
+        r"x\.tif: expected a whole TIFF, PNG or BMP file, found one that starts with b'no image'"
+    )
+    with pytest.raises(ValueError, match=words):
         read_image(tmp_path / "x.tif")
 
 

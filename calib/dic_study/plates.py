@@ -56,11 +56,18 @@ def _calibrated(plates: Plates, folder: Path, say: Say) -> Calibration:
             views.append(tuple(_view(image, plates) for image in images))
         except ValueError as error:
             say(f"left out: {error}")
-    if first is None or not views:
-        raise ValueError("calibration: found no pose in which both cameras see the plate")
+    if first is None or len(views) < plates.least_poses:
+        raise ValueError(
+            f"calibration: found {len(views)} poses in {len(left)} pairs of images in which both "
+            f"cameras see the plate, expected {plates.least_poses} or more "
+            "(calibration.least_poses may be as low as 3)"
+        )
     size = (first.grey.shape[1], first.grey.shape[0])
     ours, theirs = ([pair[side] for pair in views] for side in (0, 1))
-    return calibrate(ours, theirs, size, plates.settings)
+    try:
+        return calibrate(ours, theirs, size, plates.settings)
+    except ValueError as error:
+        raise ValueError(f"calibration: {error}") from error
 
 
 def _view(image: GreyImage, plates: Plates) -> PlateView:

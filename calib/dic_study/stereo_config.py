@@ -9,6 +9,7 @@ from pydantic.dataclasses import dataclass
 
 from calib.dic.bundle import LensModel
 from calib.dic.calibration import CalibrationSettings
+from calib.dic.chessboard import Chessboard
 from calib.dic.stereo import StereoSettings
 from calib.dic_study.config import STRICT, Images, Name, Options, Positive, Region
 from calib.toml_file import Contradiction, Document
@@ -65,6 +66,15 @@ class Plates:
     """number of radial coefficients of the lens, 0 to 3"""
     tangential: bool = False
     """true: two tangential coefficients too"""
+
+    def __post_init__(self) -> None:
+        if self.plate != "chessboard":
+            return
+        try:
+            Chessboard(self.columns, self.rows, self.spacing_mm)
+        except ValueError as error:
+            found, expected = [self.columns, self.rows], str(error).split("expected ", 1)[1]
+            raise Contradiction("columns", found, f"{expected} (columns, rows)") from error
 
     @property
     def settings(self) -> CalibrationSettings:
