@@ -15,6 +15,7 @@ from calib.dic import GreyImage, State, grid_points, read_image
 from calib.dic.calibration import Calibration
 from calib.dic.calibration_files import write_calibration
 from calib.dic.prepared import BoolArray
+from calib.dic.scale_error import scale_sd
 from calib.dic.stereo import (
     StereoFrame,
     StereoReason,
@@ -219,10 +220,15 @@ def _report(
     out: Path, ready: Prepared, calibration: Calibration, frames: list[dict[str, object]]
 ) -> None:
     rig = ready.reference.rig
+    placed = ready.reference
+    scale = None
+    if calibration.covariance is not None:
+        scale = scale_sd(rig, calibration.covariance, placed.left, placed.right)
     content = {
         "reference": ready.left.name,
         "stereo_angle_deg": rig.angle,
         "baseline_mm": rig.baseline,
+        "scale_sd": scale,
         "pose_turned_deg": ready.reference.turned,
         "reprojection_px": None if np.isnan(calibration.rms) else calibration.rms,
         "axes": {"rotation": ready.axes.rotation.tolist(), "origin_mm": ready.axes.origin.tolist()},
