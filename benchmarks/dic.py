@@ -61,6 +61,9 @@ def write_pair(folder: Path, step: int) -> None:
         "box": BOX,
         "threads": len(os.sched_getaffinity(0)),
         "shape": [HEIGHT, WIDTH],
+        "stretch": STRETCH.tolist(),
+        "centre": CENTRE.tolist(),
+        "move": SHIFT.tolist(),
     }
     (folder / "job.json").write_text(json.dumps(job))
 

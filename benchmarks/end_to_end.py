@@ -52,6 +52,10 @@ known: on 6 x 3 x 2 cells it is not"""
 COARSE, CHECK, TRUTH = (12, 4, 2), (16, 6, 3), (18, 7, 3)
 """cells of the emulator's runs, of the measure of their error, and of the truths: three meshes"""
 N_TRAINING = 48
+SAMPLES = 4
+"""n, at p = 2 increments: the mean force misses its truth as Hotelling's T2 says; the likelihood
+takes it as normal with a covariance (n - 1) / (n - p - 2) times as large, n - 1 times with 4, the
+fewest. Its region of 95 % so holds the forces alone in 86 % of cases, in 94 % with 8 samples"""
 TRAVEL = (0.1, 0.3, 0.6, 0.7)
 USED = (1, 2)
 PRIOR = Prior(
@@ -99,7 +103,7 @@ def studio() -> Studio:
 def settings() -> LaboratorySettings:
     """Four samples, two increments of 0.3 mm."""
     return LaboratorySettings(
-        samples=4,
+        samples=SAMPLES,
         machine_format="softcal",
         cameras=Cameras(format="softcal", grid=(30, 8)),
         placing=Placing(misplaced=0, camera_roll_deg=0.0),
@@ -161,7 +165,7 @@ def draw_truth(seed: int) -> Array:
 def dataset_of(seed: int, runs: Path) -> tuple[Array, Dataset]:
     """The truth of a seed, and what photographs and the test machine's files make of it."""
     theta = draw_truth(seed)
-    kept = runs / f"photographs-{seed}.npz"
+    kept = runs / f"photographs-{SAMPLES}-{seed}.npz"
     if kept.exists():
         return theta, load_dataset(kept)[0]
     kappa, r, s = theta

@@ -23,6 +23,8 @@ from calib.dic.calibration import CalibrationSettings, calibrate, first_guess, s
 from calib.dic.camera import Camera, Intrinsics, StereoRig, project, project_in_camera
 from calib.dic.distortion import Distortion
 from calib.dic.plate_view import PlateView, fit_homography, map_plane
+from calib.dic.scale_error import scale_sd
+from calib.dic.triangulate import triangulate
 
 SIZE = (1000, 800)
 RIG = StereoRig(
@@ -151,6 +153,38 @@ def test_stated_uncertainty_of_the_parameters_is_that_of_repeats():
 
 
 @pytest.mark.slow  # many fits
+def seen_points():
+    """Points in the view of both cameras, mm, and their pixels."""
+    x, y = np.meshgrid(np.linspace(-20, 20, 7), np.linspace(-15, 15, 5))
+    points = np.column_stack([x.ravel(), y.ravel(), 300.0 + 0.2 * x.ravel()])
+    return points, project(RIG.left, points)[0], project(RIG.right, points)[0]
+
+
+def test_an_error_of_the_baseline_scales_all_lengths_by_its_share():
+    covariance = np.zeros((26, 26))
+    shift = RIG.relative[1]
+    covariance[23:, 23:] = 0.003**2 * np.outer(shift, shift)
+    _, left, right = seen_points()
+    left[3] = np.nan
+    assert scale_sd(RIG, covariance, left, right) == pytest.approx(0.003, rel=1e-4)
+    with pytest.raises(ValueError, match="found 2 points in both cameras, expected 3 or more"):
+        scale_sd(RIG, covariance, left[:2], right[:2])
+
+
+@pytest.mark.slow  # many fits
+def test_the_stated_error_of_the_scale_is_that_of_repeats():
+    points, left, right = seen_points()
+    size = np.linalg.norm(points - points.mean(axis=0))
+    off, stated = [], []
+    for seed in range(16):
+        found = calibrate(*views(8, noise=0.05, seed=seed), SIZE)
+        places = triangulate(found.rig, left, right).points
+        off.append(np.log(np.linalg.norm(places - places.mean(axis=0)) / size))
+        stated.append(scale_sd(found.rig, found.covariance, left, right))
+    # an SD of 16 repeats is known to 18 %
+    assert np.sqrt(np.mean(np.square(off))) == pytest.approx(np.mean(stated), rel=0.45)
+
+
 def test_a_badly_printed_plate_is_found_to_be_one():
     bad = views(8, noise=0.02, plate_error=0.02)
     exact = calibrate(*bad, SIZE)

@@ -62,13 +62,15 @@ def test_our_file_gives_the_same_bits_back(tmp_path):
         Camera(Intrinsics(1.0 / 3.0, 2.0, 3.0, 4.0, 0.1, Distortion((0.1, 0.2, 0.3)))), right
     )
     made = Calibration(
-        rig, (640, 480), {"left.fx": 0.1}, (0.1, 0.2), (("a", 0.1, 0.2),), 0.3, 0.4, 8, 9, 1
-    )
+        rig, (640, 480), {"left.fx": 0.1}, (0.1, 0.2), (("a", 0.1, 0.2),), 0.3, 0.4, 8, 9, 1,
+        covariance=np.random.default_rng(0).random((26, 26)) / 3.0,
+    )  # fmt: skip
     write_calibration(tmp_path / "c.json", made)
     found = read_calibration(tmp_path / "c.json")
     assert found.rig.left.intrinsics == rig.left.intrinsics
     assert np.array_equal(found.rig.right.rotation, turn)
     assert (found.size, found.sigma, found.per_pose) == (made.size, made.sigma, made.per_pose)
+    np.testing.assert_array_equal(found.covariance, made.covariance)
 
 
 def test_one_calibration_in_four_forms_is_the_same(tmp_path):

@@ -92,7 +92,7 @@ def test_swapped_cameras_and_a_strange_calibration_are_told_apart():
     rest = still(0)
     rig = CAMERAS.rig
     points = points_on(rest)[0]
-    with pytest.raises(ValueError, match="images are swapped"):
+    with pytest.raises(ValueError, match="are swapped"):
         place_reference(StereoRig(rig.right, rig.left), rest.left, rest.right, points, STEREO)
     with pytest.raises(ValueError, match="another set-up, or the cameras have moved"):
         place_reference(turned(rig, 1.0), rest.left, rest.right, points, STEREO)
@@ -185,6 +185,15 @@ step_px = 12
 """
 
 
+BOARD = """
+[calibration]
+plate = "chessboard"
+left = ["left0.tif"]
+right = ["right0.tif"]
+spacing_mm = 1.0
+"""
+
+
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory) -> Path:
     place = tmp_path_factory.mktemp("stereo")
@@ -216,6 +225,30 @@ def test_the_command_writes_points_that_the_readers_read(folder, capsys):
     assert "stereo angle 34.00 degrees" in capsys.readouterr().out
 
 
+def test_a_stopped_series_goes_on_with_the_same_bits(folder, capsys, monkeypatch):
+    text = STUDY.format(right="right").replace("= 12", "= 24")
+    for side in ("left", "right"):
+        text = text.replace(f'["{side}1.tif"]', f'["{side}1.tif", "{side}2.tif"]')
+        (folder / f"{side}2.tif").write_bytes((folder / f"{side}1.tif").read_bytes())
+    (folder / "long.toml").write_text(text.replace("[2.5]", "[2.5, 3.5]"))
+    assert main(["dic", str(folder / "long.toml"), "--out", str(folder / "whole")]) == 0
+
+    def stopped_at_the_second(reference, left, right, settings, before):
+        if before.left.last is not None:
+            raise KeyboardInterrupt
+        return follow_pair(reference, left, right, settings, before)
+
+    with monkeypatch.context() as patch:
+        patch.setattr("calib.dic_study.stereo_run.follow_pair", stopped_at_the_second)
+        assert main(["dic", str(folder / "long.toml")]) != 0
+    capsys.readouterr()
+    assert main(["dic", str(folder / "long.toml")]) == 0
+    said = capsys.readouterr().out
+    assert said.count("(kept)") == 1 and said.count("(measured)") == 1
+    for name in ("points/left1.csv", "points/left2.csv", "left2-strain.csv", "dic.json"):
+        assert (folder / "long-dic" / name).read_bytes() == (folder / "whole" / name).read_bytes()
+
+
 @pytest.mark.parametrize(
     ("change", "words"),
     [
@@ -233,9 +266,21 @@ def test_the_command_writes_points_that_the_readers_read(folder, capsys):
         ((('calibration = "rig.json"\n', ""),), "either a file here or a section"),
         (
             (('["left1.tif"]', '["left1.tif", "left0.tif"]'), ("[2.5]", "[1.0, 2.0]")),
-            "expected 2 files",
+            'stereo.right_deformed: found ["right1.tif"], expected 2 files',
         ),
         ((("rig.json", "left0.tif"),), "not a calibration"),
+        ((("[60, 30, 240, 120]", "[60, 30, 240, 151]"),), ":15: region.rectangle_px: found [60.0"),
+        (
+            (
+                ('calibration = "rig.json"\n', ""),
+                ("[region]", BOARD + "columns = 8\nrows = 6\n[region]"),
+            ),
+            "calibration.columns: found [8, 6], expected one odd and one even",
+        ),
+        (
+            (('calibration = "rig.json"\n', ""), ("[region]", BOARD + "[region]")),
+            "calibration: found 0 poses in 1 pairs of images in which both cameras see the plate",
+        ),
     ],
 )
 def test_wrong_studies_of_two_cameras_get_one_sentence(folder, capsys, change, words):

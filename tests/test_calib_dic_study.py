@@ -10,7 +10,9 @@ from benchmarks.exact_speckle import exposed, speckle
 from calib.cli import main
 from calib.data.readers import read_dic
 from calib.dic import (
+    Correlation,
     GreyImage,
+    State,
     grid_points,
     image_noise,
     polygon_mask,
@@ -18,6 +20,8 @@ from calib.dic import (
     read_image,
     rectangle_mask,
 )
+from calib.dic.follow import Base
+from calib.dic_study import frame_store
 
 W, H = 160, 110
 X, Y = np.arange(float(W)), np.arange(float(H))
@@ -103,22 +107,63 @@ def test_series_goes_on_with_the_same_bits_and_starts_again_when_images_change(
     assert main(["dic", study]) == 0
     assert "d1.bmp: 104 of 104" in capsys.readouterr().out
     assert (points / "d2.csv").read_bytes() == whole
+    # what is written in mm follows the scale, though nothing is measured again
+    (folder / "study.toml").write_text(STUDY.replace("= 0.02", "= 0.04"))
+    assert main(["dic", study]) == 0
+    assert capsys.readouterr().out.count("(kept)") == 2
+    (twice,) = read_dic(points / "d2.csv").frames
+    assert np.ptp(twice.position[:, 0]) == pytest.approx(0.04 * 120, rel=1e-6)
     io.imsave(folder / "d1.bmp", grey(pattern, 9, X + 1.0), check_contrast=False)
     assert main(["dic", study]) == 0
     last = capsys.readouterr().out
     assert last.count("(measured)") == 2
 
 
+@pytest.mark.parametrize("renewed", [None, 2, 3])
+def test_a_stored_frame_brings_back_the_state_with_its_renewed_reference(tmp_path, renewed):
+    rng = np.random.default_rng(1)
+    image = GreyImage("x", rng.random((9, 8)), 255.0)
+
+    def base(number):
+        n = 3
+        found = Correlation(
+            rng.random((n, 2)), rng.random((n, 2, 2)), rng.random(n), rng.random((n, 2)),
+            np.arange(n), np.arange(n), rng.random((n, 6)),
+        )  # fmt: skip
+        return Base(number, image.grey, found)
+
+    before = State(base(3), base(2))
+    known = {None: None, 2: before.base, 3: before.last}[renewed]
+    after = State(base(4), known)
+    frame_store.save(tmp_path / "f.npz", "key", [after])
+    assert frame_store.load(tmp_path / "f.npz", "other", [before], [image]) is None
+    (state,) = frame_store.load(tmp_path / "f.npz", "key", [before], [image])
+    assert state.base is known
+    assert state.last.number == 4
+    for name, value in vars(after.last.found).items():
+        np.testing.assert_array_equal(getattr(state.last.found, name), value)
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
         (("a.tif", "b.tif"), "b.tif: found no such file, expected an image"),
-        (("d*.bmp", "e*.bmp"), "images.deformed: expected files"),
-        (("[1.0, 2.0]", "[1.0]"), "images.times_s: expected 2 times, found 1"),
+        (("d*.bmp", "e*.bmp"), 'study.toml:5: images.deformed: found "e*.bmp", expected the patt'),
+        (('["d*.bmp"]', '["d1.bmp", "d1.tif"]'), "images.deformed: found \"d1\", expected each na"),
+        (("[1.0, 2.0]", "[1.0]"), "study.toml:6: images.times_s: found [1.0], expected 2 times"),
         (("= 21", "= 20"), "subset_px: found 20, expected an odd number of px"),
         (
-            (CORNERS, "[[900.0, 20.0], [950.0, 20.0], [950.0, 90.0]]"),
-            "polygon: expected a region in the image of 160 x 110 px, found none",
+            (CORNERS, "[[20.0, 20.0], [950.0, 20.0], [950.0, 90.0]]"),
+            "study.toml:8: region.polygon_px: found [[20.0, 20.0], [950.0, 20.0], [950.0, 90.0]], "
+            "expected a place within a.tif, x from 0 to 160 and y from 0 to 110 px",
+        ),
+        (
+            ("polygon_px = " + CORNERS, "rectangle_px = [20, 20, 161, 90]"),
+            "study.toml:8: region.rectangle_px: found [20.0, 20.0, 161.0, 90.0], expected a place",
+        ),
+        (
+            ("[region]", "[region]\nrectangle_px = [0, 0, 15, 15]"),
+            "region: expected a pixel that rectangle_px and polygon_px have in common, found none",
         ),
         (("mm_per_px = 0.02", "mm_per_px = 0.0"), "mm_per_px: found 0"),
     ],
@@ -153,7 +198,10 @@ def test_wrong_images_are_refused_in_one_sentence(folder, capsys, name, image, m
 
 def test_file_that_is_no_image_is_refused(tmp_path):
     (tmp_path / "x.tif").write_text("no image")
-    with pytest.raises(ValueError, match=r"x\.tif: expected an image, could not read it"):
+    words = (
+        r"x\.tif: expected a whole TIFF, PNG or BMP file, found one that starts with b'no image'"
+    )
+    with pytest.raises(ValueError, match=words):
         read_image(tmp_path / "x.tif")
 
 

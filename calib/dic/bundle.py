@@ -87,6 +87,9 @@ class Bundle(NamedTuple):
     """coordinates beyond `ROBUST` SDs, which counted less"""
     plate_error: float
     """RMS deviation of a point of the plate from its place along one axis, as fitted, mm"""
+    covariance: Array
+    """(26, 26) of the rig: intrinsics of left and right, then rotation vector [rad] and translation
+    [mm] of the right camera; zero where a parameter is fixed"""
 
 
 def adjust(
@@ -184,6 +187,8 @@ def _bundle(
     covariance = noise**2 * inverse / np.outer(scale, scale)
     names = [f"{side}.{name}" for side in ("left", "right") for name in INTRINSIC_NAMES]
     names += [f"relative.{name}" for name in ("rx", "ry", "rz", "tx", "ty", "tz")]
+    whole = np.zeros((full.size, full.size))
+    whole[np.ix_(free, free)] = covariance
     sigma = np.zeros(full.size)
     sigma[free] = np.sqrt(np.diag(covariance))
     start = 2 * N_INTRINSIC
@@ -199,4 +204,7 @@ def _bundle(
     residual = residual_of(full, pairs, plate, shift)
     stated = dict(zip(names, sigma[: len(names)].tolist(), strict=True))
     off_plate = float(np.sqrt(np.mean((points_at(full, plate) - plate.places) ** 2)))
-    return Bundle(rig, poses, residual, shift, stated, noise, int(far.sum()), off_plate)
+    n = len(names)
+    return Bundle(
+        rig, poses, residual, shift, stated, noise, int(far.sum()), off_plate, whole[:n, :n].copy()
+    )

@@ -63,6 +63,8 @@ class Calibration:
     """coordinates beyond three SDs, which counted less"""
     plate_error: float = 0.0
     """RMS deviation of the plate's points along one axis as fitted, mm"""
+    covariance: Array | None = None
+    """(26, 26) of the rig's parameters: see `Bundle.covariance`; None where it is not known"""
 
     @property
     def rms(self) -> float:
@@ -196,4 +198,5 @@ def _result(pairs: tuple[Pair, ...], bundle: Bundle, size: tuple[int, int]) -> C
         n_points=len(all_left) + len(all_right),
         n_far=bundle.n_far,
         plate_error=bundle.plate_error,
+        covariance=bundle.covariance,
     )

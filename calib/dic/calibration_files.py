@@ -55,6 +55,8 @@ def write_calibration(path: Path | str, calibration: Calibration) -> None:
             "n_far", "plate_error",
         )
     }  # fmt: skip
+    if calibration.covariance is not None:
+        content["covariance"] = calibration.covariance.tolist()
     Path(path).write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
 
 
@@ -93,6 +95,8 @@ def _softcal(content: dict[str, Any]) -> Calibration:
     quality: dict[str, Any] = dict(content["quality"])
     quality["reprojection"] = tuple(quality["reprojection"])
     quality["per_pose"] = tuple(tuple(row) for row in quality["per_pose"])
+    if "covariance" in content:
+        quality["covariance"] = np.array(content["covariance"], dtype=np.float64)
     columns, rows = content["size"]
     return Calibration(
         StereoRig(Camera(cameras[0]), right),

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
+from numba import njit
 
 from calib.dic.interpolation import Array
 from calib.dic.prepared import BoolArray, IntArray
-from calib.dic.shape import carried
 
 LEAST_NEIGHBOURS = 3
 
@@ -19,14 +19,33 @@ def stray_points(points: Array, parameters: Array, valid: BoolArray, near: IntAr
     the distance to the neighbours: a wrong match is off by a speckle, while a true field departs
     from its tangent by half the change of its gradient times that distance.
     """
-    has = (near >= 0) & valid[near]
-    offset = points[:, None] - points[near]
-    n, k = near.shape
-    there = carried(parameters[near].reshape(n * k, -1), offset.reshape(n * k, 2))
-    expected = np.where(has[..., None], there[:, :2].reshape(n, k, 2), np.nan)
-    enough = valid & (has.sum(axis=1) >= LEAST_NEIGHBOURS)
-    off = np.zeros(n)
-    distance = np.where(has, np.abs(offset).max(axis=2), 0.0).max(axis=1)
-    middle = np.nanmedian(expected[enough], axis=1)
-    off[enough] = np.abs(parameters[enough, :2] - middle).max(axis=1)
-    return np.asarray(off > 1.0 + 0.1 * distance)
+    departure, distance = departures(points, parameters, valid, near)
+    return np.asarray(departure > 1.0 + 0.1 * distance)
+
+
+@njit(cache=True, nogil=True)
+def departures(
+    points: Array, parameters: Array, valid: BoolArray, near: IntArray
+) -> tuple[Array, Array]:
+    """(n,) px from where the neighbours expect a point, 0 with too few, and (n,) their distance."""
+    n = near.shape[0]
+    departure, distance = np.zeros(n), np.zeros(n)
+    expected = np.empty((2, near.shape[1]))
+    for point in range(n):
+        count = 0
+        for other in near[point]:
+            if other < 0 or not valid[other]:
+                continue
+            a, b = points[point] - points[other]
+            distance[point] = max(distance[point], abs(a), abs(b))
+            p = parameters[other]
+            for k in range(2):
+                bent = p[6 + 3 * k] * a * a + p[8 + 3 * k] * b * b
+                straight = p[k] + p[2 + 2 * k] * a + p[3 + 2 * k] * b
+                expected[k, count] = straight + 0.5 * bent + p[7 + 3 * k] * a * b
+            count += 1
+        if valid[point] and count >= LEAST_NEIGHBOURS:
+            for k in range(2):
+                off = abs(parameters[point, k] - np.median(expected[k, :count]))
+                departure[point] = max(departure[point], off)
+    return departure, distance

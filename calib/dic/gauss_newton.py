@@ -10,6 +10,7 @@ from numba import njit
 from calib.dic.interpolation import FAST, Array
 from calib.dic.residual import clumping, deviations, noise_share, reject_glare
 from calib.dic.subset import (
+    AT_ONCE,
     FOLDED,
     LEFT_IMAGE,
     LOW_CORRELATION,
@@ -31,6 +32,8 @@ from calib.dic.warp import compose_inverse
 
 MOST_TRIALS = 4
 """iterations from start to end, with fewer pixels each time"""
+LAST_STEP = 10.0
+"""tolerances; a larger step is always followed by another"""
 
 
 class Fit(NamedTuple):
@@ -63,6 +66,20 @@ def size_of(step, n, radius):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def is_done(size, before, tolerance):  # type: ignore[no-untyped-def]
+    """Whether the next step would be below the tolerance, px; size, before: squares of the steps.
+
+    With a Hessian that is not renewed, steps shrink by one ratio. It is trusted for a step that is
+    small itself, so that residuals, which are those before it, are those of the end.
+    """
+    if size < tolerance**2:
+        return True
+    if not size < (LAST_STEP * tolerance) ** 2 or not size < 0.25 * before:
+        return False
+    return size * (size / before) < tolerance**2
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def judged(reason, p, zncc, least):  # type: ignore[no-untyped-def]
     """The reason after the iteration, with what its end says."""
     if reason == VALID and (1.0 + p[2]) * (1.0 + p[5]) - p[3] * p[4] < SMALLEST_DETERMINANT:
@@ -92,8 +109,9 @@ def iterate(  # type: ignore[no-untyped-def]
         return Fit(NO_SPECKLE, 0, np.nan, 1.0, count, squares, inverse, diagonal)
     right, lit, step = np.zeros(n), np.zeros(3), np.zeros(N_PARAMETER)
     zncc, scale, reason, iteration = np.nan, 1.0, NOT_CONVERGED, 0
-    work, first = np.empty((15, side)), np.empty(side, np.int64)
-    x0, y0 = p[0], p[1]
+    room = max(AT_ONCE // side, 1) * side
+    work, first = np.empty((15, room)), np.empty(room, np.int64)
+    x0, y0, before = p[0], p[1], 0.0
     while iteration < limits[1]:
         iteration += 1
         inside, sum_gg, sum_fg = deformed_sums(
@@ -122,9 +140,10 @@ def iterate(  # type: ignore[no-untyped-def]
             break
         if (p[0] - x0) ** 2 + (p[1] - y0) ** 2 > (2.0 * radius) ** 2:
             break
-        if size < limits[0] ** 2:
+        if is_done(size, before, limits[0]):
             reason = VALID
             break
+        before = size
     for k in range(2):
         step[:] = 0.0
         step[k] = 1.0

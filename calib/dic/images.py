@@ -60,8 +60,13 @@ def _values(path: Path) -> np.ndarray:
         try:
             return np.asarray(imageio.v3.imread(path, plugin="pillow"))
         except Exception as error:
-            text = str(error).splitlines()[0] if str(error) else type(error).__name__
-            raise ValueError(f"{path}: expected an image, could not read it ({text})") from error
+            # what decoders say names their inner parts, which tells the user nothing
+            with path.open("rb") as stream:
+                start = stream.read(8)
+            found = f"one that starts with {start!r}" if start else "an empty one"
+            raise ValueError(
+                f"{path}: expected a whole TIFF, PNG or BMP file, found {found} that cannot be read"
+            ) from error
 
 
 def _full_scale(values: np.ndarray, is_byte: bool) -> float:

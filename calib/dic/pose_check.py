@@ -48,8 +48,9 @@ def check_belongs(rig: StereoRig, left: Array, right: Array, limit: float) -> No
     # of two cameras alike the swapped lines are close too, but not as close as the true ones
     if swapped < 0.5 * min(distance, limit):
         raise ValueError(
-            f"left, right: the images are swapped; points lie {distance:.2g} px from their "
-            f"epipolar lines, and {swapped:.2g} px with left and right exchanged"
+            "left, right: the images, or those of the calibration, are swapped; points lie "
+            f"{distance:.2g} px from their epipolar lines, and {swapped:.2g} px with left and "
+            "right exchanged"
         )
     if distance <= limit:
         return

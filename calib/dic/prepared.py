@@ -29,7 +29,9 @@ BoolArray = npt.NDArray[np.bool_]
 IntArray = npt.NDArray[np.int64]
 N_RESULT = 5
 TABLE = 64
-CHUNK = 64
+PARTS_PER_THREAD = 8
+"""so that threads end together, though points differ in their iterations"""
+LEAST_PART = 8
 
 
 class Reference(NamedTuple):
@@ -127,8 +129,10 @@ def refine(
             parameters, results,
         )  # fmt: skip
 
-    parts = [todo[start : start + CHUNK] for start in range(0, todo.size, CHUNK)]
-    threads = min(n_threads(settings), len(parts))
+    threads = n_threads(settings)
+    size = max(todo.size // (PARTS_PER_THREAD * threads), LEAST_PART)
+    parts = [todo[start : start + size] for start in range(0, todo.size, size)]
+    threads = min(threads, len(parts))
     if threads <= 1:
         run(todo)
     else:

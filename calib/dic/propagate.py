@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
+from numba import njit
 from scipy.spatial import cKDTree
 
 from calib.dic.consistency import stray_points
@@ -78,24 +79,43 @@ def _spread(
     tries = np.where(done, MOST_TRIES, 0)
     used = np.full((len(points), MOST_TRIES), -1, dtype=np.int64)
     while True:
-        candidates = np.flatnonzero((tries < MOST_TRIES) & ~done)
-        around = near[candidates]
-        quality = np.where((around >= 0) & done[around], results[around, 0], -np.inf)
-        for t in range(MOST_TRIES):
-            quality[around == used[candidates, t][:, None]] = -np.inf
-        best = quality.argmax(axis=1)
-        rows = np.arange(candidates.size)
-        quality = quality[rows, best]
-        ready = np.isfinite(quality)
-        if not ready.any():
+        starts, quality = best_starts(near, done, results[:, 0], tries, used)
+        candidates = np.flatnonzero(starts >= 0)
+        if not candidates.size:
             return
-        ready &= quality >= np.median(quality[ready])
-        todo, start = candidates[ready], around[rows, best][ready]
+        ready = quality[candidates] >= np.median(quality[candidates])
+        todo = candidates[ready]
+        start = starts[todo]
         used[todo, tries[todo]] = start
         tries[todo] += 1
         parameters[todo] = carried(parameters[start], points[todo] - points[start])
         results[todo] = refine(reference, deformed, points, todo, parameters, settings)
         done[todo] = results[todo, 3] == Reason.VALID
+
+
+@njit(cache=True, nogil=True)
+def best_starts(
+    near: IntArray, done: BoolArray, zncc: Array, tries: IntArray, used: IntArray
+) -> tuple[IntArray, Array]:
+    """For each point that may be tried: its best neighbour that is done and was not used yet.
+
+    near (n, 8), done (n,), zncc (n,), tries (n,), used (n, MOST_TRIES). Returns indices (n,), -1
+    where there is none, and the correlation (n,) of these neighbours.
+    """
+    n = near.shape[0]
+    starts, quality = np.full(n, -1), np.full(n, -np.inf)
+    for point in range(n):
+        if done[point] or tries[point] >= used.shape[1]:
+            continue
+        for neighbour in near[point]:
+            if neighbour < 0 or not done[neighbour] or not zncc[neighbour] > quality[point]:
+                continue
+            is_new = True
+            for old in used[point]:
+                is_new = is_new and old != neighbour
+            if is_new:
+                starts[point], quality[point] = neighbour, zncc[neighbour]
+    return starts, quality
 
 
 def unreached(n: int) -> npt.NDArray[np.float64]:

@@ -24,7 +24,7 @@ class CorrelationSettings:
     degree: Degree = 5
     """of the B-spline between pixels: 3 or 5; 5 has the smaller bias, 3 takes half the time"""
     tolerance: float = 5e-4
-    """stop when no pixel of the subset moves by more than this, px"""
+    """stop when no pixel of the subset would move by more than this in a further step, px"""
     max_iterations: int = 50
     min_zncc: float = 0.7
     """a point that correlates less is lost"""

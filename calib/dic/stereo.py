@@ -200,13 +200,13 @@ def follow_pair(
             )
         states.append(next_state(ready, image, points[placed], settings.correlation, state))
     tracked = Tracked(*states)
-    return _frame(reference, placed, tracked, settings), tracked
+    return frame_of(reference, tracked, settings), tracked
 
 
-def _frame(
-    reference: StereoReference, placed: IntArray, tracked: Tracked, settings: StereoSettings
-) -> StereoFrame:
+def frame_of(reference: StereoReference, tracked: Tracked, settings: StereoSettings) -> StereoFrame:
+    """Displacements in space at the frame to which both cameras have been followed."""
     assert tracked.left.last is not None and tracked.right.last is not None
+    placed = np.flatnonzero(reference.reason == StereoReason.VALID)
     left, right = tracked.left.last.found, tracked.right.last.found
     n = len(reference.left)
     now_left = reference.left[placed] + left.displacement

@@ -27,6 +27,8 @@ FACTOR = np.array([1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 0.5, 1.0, 0.5, 0.5, 1.0, 0.5])
 VALID, OUTSIDE_REGION, NO_SPECKLE, LEFT_IMAGE, NOT_CONVERGED, LOW_CORRELATION, FOLDED = range(7)
 UNCERTAIN = 9
 SMALLEST_DETERMINANT = 0.02
+AT_ONCE = 256
+"""pixels that are interpolated at once: enough for vector units, few enough for the first cache"""
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
@@ -201,34 +203,37 @@ def reference_sums(  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
-def deformed_row(  # type: ignore[no-untyped-def]
-    coefficients, is_quintic, weight, b, radius, x, y, p, work, first
+def deformed_rows(  # type: ignore[no-untyped-def]
+    coefficients, is_quintic, weight, start, rows, radius, x, y, p, work, first
 ):
-    """Grey values of row b of the deformed subset into work[0]; False where one leaves the image.
+    """Grey values of rows `start` on of the deformed subset, one after the other, into work[0].
 
-    weight (side,): pixels of weight 0 may leave it.
+    Returns False where one leaves the image; weight (side, side): pixels of weight 0 may.
     """
     side = 2 * radius + 1
     stride = coefficients.shape[1]
     bottom, last = coefficients.shape[0] - 2 * PAD - 1.0, stride - 2 * PAD - 1.0
-    x0 = x + p[0] + b * (p[3] + 0.5 * b * p[8])
-    y0 = y + p[1] + b * (1.0 + p[5] + 0.5 * b * p[11])
-    x1, y1 = 1.0 + p[2] + b * p[7], p[4] + b * p[10]
     lost = 0
-    for i in range(side):
-        a = float(i - radius)
-        gx, gy = x0 + a * (x1 + 0.5 * a * p[6]), y0 + a * (y1 + 0.5 * a * p[9])
-        cx, cy = min(max(gx, 0.0), last), min(max(gy, 0.0), bottom)
-        work[1, i], work[2, i] = cx, cy
-        if (gx != cx or gy != cy) and weight[i] != 0.0:
-            lost += 1
+    for row in range(rows):
+        b = float(start + row - radius)
+        x0 = x + p[0] + b * (p[3] + 0.5 * b * p[8])
+        y0 = y + p[1] + b * (1.0 + p[5] + 0.5 * b * p[11])
+        x1, y1 = 1.0 + p[2] + b * p[7], p[4] + b * p[10]
+        at_x, at_y = work[1, row * side :], work[2, row * side :]
+        for i in range(side):
+            a = float(i - radius)
+            gx, gy = x0 + a * (x1 + 0.5 * a * p[6]), y0 + a * (y1 + 0.5 * a * p[9])
+            cx, cy = min(max(gx, 0.0), last), min(max(gy, 0.0), bottom)
+            at_x[i], at_y[i] = cx, cy
+            if (gx != cx or gy != cy) and weight[start + row, i] != 0.0:
+                lost += 1
     if lost > 0:
         return False
     flat = coefficients.ravel()
     if is_quintic:
-        quintic_values(flat, stride, work[1], work[2], side, first, work[3:], work[0])
+        quintic_values(flat, stride, work[1], work[2], rows * side, first, work[3:], work[0])
     else:
-        cubic_values(flat, stride, work[1], work[2], side, first, work[3:], work[0])
+        cubic_values(flat, stride, work[1], work[2], rows * side, first, work[3:], work[0])
     return True
 
 
@@ -238,23 +243,30 @@ def deformed_sums(  # type: ignore[no-untyped-def]
 ):
     """Sums over the deformed subset: right (n,) with the Jacobian, lit (3,) with 1, a, b.
 
-    values (side, side): the grey values g, from that of the first pixel; work (15, side), first
-    (side,): room to work. Returns whether all of it is in the image, and the sums of g² and f g.
+    values (side, side): the grey values g, from that of the first pixel; work (15, m side), first
+    (m side,): room to work on m rows at once. Returns whether all of it is in the image, and the
+    sums of g² and f g.
     """
     side = 2 * radius + 1
+    at_once = first.size // side
     sums = np.zeros((2, 3, 3))
     lit[:] = 0.0
     sum_gg, sum_fg, origin = 0.0, 0.0, 0.0
     for j in range(side):
         b = float(j - radius)
-        if not deformed_row(coefficients, is_quintic, sub[3, j], b, radius, x, y, p, work, first):
-            return False, 0.0, 0.0
+        if j % at_once == 0:
+            rows = min(at_once, side - j)
+            if not deformed_rows(
+                coefficients, is_quintic, sub[3], j, rows, radius, x, y, p, work, first
+            ):
+                return False, 0.0, 0.0
         if j == 0:
             origin = work[0, 0]
+        grey = work[0, (j % at_once) * side :]
         u0, u1, u2, v0, v1, v2, g0, g1 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
         for i in range(side):
             a = float(i - radius)
-            g = (work[0, i] - origin) * sub[3, j, i]
+            g = (grey[i] - origin) * sub[3, j, i]
             values[j, i] = g
             g0, g1 = g0 + g, g1 + g * a
             sum_gg += g * g

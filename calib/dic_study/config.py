@@ -134,31 +134,3 @@ def read_study(path: Path) -> Document:
 def load_study(path: Path) -> DicStudy:
     """Read and check a study of one camera. Raises FileRefused, with the line."""
     return read_study(path).checked(DicStudy)
-
-
-def image_paths(study: DicStudy, folder: Path) -> tuple[Path, ...]:
-    """Files of the deformed images in their order, * written out by name.
-
-    Raises ValueError for a name that no file has, and when times are given for another number.
-    """
-    paths: list[Path] = []
-    for name in study.images.deformed:
-        if "*" in name:
-            found = [p for p in sorted(folder.glob(name)) if p.is_file()]
-            skipped = {folder / study.images.reference}
-            if study.images.repeat is not None:
-                skipped.add(folder / study.images.repeat)
-            found = [p for p in found if p not in skipped]
-            if not found:
-                raise ValueError(f"images.deformed: expected files {folder / name}, found none")
-            paths += found
-        else:
-            paths.append(folder / name)
-    stems = [p.stem for p in paths]
-    for stem in stems:
-        if stems.count(stem) > 1:
-            raise ValueError(f"images.deformed: expected each name once, found {stem} twice")
-    times = study.images.times_s
-    if times is not None and len(times) != len(paths):
-        raise ValueError(f"images.times_s: expected {len(paths)} times, found {len(times)}")
-    return tuple(paths)

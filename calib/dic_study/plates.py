@@ -11,7 +11,9 @@ from calib.dic.chessboard import Chessboard, chessboard_view
 from calib.dic.dot_grid import DotPlate, dot_view
 from calib.dic.images import GreyImage, check_sizes, read_image
 from calib.dic.plate_view import PlateView
-from calib.dic_study.stereo_config import Plates, StereoStudy, named_files
+from calib.dic_study.named_files import named_files
+from calib.dic_study.stereo_config import Plates, StereoStudy
+from calib.toml_file import Contradiction
 
 Say = Callable[[str], None]
 
@@ -41,9 +43,10 @@ def _calibrated(plates: Plates, folder: Path, say: Say) -> Calibration:
         for side, names in (("left", plates.left), ("right", plates.right))
     )
     if len(left) != len(right):
-        raise ValueError(
-            f"calibration.right: expected {len(left)} files as calibration.left, found {len(right)}"
-        )
+        raise Contradiction(
+            "calibration.right", list(plates.right),
+            f"{len(left)} files as calibration.left names, not {len(right)}",
+        )  # fmt: skip
     views, first = [], None
     for paths in zip(left, right, strict=True):
         images = tuple(read_image(path) for path in paths)
@@ -53,11 +56,18 @@ def _calibrated(plates: Plates, folder: Path, say: Say) -> Calibration:
             views.append(tuple(_view(image, plates) for image in images))
         except ValueError as error:
             say(f"left out: {error}")
-    if first is None or not views:
-        raise ValueError("calibration: found no pose in which both cameras see the plate")
+    if first is None or len(views) < plates.least_poses:
+        raise ValueError(
+            f"calibration: found {len(views)} poses in {len(left)} pairs of images in which both "
+            f"cameras see the plate, expected {plates.least_poses} or more "
+            "(calibration.least_poses may be as low as 3)"
+        )
     size = (first.grey.shape[1], first.grey.shape[0])
     ours, theirs = ([pair[side] for pair in views] for side in (0, 1))
-    return calibrate(ours, theirs, size, plates.settings)
+    try:
+        return calibrate(ours, theirs, size, plates.settings)
+    except ValueError as error:
+        raise ValueError(f"calibration: {error}") from error
 
 
 def _view(image: GreyImage, plates: Plates) -> PlateView:

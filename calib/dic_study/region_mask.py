@@ -10,23 +10,45 @@ from calib.dic import GreyImage, polygon_mask, read_image, rectangle_mask
 from calib.dic.images import check_sizes
 from calib.dic.prepared import BoolArray
 from calib.dic_study.config import Region
+from calib.toml_file import Contradiction
 
 
 def region_mask(region: Region, folder: Path, reference: GreyImage) -> BoolArray:
     """(h, w) True where the parts of a region, by their files in `folder`, all hold.
 
-    Raises ValueError when there is no such pixel.
+    Raises Contradiction for what reaches beyond the image, ValueError when no pixel is left.
     """
     shape = (reference.grey.shape[0], reference.grey.shape[1])
     mask = np.ones(shape, dtype=np.bool_)
-    if region.rectangle_px is not None:
-        mask &= rectangle_mask(shape, region.rectangle_px)
-    if region.polygon_px is not None:
-        mask &= polygon_mask(shape, region.polygon_px)
+    box, corners = region.rectangle_px, region.polygon_px
+    if box is not None:
+        _check_within("region.rectangle_px", box, [box[:2], box[2:]], reference)
+        mask &= rectangle_mask(shape, box)
+    if corners is not None:
+        _check_within("region.polygon_px", corners, corners, reference)
+        mask &= polygon_mask(shape, corners)
     if region.mask is not None:
         image = read_image(folder / region.mask)
         check_sizes([reference, image])
+        if not (image.grey > 0).any():
+            raise ValueError(f"{image.name}: expected a mask with bright pixels, found none")
         mask &= image.grey > 0
     if not mask.any():
-        raise ValueError("region: expected a place in the image that all of it shares, found none")
+        given = [name for name in ("rectangle_px", "polygon_px", "mask") if getattr(region, name)]
+        raise ValueError(
+            f"region: expected a pixel that {' and '.join(given)} have in common, found none"
+        )
     return mask
+
+
+def _check_within(
+    key: str, found: object, corners: list[tuple[float, ...]] | tuple[tuple[float, ...], ...],
+    image: GreyImage,
+) -> None:  # fmt: skip
+    """A region that reaches beyond the image is one of another image, or has its numbers swapped:
+    to cut it without a word would measure another place than was meant."""
+    h, w = image.grey.shape
+    if not all(0 <= x <= w and 0 <= y <= h for x, y in corners):
+        raise Contradiction(
+            key, found, f"a place within {image.name}, x from 0 to {w} and y from 0 to {h} px"
+        )

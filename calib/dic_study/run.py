@@ -13,6 +13,7 @@ import numpy as np
 from calib.data.readers import write_points
 from calib.dic import (
     Correlation,
+    CorrelationSettings,
     GreyImage,
     Quality,
     Reason,
@@ -25,23 +26,22 @@ from calib.dic import (
     read_image,
     strain,
 )
-from calib.dic.follow import Base
 from calib.dic.images import check_sizes
 from calib.dic_study import frame_store
-from calib.dic_study.config import DicStudy, image_paths, read_study
+from calib.dic_study.config import DicStudy, read_study
+from calib.dic_study.exposure import check_exposure
+from calib.dic_study.named_files import check_files, check_series, named_files
 from calib.dic_study.pictures import lost_points, overlay, save_png
 from calib.dic_study.point_frame import point_frame
 from calib.dic_study.region_mask import region_mask
 from calib.dic_study.stereo_config import StereoStudy, has_stereo
 from calib.dic_study.stereo_run import run_stereo
+from calib.toml_file import Contradiction
 from fe.atomic_file import replacing
 from fe.response import Array
 
 Say = Callable[[str], None]
 POINTS, PICTURES, STORE = "points", "pictures", "frames"
-MOST_SATURATED = 0.5
-LEAST_SPREAD = 0.005
-"""of full scale: an image without any speckle"""
 
 
 class Prepared(NamedTuple):
@@ -52,6 +52,7 @@ class Prepared(NamedTuple):
     points: Array
     grid: tuple[int, int]
     judged: Quality
+    settings: CorrelationSettings
     key: str
 
 
@@ -65,12 +66,22 @@ def run(path: Path, out: Path | None, say: Say) -> Path:
     out = out or folder / f"{path.stem}-dic"
     if out.exists() and not out.is_dir():
         raise ValueError(f"--out: found the file {out}, expected a folder or a new name")
-    if has_stereo(document):
-        return run_stereo(document.checked(StereoStudy), folder, out, say)
-    study = document.checked(DicStudy)
-    paths = image_paths(study, folder)
+    try:
+        if has_stereo(document):
+            return run_stereo(document.checked(StereoStudy), folder, out, say)
+        return _run_one_camera(document.checked(DicStudy), folder, out, say)
+    except Contradiction as error:
+        raise document.refuse(error.refusal()) from error
+
+
+def _run_one_camera(study: DicStudy, folder: Path, out: Path, say: Say) -> Path:
+    images = study.images
+    paths = named_files(
+        images.deformed, folder, "images.deformed", {images.reference, images.repeat}
+    )
+    check_series("images.deformed", paths, images.times_s)
     ready = _prepare(study, folder)
-    _check_all(ready.reference, paths)
+    check_files(ready.reference, paths)
     for name in (POINTS, PICTURES, STORE):
         (out / name).mkdir(parents=True, exist_ok=True)
     for warning in ready.judged.warnings:
@@ -79,16 +90,13 @@ def run(path: Path, out: Path | None, say: Say) -> Path:
     state, key = State(), ready.key
     for number, file in enumerate(paths):
         image = read_image(file)
-        key = frame_store.next_key(key, image)
-        state, again = _frame(
-            out / STORE / f"{file.stem}.npz", key, image, ready, study, state, paths
-        )
+        key = frame_store.next_key(key, [image])
+        state, again = _frame(out / STORE / f"{file.stem}.npz", key, image, ready, state)
         assert state.last is not None
         found = state.last.found
         frames.append(_summary(file, found))
-        if again:
-            time = None if study.images.times_s is None else study.images.times_s[number]
-            _write(out, file.stem, image, found, ready, study, time)
+        time = None if images.times_s is None else images.times_s[number]
+        _write(out, file.stem, image, found, ready, study, time, again)
         done = "kept" if not again else "measured"
         say(f"{number + 1}/{len(paths)} {file.name}: {_sentence(found)} ({done})")
     _report(out, study, ready, frames)
@@ -99,17 +107,7 @@ def run(path: Path, out: Path | None, say: Say) -> Path:
 def _prepare(study: DicStudy, folder: Path) -> Prepared:
     reference = read_image(folder / study.images.reference)
     mask = region_mask(study.region, folder, reference)
-    values = reference.grey[mask]
-    if np.mean(values >= reference.full_scale) > MOST_SATURATED:
-        raise ValueError(
-            f"{reference.name}: expected an exposed image, found more than {MOST_SATURATED:.0%} "
-            "of the region saturated"
-        )
-    if values.std() < LEAST_SPREAD * reference.full_scale:
-        raise ValueError(
-            f"{reference.name}: expected speckle in the region, found grey levels of "
-            f"{values.mean():.0f} with a spread of {values.std():.2g}"
-        )
+    check_exposure(reference, mask)
     repeat = None
     if study.images.repeat is not None:
         repeat = read_image(folder / study.images.repeat)
@@ -117,46 +115,21 @@ def _prepare(study: DicStudy, folder: Path) -> Prepared:
     settings = study.correlation.settings
     judged = quality(reference, mask, settings.subset, repeat)
     points, grid = grid_points(mask, study.correlation.step_px)
-    key = frame_store.first_key(reference, mask, points, settings)
-    return Prepared(
-        reference, prepare(reference.grey, settings.degree, mask), points, grid, judged, key
-    )
-
-
-def _check_all(reference: GreyImage, paths: tuple[Path, ...]) -> None:
-    """Sizes of all images before hours of work; raises ValueError for the first that differs."""
-    for path in paths:
-        check_sizes([reference, read_image(path)])
+    key = frame_store.first_key(settings, [reference.grey, mask, points])
+    image = prepare(reference.grey, settings.degree, mask)
+    return Prepared(reference, image, points, grid, judged, settings, key)
 
 
 def _frame(
-    store: Path,
-    key: str,
-    image: GreyImage,
-    ready: Prepared,
-    study: DicStudy,
-    state: State,
-    paths: tuple[Path, ...],
+    store: Path, key: str, image: GreyImage, ready: Prepared, state: State
 ) -> tuple[State, bool]:
     """The state after one more frame, and whether it was measured now."""
-    number = 1 if state.last is None else state.last.number + 1
-    stored = frame_store.load(store, key)
-    if stored is None:
-        settings = study.correlation.settings
-        state = next_state(ready.ready, image.grey, ready.points, settings, state)
-        assert state.last is not None
-        base = 0 if state.base is None else state.base.number
-        frame_store.save(store, key, base, state.last.found)
-        return state, True
-    found, base = stored
-    last = Base(number, image.grey, found)
-    if base == 0:
-        return State(last, None), False
-    if state.base is not None and state.base.number == base:
-        return State(last, state.base), False
-    # a renewed reference is always the frame before the one that first needed it
-    assert state.last is not None and state.last.number == base, paths
-    return State(last, state.last), False
+    stored = frame_store.load(store, key, [state], [image])
+    if stored is not None:
+        return stored[0], False
+    state = next_state(ready.ready, image.grey, ready.points, ready.settings, state)
+    frame_store.save(store, key, [state])
+    return state, True
 
 
 def _summary(path: Path, found: Correlation) -> dict[str, object]:
@@ -189,13 +162,18 @@ def _write(
     ready: Prepared,
     study: DicStudy,
     time: float | None,
+    again: bool,
 ) -> None:
+    """What is in mm follows from more than the measurement and is written each time; pictures,
+    which are in px, where they are missing or were measured now (`again`)."""
     frame = point_frame(stem, ready.points, found, study.scale, ready.grid, time)
     with replacing(out / POINTS / f"{stem}.csv") as temporary:
         write_points(temporary, frame)
-    save_png(overlay(image, ready.points, found), out / PICTURES / f"{stem}.png")
-    lost = lost_points(ready.reference, ready.points, found)
-    save_png(lost, out / PICTURES / f"{stem}-lost.png")
+    overall, lost = (out / PICTURES / f"{stem}{end}.png" for end in ("", "-lost"))
+    if again or not overall.exists():
+        save_png(overlay(image, ready.points, found), overall)
+    if again or not lost.exists():
+        save_png(lost_points(ready.reference, ready.points, found), lost)
     if study.strain is not None:
         _write_strain(out / f"{stem}-strain.csv", found, ready.points, study)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated, Literal
 
 from pydantic import Field
@@ -10,6 +9,7 @@ from pydantic.dataclasses import dataclass
 
 from calib.dic.bundle import LensModel
 from calib.dic.calibration import CalibrationSettings
+from calib.dic.chessboard import Chessboard
 from calib.dic.stereo import StereoSettings
 from calib.dic_study.config import STRICT, Images, Name, Options, Positive, Region
 from calib.toml_file import Contradiction, Document
@@ -67,6 +67,15 @@ class Plates:
     tangential: bool = False
     """true: two tangential coefficients too"""
 
+    def __post_init__(self) -> None:
+        if self.plate != "chessboard":
+            return
+        try:
+            Chessboard(self.columns, self.rows, self.spacing_mm)
+        except ValueError as error:
+            found, expected = [self.columns, self.rows], str(error).split("expected ", 1)[1]
+            raise Contradiction("columns", found, f"{expected} (columns, rows)") from error
+
     @property
     def settings(self) -> CalibrationSettings:
         """As the calibration takes them."""
@@ -109,23 +118,3 @@ class StereoStudy:
 def has_stereo(document: Document) -> bool:
     """Whether a study of images is one of two cameras."""
     return "stereo" in document.values
-
-
-def named_files(
-    names: tuple[str, ...], folder: Path, key: str, leave: set[str]
-) -> tuple[Path, ...]:
-    """Files in their order, * written out by name; `leave` are left out of these.
-
-    Raises ValueError for a pattern that no file has.
-    """
-    paths: list[Path] = []
-    for name in names:
-        if "*" not in name:
-            paths.append(folder / name)
-            continue
-        found = [p for p in sorted(folder.glob(name)) if p.is_file()]
-        found = [p for p in found if p not in {folder / one for one in leave}]
-        if not found:
-            raise ValueError(f"{key}: expected files {folder / name}, found none")
-        paths += found
-    return tuple(paths)

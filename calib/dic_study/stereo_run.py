@@ -11,31 +11,37 @@ from typing import NamedTuple
 import numpy as np
 
 from calib.data.readers import write_points
-from calib.dic import GreyImage, grid_points, read_image
+from calib.dic import GreyImage, State, grid_points, read_image
 from calib.dic.calibration import Calibration
 from calib.dic.calibration_files import write_calibration
 from calib.dic.prepared import BoolArray
+from calib.dic.scale_error import scale_sd
 from calib.dic.stereo import (
     StereoFrame,
     StereoReason,
     StereoReference,
     Tracked,
     follow_pair,
+    frame_of,
     place_reference,
 )
 from calib.dic.surface_frame import SurfaceFrame, surface_frame, unturned
 from calib.dic.surface_strain import surface_strain
+from calib.dic_study import frame_store
+from calib.dic_study.exposure import check_exposure
+from calib.dic_study.named_files import check_files, check_series, named_files
 from calib.dic_study.pictures import save_png
 from calib.dic_study.plates import calibration_of
 from calib.dic_study.region_mask import region_mask
-from calib.dic_study.stereo_config import StereoStudy, named_files
+from calib.dic_study.stereo_config import StereoStudy
 from calib.dic_study.stereo_pictures import stereo_overlay
 from calib.stereo_points import point_frame, reference_frame
+from calib.toml_file import Contradiction
 from fe.atomic_file import replacing
 from fe.response import Array
 
 Say = Callable[[str], None]
-POINTS, PICTURES = "points", "pictures"
+POINTS, PICTURES, STORE = "points", "pictures", "frames"
 CALIBRATION = "calibration.json"
 
 
@@ -47,63 +53,79 @@ class Prepared(NamedTuple):
     grid: tuple[int, int]
     axes: SurfaceFrame
     study: StereoStudy
+    key: str
 
 
 def run_stereo(study: StereoStudy, folder: Path, out: Path, say: Say) -> Path:
     """Measure all pairs of images of a study in `folder`; returns the folder of the results.
 
+    Pairs that are done, from the same images with the same calibration, are not done again.
     Raises ValueError, in one sentence, for wrong input: no calibration that fits, swapped cameras,
     images of different sizes or numbers.
     """
     left, right = _pairs(study, folder)
-    for name in (POINTS, PICTURES):
-        (out / name).mkdir(parents=True, exist_ok=True)
     calibration = calibration_of(study, folder, say)
-    write_calibration(out / CALIBRATION, calibration)
     ready = _prepare(study, folder, calibration, say)
+    check_files(ready.left, left + right)
+    for name in (POINTS, PICTURES, STORE):
+        (out / name).mkdir(parents=True, exist_ok=True)
+    write_calibration(out / CALIBRATION, calibration)
     times = study.images.times_s
     first = Path(study.images.reference).stem
     write_points(
         out / POINTS / f"{first}.csv",
         reference_frame(ready.reference, first, None, ready.grid, ready.axes),
     )
-    before: Tracked | None = None
+    before, key = Tracked(State(), State()), ready.key
     frames = []
     for number, paths in enumerate(zip(left, right, strict=True)):
         images = [read_image(path) for path in paths]
-        found, before = follow_pair(
-            ready.reference, images[0].grey, images[1].grey, study.settings, before
-        )
+        key, stem = frame_store.next_key(key, images), paths[0].stem
+        before, again = _pair(out / STORE / f"{stem}.npz", key, images, ready, before)
+        found = frame_of(ready.reference, before, study.settings)
         frames.append(_summary(paths[0], found))
-        _write(out, paths[0].stem, found, ready, None if times is None else times[number])
-        say(f"{number + 1}/{len(left)} {paths[0].name}: {_sentence(found, ready.axes)}")
+        _write(out, stem, found, ready, None if times is None else times[number], again)
+        done = "measured" if again else "kept"
+        say(f"{number + 1}/{len(left)} {paths[0].name}: {_sentence(found, ready.axes)} ({done})")
     _report(out, ready, calibration, frames)
     say(f"wrote {out}")
     return out
 
 
+def _pair(
+    store: Path, key: str, images: list[GreyImage], ready: Prepared, before: Tracked
+) -> tuple[Tracked, bool]:
+    """Both cameras after one more pair of images, and whether it was measured now."""
+    stored = frame_store.load(store, key, before, images)
+    if stored is not None:
+        return Tracked(*stored), False
+    left, right = (image.grey for image in images)
+    _, tracked = follow_pair(ready.reference, left, right, ready.study.settings, before)
+    frame_store.save(store, key, tracked)
+    return tracked, True
+
+
 def _pairs(study: StereoStudy, folder: Path) -> tuple[tuple[Path, ...], tuple[Path, ...]]:
-    leave = {study.images.reference, study.stereo.right_reference}
-    if study.images.repeat is not None:
-        leave.add(study.images.repeat)
-    left = named_files(study.images.deformed, folder, "images.deformed", leave)
-    right = named_files(study.stereo.right_deformed, folder, "stereo.right_deformed", leave)
+    images, stereo = study.images, study.stereo
+    leave = {images.reference, stereo.right_reference, images.repeat}
+    left = named_files(images.deformed, folder, "images.deformed", leave)
+    right = named_files(stereo.right_deformed, folder, "stereo.right_deformed", leave)
     if len(left) != len(right):
-        raise ValueError(
-            f"stereo.right_deformed: expected {len(left)} files as images.deformed, "
-            f"found {len(right)}"
-        )
-    times = study.images.times_s
-    if times is not None and len(times) != len(left):
-        raise ValueError(f"images.times_s: expected {len(left)} times, found {len(times)}")
+        raise Contradiction(
+            "stereo.right_deformed", list(stereo.right_deformed),
+            f"{len(left)} files as images.deformed names, not {len(right)}",
+        )  # fmt: skip
+    check_series("images.deformed", left, images.times_s)
     return left, right
 
 
 def _prepare(study: StereoStudy, folder: Path, calibration: Calibration, say: Say) -> Prepared:
     left = read_image(folder / study.images.reference)
     right = read_image(folder / study.stereo.right_reference)
-    _check_size(left, calibration)
+    for image in (left, right):
+        _check_size(image, calibration)
     mask: BoolArray = region_mask(study.region, folder, left)
+    check_exposure(left, mask)
     points, grid = grid_points(mask, study.correlation.step_px)
     reference = place_reference(
         calibration.rig, left.grey, right.grey, points, study.settings, mask
@@ -121,7 +143,21 @@ def _prepare(study: StereoStudy, folder: Path, calibration: Calibration, say: Sa
         f"reference: {found} of {len(points)} points in both cameras, epipolar distance "
         f"{np.sqrt(np.nanmean(reference.epipolar**2)):.4f} px RMS"
     )
-    return Prepared(reference, left, grid, axes, study)
+    return Prepared(reference, left, grid, axes, study, _first_key(reference, axes, study))
+
+
+def _first_key(reference: StereoReference, axes: SurfaceFrame, study: StereoStudy) -> str:
+    """Of all that the frames and their pictures follow from."""
+    limit = np.array(study.settings.max_epipolar)
+    arrays: list[frame_store.Anything] = [
+        reference.left, reference.right, axes.rotation, axes.origin, limit
+    ]  # fmt: skip
+    for ready in (reference.left_ready, reference.right_ready):
+        arrays += [ready.image, ready.mask]
+    for camera in (reference.rig.left, reference.rig.right):
+        lens = camera.intrinsics
+        arrays += [lens.matrix, lens.distortion.coefficients, camera.rotation, camera.translation]
+    return frame_store.first_key(study.correlation.settings, arrays)
 
 
 def _check_size(image: GreyImage, calibration: Calibration) -> None:
@@ -157,12 +193,16 @@ def _sentence(found: StereoFrame, axes: SurfaceFrame) -> str:
     return text
 
 
-def _write(out: Path, stem: str, found: StereoFrame, ready: Prepared, time: float | None) -> None:
+def _write(
+    out: Path, stem: str, found: StereoFrame, ready: Prepared, time: float | None, again: bool
+) -> None:
+    """Points and strain each time; the picture where it is missing or was measured now."""
     frame = point_frame(found, stem, time, ready.grid, ready.axes)
     with replacing(out / POINTS / f"{stem}.csv") as temporary:
         write_points(temporary, frame)
-    picture = stereo_overlay(ready.left, ready.reference.left, frame.displacement)
-    save_png(picture, out / PICTURES / f"{stem}.png")
+    picture = out / PICTURES / f"{stem}.png"
+    if again or not picture.exists():
+        save_png(stereo_overlay(ready.left, ready.reference.left, frame.displacement), picture)
     radius = ready.study.stereo.strain_radius_mm
     if radius is not None:
         _write_strain(out / f"{stem}-strain.csv", frame.position, frame.displacement, radius)
@@ -180,10 +220,15 @@ def _report(
     out: Path, ready: Prepared, calibration: Calibration, frames: list[dict[str, object]]
 ) -> None:
     rig = ready.reference.rig
+    placed = ready.reference
+    scale = None
+    if calibration.covariance is not None:
+        scale = scale_sd(rig, calibration.covariance, placed.left, placed.right)
     content = {
         "reference": ready.left.name,
         "stereo_angle_deg": rig.angle,
         "baseline_mm": rig.baseline,
+        "scale_sd": scale,
         "pose_turned_deg": ready.reference.turned,
         "reprojection_px": None if np.isnan(calibration.rms) else calibration.rms,
         "axes": {"rotation": ready.axes.rotation.tolist(), "origin_mm": ready.axes.origin.tolist()},

@@ -24,6 +24,9 @@ from fe.response import Array
 NEWTON_STEPS = 12
 CONVERGED = 1e-9
 """px"""
+FINER = 2
+"""triangles of the first guess along a side of the surface's grid: they show where its outline is,
+the place in it is Newton's"""
 LEAST_FACING = 0.05
 """cosine between a surface's normal and the line of sight below which nothing is seen"""
 
@@ -83,7 +86,7 @@ def render(
 def _first_guess(surface: Surface, camera: Camera, shape: tuple[int, int]) -> Array:
     """(rows, columns, 2) material points by linear interpolation in the nearest triangles."""
     n_x, n_y, _ = surface.places.shape
-    fine_x, fine_y = 4 * (n_x - 1) + 1, 4 * (n_y - 1) + 1
+    fine_x, fine_y = FINER * (n_x - 1) + 1, FINER * (n_y - 1) + 1
     x = np.linspace(surface.low[0], surface.high[0], fine_x)
     y = np.linspace(surface.low[1], surface.high[1], fine_y)
     material = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1)
@@ -173,48 +176,18 @@ def _trace(
     first: npt.NDArray[np.int64], origin: Array, cell: float, shape: tuple[int, int],
     bright: float, dark: float, picture: Array, material: Array,
 ) -> None:  # fmt: skip
-    rows, columns = picture.shape
-    for row in range(rows):
-        surface, by_place = np.empty((3, 3)), np.empty((2, 3))
-        pixel, by = np.empty(2), np.empty((2, 2))
-        for column in range(columns):
-            x, y = guess[row, column, 0], guess[row, column, 1]
-            if np.isnan(x):
+    """Fill picture (rows, columns) and material (rows, columns, 2) where the face is seen."""
+    surface, by_pixel, place = np.empty((3, 3)), np.empty((2, 2)), np.empty(2)
+    for row in range(picture.shape[0]):
+        for column in range(picture.shape[1]):
+            place[:] = guess[row, column]
+            if np.isnan(place[0]):
                 continue
-            depth, found = 0.0, False
-            for _ in range(NEWTON_STEPS):
-                place_at(knots_x, knots_y, coefficients, x, y, surface)
-                depth = _see(surface[0], lens, turn, move, pixel, by_place)
-                off_x, off_y = column - pixel[0], row - pixel[1]
-                for a in range(2):
-                    for b in range(2):
-                        by[a, b] = 0.0
-                        for c in range(3):
-                            by[a, b] += by_place[a, c] * surface[1 + b, c]
-                determinant = by[0, 0] * by[1, 1] - by[0, 1] * by[1, 0]
-                if not abs(determinant) > 1e-12:
-                    break
-                step_x = (by[1, 1] * off_x - by[0, 1] * off_y) / determinant
-                step_y = (by[0, 0] * off_y - by[1, 0] * off_x) / determinant
-                x, y = x + step_x, y + step_y
-                if max(abs(off_x), abs(off_y)) < CONVERGED:
-                    found = True
-                    break
-                # pixels at the face's edge: a step beyond it is taken back
-                x = min(max(x, knots_x[0]), knots_x[-1])
-                y = min(max(y, knots_y[0]), knots_y[-1])
-            if (
-                not found
-                or not knots_x[0] <= x <= knots_x[-1]
-                or not knots_y[0] <= y <= knots_y[-1]
-            ):
-                continue
-            n0 = surface[1, 1] * surface[2, 2] - surface[1, 2] * surface[2, 1]
-            n1 = surface[1, 2] * surface[2, 0] - surface[1, 0] * surface[2, 2]
-            n2 = surface[1, 0] * surface[2, 1] - surface[1, 1] * surface[2, 0]
-            length = np.sqrt(n0 * n0 + n1 * n1 + n2 * n2)
-            # the third row of the rotation is the axis of view
-            if -(n0 * turn[2, 0] + n1 * turn[2, 1] + n2 * turn[2, 2]) < LEAST_FACING * length:
+            depth = _find(
+                row, column, knots_x, knots_y, coefficients, lens, turn, move, place, surface,
+                by_pixel,
+            )  # fmt: skip
+            if not depth > 0.0 or not _is_facing(surface, turn):
                 continue
             spread = np.sqrt(3.0) * np.interp(depth, depths, blurs)
             total = 0.0
@@ -223,14 +196,63 @@ def _trace(
                     weight = (2.0 / 3.0 if a == 0 else 1.0 / 6.0) * (
                         2.0 / 3.0 if b == 0 else 1.0 / 6.0
                     )
-                    px, py = a * spread, b * spread
-                    at_x = x + (by[1, 1] * px - by[0, 1] * py) / determinant
-                    at_y = y + (by[0, 0] * py - by[1, 0] * px) / determinant
+                    off_x, off_y = a * spread, b * spread
+                    at_x = place[0] + by_pixel[0, 0] * off_x + by_pixel[0, 1] * off_y
+                    at_y = place[1] + by_pixel[1, 0] * off_x + by_pixel[1, 1] * off_y
                     total += weight * brightness(
                         at_x, at_y, centre, radius, first, origin, cell, shape, bright, dark
                     )
             picture[row, column] = total
-            material[row, column, 0], material[row, column, 1] = x, y
+            material[row, column] = place
+
+
+@nb.njit(cache=True, nogil=True)
+def _find(
+    row: int, column: int, knots_x: Array, knots_y: Array, coefficients: Array, lens: Array,
+    turn: Array, move: Array, place: Array, surface: Array, by_pixel: Array,
+) -> float:  # fmt: skip
+    """Newton's method from place (2,) to the material point on a pixel's line of sight.
+
+    surface (3, 3): where it is and its slopes; by_pixel (2, 2): how the point moves with the pixel,
+    mm/px. Returns its depth, mm; 0 where there is none on the face.
+    """
+    pixel, by_place, by = np.empty(2), np.empty((2, 3)), np.empty((2, 2))
+    for _ in range(NEWTON_STEPS):
+        place_at(knots_x, knots_y, coefficients, place[0], place[1], surface)
+        depth = _see(surface[0], lens, turn, move, pixel, by_place)
+        off_x, off_y = column - pixel[0], row - pixel[1]
+        for a in range(2):
+            for b in range(2):
+                by[a, b] = 0.0
+                for c in range(3):
+                    by[a, b] += by_place[a, c] * surface[1 + b, c]
+        determinant = by[0, 0] * by[1, 1] - by[0, 1] * by[1, 0]
+        if not abs(determinant) > 1e-12:
+            return 0.0
+        by_pixel[0, 0], by_pixel[0, 1] = by[1, 1] / determinant, -by[0, 1] / determinant
+        by_pixel[1, 0], by_pixel[1, 1] = -by[1, 0] / determinant, by[0, 0] / determinant
+        place[0] += by_pixel[0, 0] * off_x + by_pixel[0, 1] * off_y
+        place[1] += by_pixel[1, 0] * off_x + by_pixel[1, 1] * off_y
+        if max(abs(off_x), abs(off_y)) < CONVERGED:
+            is_on_face = knots_x[0] <= place[0] <= knots_x[-1]
+            is_on_face = is_on_face and knots_y[0] <= place[1] <= knots_y[-1]
+            return depth if is_on_face else 0.0
+        # pixels at the face's edge: a step beyond it is taken back
+        place[0] = min(max(place[0], knots_x[0]), knots_x[-1])
+        place[1] = min(max(place[1], knots_y[0]), knots_y[-1])
+    return 0.0
+
+
+@nb.njit(cache=True, nogil=True)
+def _is_facing(surface: Array, turn: Array) -> bool:
+    """Whether the surface's normal points to the camera, not only edgewise."""
+    n0 = surface[1, 1] * surface[2, 2] - surface[1, 2] * surface[2, 1]
+    n1 = surface[1, 2] * surface[2, 0] - surface[1, 0] * surface[2, 2]
+    n2 = surface[1, 0] * surface[2, 1] - surface[1, 1] * surface[2, 0]
+    length = np.sqrt(n0 * n0 + n1 * n1 + n2 * n2)
+    # the third row of the rotation is the axis of view
+    facing: bool = -(n0 * turn[2, 0] + n1 * turn[2, 1] + n2 * turn[2, 2]) >= LEAST_FACING * length
+    return facing
 
 
 def _behind_pin(

@@ -1,0 +1,50 @@
+"""Files that a study names, and what has to agree with their number."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from calib.dic import GreyImage, read_image
+from calib.dic.images import check_sizes
+from calib.toml_file import Contradiction
+
+
+def named_files(
+    names: tuple[str, ...], folder: Path, key: str, leave: set[str | None]
+) -> tuple[Path, ...]:
+    """Files in their order, * written out by name; names in `leave` are left out of these.
+
+    Raises Contradiction, at `key`, for a pattern that no file has.
+    """
+    left_out = {folder / one for one in leave if one is not None}
+    paths: list[Path] = []
+    for name in names:
+        if "*" not in name:
+            paths.append(folder / name)
+            continue
+        found = [p for p in sorted(folder.glob(name)) if p.is_file() and p not in left_out]
+        if not found:
+            but = " beside those of other keys" if left_out else ""
+            raise Contradiction(key, name, f"the pattern of one or more files in {folder}{but}")
+        paths += found
+    return tuple(paths)
+
+
+def check_series(key: str, paths: Sequence[Path], times: Sequence[float] | None) -> None:
+    """Raises Contradiction when results of two images would have one name, and for times of
+    another number than the images."""
+    stems = [path.stem for path in paths]
+    twice = next((stem for stem in stems if stems.count(stem) > 1), None)
+    if twice is not None:
+        raise Contradiction(key, twice, "each name once (without its ending): results bear it")
+    if times is not None and len(times) != len(paths):
+        raise Contradiction(
+            "images.times_s", list(times), f"{len(paths)} times, one for each deformed image"
+        )
+
+
+def check_files(reference: GreyImage, paths: Sequence[Path]) -> None:
+    """Sizes of all images before hours of work; raises ValueError for the first that differs."""
+    for path in paths:
+        check_sizes([reference, read_image(path)])
