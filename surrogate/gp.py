@@ -34,7 +34,8 @@ class GaussianProcesses:
     Training rows are the values of all runs, then the derivatives that are usable, run by run.
     The predicted variance holds the nugget: it is that of a new run, numerical noise included.
     It is that of the fitted process times `inflation`, which stands for the hyperparameters
-    having been estimated from the same few runs (see `surrogate.gp_fit`).
+    having been estimated from the same few runs, or for what runs left out say of it (see
+    `surrogate.gp_fit`).
     """
 
     low: Array
