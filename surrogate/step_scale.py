@@ -27,12 +27,14 @@ def step_scale(x: Array, y: Array, slopes: Array | None, chosen: Chosen) -> Arra
 
     Each step by itself, from the leading modes of its values and `slopes` (n, n_step, n_value, d)
     in the coordinates and with the covariance `chosen`. The median over runs, as a few at corners
-    err many times more.
+    err many times more. 1 for a step that is the same in all runs.
     """
     part = thinned(len(x), None if slopes is None else slopes.reshape(len(x), -1, x.shape[1]))
-    scale = np.empty(y.shape[1])
+    scale = np.ones(y.shape[1])
     for step in range(y.shape[1]):
         own = y[part, step]
+        if not np.ptp(own, axis=0).any():
+            continue
         pod = fit_pod(own, tolerance=0.0, max_modes=N_LEADING)
         weights = pod.weights(own)
         by_input = None if slopes is None else np.matmul(pod.dual.T, slopes[part, step])
