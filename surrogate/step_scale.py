@@ -23,14 +23,14 @@ LEAST = 1e-4
 
 
 def step_scale(x: Array, y: Array, slopes: Array | None, chosen: Chosen) -> Array:
-    """(n_step,) typical error of a run left out of each step of y (n, n_step, n_value), unit of y.
+    """(n_step,) typical error of a run left out of each step of y (n, n_step, n_value), largest 1.
 
     Each step by itself, from the leading modes of its values and `slopes` (n, n_step, n_value, d)
     in the coordinates and with the covariance `chosen`. The median over runs, as a few at corners
-    err many times more. 1 for a step that is the same in all runs.
+    err many times more. A step that is the same in all runs gets what the roughest gets.
     """
     part = thinned(len(x), None if slopes is None else slopes.reshape(len(x), -1, x.shape[1]))
-    scale = np.ones(y.shape[1])
+    error = np.zeros(y.shape[1])
     for step in range(y.shape[1]):
         own = y[part, step]
         if not np.ptp(own, axis=0).any():
@@ -39,6 +39,9 @@ def step_scale(x: Array, y: Array, slopes: Array | None, chosen: Chosen) -> Arra
         weights = pod.weights(own)
         by_input = None if slopes is None else np.matmul(pod.dual.T, slopes[part, step])
         mean, _ = left_out(x[part], weights, by_input, chosen.strength, chosen.family)
-        error = np.sqrt(np.median(np.sum((mean - weights) ** 2, axis=1)))
-        scale[step] = max(error, LEAST * np.linalg.norm(weights.std(axis=0)))
+        typical = np.sqrt(np.median(np.sum((mean - weights) ** 2, axis=1)))
+        error[step] = max(typical, LEAST * np.linalg.norm(weights.std(axis=0)))
+    if not error.any():
+        return np.ones_like(error)
+    scale: Array = np.where(error > 0.0, error / error.max(), 1.0)
     return scale
