@@ -64,6 +64,7 @@ def _put(tables: list[dict[str, Any]], table: dict[str, Any]) -> None:
             tables[place] = table
             return
     tables.append(table)
+    tables.sort(key=lambda row: len(row["design"]))
 
 
 def _write(figures: dict[str, Any], path: Path | None) -> None:
@@ -79,7 +80,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures here")
     parser.add_argument("--keep", action="store_true", help="keep FILE's rows of other designs")
     parser.add_argument("--no-refinement", action="store_true", help="leave the refinement out")
-    parser.add_argument("--designs", type=int, nargs="+", default=[1, 2, 3], choices=[1, 2, 3])
+    parser.add_argument("--designs", type=int, nargs="*", default=[1, 2, 3], choices=[1, 2, 3])
     parser.add_argument("--contact", nargs="+", default=["stick", "slide"])
     parser.add_argument("--held-out", type=int, default=32, metavar="N")
     parser.add_argument("--store", type=Path, default=Path("runs/emulator_benchmark"))

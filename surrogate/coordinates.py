@@ -52,7 +52,9 @@ def choose_coordinates(x: Array, y: Array, slopes: Array | None = None) -> Chose
     """
     part = thinned(len(x), slopes)
     runs = x[part], y[part], None if slopes is None else slopes[part]
-    best = _best_family(runs)
+    flat = np.zeros(x.shape[1])
+    found = [_candidate(runs, flat, family, None) for family in range(len(FAMILIES))]
+    best = max(found, key=lambda candidate: candidate.score)
     for axis in range(x.shape[1]):
         kept = best
         for value in STRENGTHS[1:]:
@@ -66,20 +68,6 @@ def choose_coordinates(x: Array, y: Array, slopes: Array | None = None) -> Chose
         found = [_candidate(runs, best.strength, family, None) for family in sorted(others)]
         best = max([best, *found], key=lambda candidate: candidate.score)
     return Chosen(best.strength, FAMILIES[best.family], best.score, part)
-
-
-def plain_choice(x: Array, y: Array, slopes: Array | None = None) -> Chosen:
-    """As `choose_coordinates` without stretching: a first look at a tenth of its cost."""
-    part = thinned(len(x), slopes)
-    best = _best_family((x[part], y[part], None if slopes is None else slopes[part]))
-    return Chosen(best.strength, FAMILIES[best.family], best.score, part)
-
-
-def _best_family(runs: tuple[Array, Array, Array | None]) -> _Candidate:
-    """Without stretching."""
-    flat = np.zeros(runs[0].shape[1])
-    found = [_candidate(runs, flat, family, None) for family in range(len(FAMILIES))]
-    return max(found, key=lambda candidate: candidate.score)
 
 
 def left_out(

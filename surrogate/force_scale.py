@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from surrogate.coordinates import Chosen, choose_coordinates, plain_choice
+from surrogate.coordinates import Chosen, choose_coordinates
 from surrogate.pod import fit_pod
 
 Array = npt.NDArray[np.float64]
@@ -59,27 +59,16 @@ class ChosenScale(NamedTuple):
 
 
 def choose_scale(x: Array, force: Array, gradient: Array | None) -> ChosenScale:
-    """The scale on which runs left out of forces (n, n_step) over x (n, d) are more probable.
-
-    It is chosen in plain coordinates, then coordinates for it.
-    """
+    """The scale on which runs left out of forces (n, n_step) over x (n, d) are more probable."""
     mean, best = force.mean(axis=0), []
     for scale in (ForceScale(mean, False), ForceScale(mean, True)):
-        weights, slopes = _in_modes(scale, force, gradient)
-        first = plain_choice(x, weights, slopes)
+        y = scale.values(force)
+        pod = fit_pod(y, tolerance=0.0, max_modes=y.shape[1])
+        slopes = None
+        if gradient is not None:
+            slopes = np.matmul(pod.dual.T, scale.slopes(force, gradient))
+        chosen = choose_coordinates(x, pod.weights(y), slopes)
         # d log(f) = df / f: a density of the logarithm over f is one of f.
-        jacobian = scale.log * np.log(force / mean)[first.part].sum()
-        best.append((first.score - jacobian, scale, weights, slopes))
-    _, scale, weights, slopes = max(best, key=lambda scored: scored[0])
-    return ChosenScale(scale, choose_coordinates(x, weights, slopes))
-
-
-def _in_modes(
-    scale: ForceScale, force: Array, gradient: Array | None
-) -> tuple[Array, Array | None]:
-    """Weights (n, k) of the modes of a force on its scale, and their slopes (n, k, d)."""
-    y = scale.values(force)
-    pod = fit_pod(y, tolerance=0.0, max_modes=y.shape[1])
-    if gradient is None:
-        return pod.weights(y), None
-    return pod.weights(y), np.matmul(pod.dual.T, scale.slopes(force, gradient))
+        jacobian = scale.log * np.log(force / mean)[chosen.part].sum()
+        best.append((chosen.score - jacobian, ChosenScale(scale, chosen)))
+    return max(best, key=lambda scored: scored[0])[1]
