@@ -1,4 +1,4 @@
-"""Refinement: runs go where variance times mass is largest, and the loop knows when to stop."""
+"""Refinement: runs take most of the variance over the posterior; the loop knows when to stop."""
 
 from __future__ import annotations
 
