@@ -102,9 +102,9 @@ def _honest(processes: GaussianProcesses) -> GaussianProcesses:
     not counted where they are few: leaving one out asks to extrapolate, which no prediction does.
     """
     inputs, n = processes.inputs, len(processes.inputs)
-    inner = ((inputs > 0.0) & (inputs < 1.0)).any(axis=1)
+    inner: npt.NDArray[np.bool_] = np.any((inputs > 0.0) & (inputs < 1.0), axis=1)
     if np.count_nonzero(inner) < n / 2:
-        inner[:] = True
+        inner = np.ones(n, dtype=np.bool_)
     mean, variance = processes.leave_one_out()
     values = processes.offset + processes.scale * processes.targets[:, :n].T
     squared = ((mean - values) ** 2 / variance)[inner].mean(axis=0)
