@@ -1,13 +1,14 @@
-"""Runs needed on narrow, curved posteriors: placed by `propose`, or by a fixed design.
+"""Runs needed on narrow, curved posteriors: placed by `propose`, or by a fixed Sobol design.
 
-The loop stops by its own rule, without knowing the truth, and its error is told as it is; the fixed
-design gets the fewest runs that do, which nobody could know beforehand.
+Both are stopped by the same rule, which does not know the truth, and their errors then are told as
+they are. Beside it, the fewest runs of each after which the truth is met, which nobody could know.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -64,21 +65,29 @@ PROBLEMS = (Problem(12.0, 0.1), Problem(8.0, 0.1), Problem(5.0, 0.1))
 """the first is the hardest"""
 
 
+class Needed(NamedTuple):
+    """Runs of one way of placing them."""
+
+    stopped: int
+    """when the rule says that more would change nothing"""
+    error: float
+    """of the posterior then: largest of mean and SD, in true posterior SDs"""
+    enough: int | None
+    """fewest from which on, twice in a row, the error is below the tolerance"""
+
+
 def refinement_figures() -> dict[str, Any]:
     """Runs with refinement over runs of a fixed design: of the first problem, and of each."""
     grid = np.stack(np.meshgrid(*[np.linspace(0.0, 1.0, _GRID)] * 2), axis=-1).reshape(-1, 2)
     each = []
     for problem in PROBLEMS:
-        truth = problem.posterior(problem.model(grid)[0])
-        refined, error = _refined(problem, grid, truth)
-        fixed = _fixed(problem, grid, truth)
+        refined, fixed = (_needed(problem, grid, place) for place in (_proposed, _next_of_design))
         each.append(
             {
                 **asdict(problem),
-                "refinement_run_ratio": refined / fixed,
-                "refinement_runs": refined,
-                "fixed_runs": fixed,
-                "error_when_stopped": error,
+                "refinement_run_ratio": refined.stopped / fixed.stopped,
+                "refined": refined._asdict(),
+                "fixed": fixed._asdict(),
             }
         )
     return {"refinement_run_ratio": each[0]["refinement_run_ratio"], "refinement": each}
@@ -102,32 +111,37 @@ def _fit(problem: Problem, x: Array) -> Emulator:
     return Emulator.fit(TrainingSet(x, force, None, 0, gradient), 1, n_restarts=0)
 
 
-def _fixed(problem: Problem, grid: Array, truth: Array) -> int:
-    """Fewest runs of the fixed design from which on the tolerance holds, twice in a row."""
-    good = 0
-    for n in range(N_FIRST, N_MOST + 1, N_ADDED):
-        emulator = _fit(problem, sobol_design(n, BOX, 1))
-        good = good + 1 if _error(problem, grid, truth, emulator) < TOLERANCE else 0
-        if good == 2:
-            return n - N_ADDED
-    raise RuntimeError(f"the fixed design needs more than {N_MOST} runs")
+Place = Callable[[Emulator, Array, Array, np.random.Generator], Array]
+"""(N_ADDED, 2) next runs of an emulator, a posterior sample, the runs so far and a generator"""
 
 
-def _refined(problem: Problem, grid: Array, truth: Array) -> tuple[int, float]:
-    """Runs after which the loop stops by its own rule, and the error of the posterior then.
+def _proposed(emulator: Emulator, sample: Array, _: Array, rng: np.random.Generator) -> Array:
+    return propose(emulator, sample, N_ADDED, rng, force_noise=NOISE)
+
+
+def _next_of_design(_: Emulator, __: Array, x: Array, ___: np.random.Generator) -> Array:
+    return sobol_design(len(x) + N_ADDED, BOX, 1)[len(x) :]
+
+
+def _needed(problem: Problem, grid: Array, place: Place) -> Needed:
+    """Follow one way of placing runs until the rule stops it.
 
     The rule: the predicted shift is small twice in a row. Once is not enough, as an emulator may be
     sure of a part of the box where it has not been.
     """
-    rng = np.random.default_rng(0)
-    x, small = sobol_design(N_FIRST, BOX, 1), 0
+    rng, truth = np.random.default_rng(0), problem.posterior(problem.model(grid)[0])
+    x, small, good, enough = sobol_design(N_FIRST, BOX, 1), 0, 0, None
     while len(x) <= N_MOST:
         emulator = _fit(problem, x)
+        error = _error(problem, grid, truth, emulator)
+        good = good + 1 if error < TOLERANCE else 0
+        if good == 2 and enough is None:
+            enough = len(x) - N_ADDED
         weights = problem.posterior(emulator.unit_force(grid)[0])
         sample = grid[rng.choice(len(grid), 400, p=weights)]
         shift = predicted_shift(emulator, sample, problem.log_likelihood, 20, rng)
         small = small + 1 if shift.is_small else 0
         if small == 2:
-            return len(x), _error(problem, grid, truth, emulator)
-        x = np.vstack([x, propose(emulator, sample, N_ADDED, rng, force_noise=NOISE)])
-    raise RuntimeError(f"refinement needs more than {N_MOST} runs")
+            return Needed(len(x), error, enough)
+        x = np.vstack([x, place(emulator, sample, x, rng)])
+    raise RuntimeError(f"more than {N_MOST} runs are needed")

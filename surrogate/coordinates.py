@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from surrogate.covariance import FAMILIES
 from surrogate.evidence import Hyperparameters, maximise_evidence
+from surrogate.gp import GaussianProcesses
 from surrogate.gp_fit import posterior, scale_runs
 from surrogate.warp import STRENGTHS
 
@@ -49,8 +50,7 @@ def choose_coordinates(x: Array, y: Array, slopes: Array | None = None) -> Chose
     does: that prefers rough covariances of huge length, which err several times more. `slopes`
     (n, k, d) as in `surrogate.gp_fit.fit_processes`; raises ValueError as that does.
     """
-    usable = 0 if slopes is None else np.count_nonzero(np.isfinite(slopes).all(axis=1))
-    part = np.arange(0, len(x), -(-(len(x) + usable) // _ROWS))
+    part = thinned(len(x), slopes)
     runs = x[part], y[part], None if slopes is None else slopes[part]
     flat = np.zeros(x.shape[1])
     found = [_candidate(runs, flat, family, None) for family in range(len(FAMILIES))]
@@ -70,25 +70,52 @@ def choose_coordinates(x: Array, y: Array, slopes: Array | None = None) -> Chose
     return Chosen(best.strength, FAMILIES[best.family], best.score, part)
 
 
+def left_out(
+    x: Array, y: Array, slopes: Array | None, strength: Array, family: str
+) -> tuple[Array, Array]:
+    """Mean and variance (n, k) of outputs y (n, k) at each run given the others, see above.
+
+    With coordinates and covariance as given, and few steps of the search for its lengths.
+    """
+    processes, _ = _fitted((x, y, slopes), strength, FAMILIES.index(family), None)
+    return processes.leave_one_out()
+
+
+def thinned(n: int, slopes: Array | None) -> npt.NDArray[np.int64]:
+    """Runs on which choices are made: every so manieth, that few rows are left."""
+    usable = 0 if slopes is None else np.count_nonzero(np.isfinite(slopes).all(axis=1))
+    return np.arange(0, n, -(-(n + usable) // _ROWS))
+
+
 def _candidate(
     runs: tuple[Array, Array, Array | None],
     strength: Array,
     family: int,
     start: Hyperparameters | None,
 ) -> _Candidate:
+    processes, parameters = _fitted(runs, strength, family, start)
+    mean, variance = processes.leave_one_out()
+    score = -0.5 * np.sum(np.log(2.0 * np.pi * variance) + (runs[1] - mean) ** 2 / variance)
+    return _Candidate(strength, family, parameters, float(score))
+
+
+def _fitted(
+    runs: tuple[Array, Array, Array | None],
+    strength: Array,
+    family: int,
+    start: Hyperparameters | None,
+) -> tuple[GaussianProcesses, Hyperparameters]:
+    """Processes of a shared covariance after a short search."""
     scaled = scale_runs(*runs, strength)
-    targets = np.ascontiguousarray(scaled.targets.T)
     fitted = maximise_evidence(
         (family,),
         scaled.inputs,
         scaled.usable,
-        targets,
+        np.ascontiguousarray(scaled.targets.T),
         np.random.default_rng(0),  # not used without restarts
         0,
         start=start,
         max_iterations=_ITERATIONS,
     )
     processes = posterior(scaled, [np.arange(len(scaled.targets))], [fitted])
-    mean, variance = processes.leave_one_out()
-    score = -0.5 * np.sum(np.log(2.0 * np.pi * variance) + (runs[1] - mean) ** 2 / variance)
-    return _Candidate(strength, family, fitted.hyperparameters, float(score))
+    return processes, fitted.hyperparameters

@@ -17,9 +17,9 @@ from surrogate.gp_fit import Sharing, at_bounds
 from surrogate.modal import ModalEmulator, fit_modal, modal_from_arrays, modal_to_arrays
 from surrogate.training_set import TrainingSet
 
-FIELD_TOLERANCE = 1e-3
+FIELD_TOLERANCE = 1e-4
 """Share of the field's variation (root mean square) that its modes may leave out"""
-MAX_FIELD_MODES = 20
+MAX_FIELD_MODES = 28
 
 
 @dataclass(frozen=True)
@@ -87,6 +87,7 @@ class Emulator:
                     max_modes=MAX_FIELD_MODES,
                     n_restarts=n_restarts,
                     sharing=sharing,
+                    n_step=displacement.shape[1],
                 )
         header = Header(training_set.fingerprint, seed, len(x), training_set.n_excluded)
         return cls(force, scale, field, _field_shape(displacement), header)
@@ -209,7 +210,7 @@ class Emulator:
 
     @property
     def field_modes(self) -> Array:
-        """(n_obs, k) orthonormal modes of the field."""
+        """(n_obs, k) modes of the field, per unit of their weights."""
         return self._modal_field.pod.modes
 
     @property
@@ -266,5 +267,6 @@ def _fit_force(
         n_restarts=n_restarts,
         sharing=sharing,
         chosen=chosen,
+        n_step=y.shape[1],
     )
     return modal, scale

@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 Array = npt.NDArray[np.float64]
 
-EMULATOR_VERSION = 4
+EMULATOR_VERSION = 5
 _MAGIC = "softcal emulator"
 
 

@@ -66,7 +66,7 @@ def choose_scale(x: Array, force: Array, gradient: Array | None) -> ChosenScale:
         pod = fit_pod(y, tolerance=0.0, max_modes=y.shape[1])
         slopes = None
         if gradient is not None:
-            slopes = np.matmul(pod.modes.T, scale.slopes(force, gradient))
+            slopes = np.matmul(pod.dual.T, scale.slopes(force, gradient))
         chosen = choose_coordinates(x, pod.weights(y), slopes)
         # d log(f) = df / f: a density of the logarithm over f is one of f.
         jacobian = scale.log * np.log(force / mean)[chosen.part].sum()

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from surrogate.covariance import FAMILIES, Rows, covariance, mean_gradient, rows_of, values_only
 from surrogate.design import unit_design
-from surrogate.evidence import Hyperparameters
+from surrogate.evidence import Hyperparameters, noise_shape
 from surrogate.value_rows import value_rows
 from surrogate.variance_directions import unneeded
 from surrogate.warp import warp_slope, warped
@@ -34,7 +34,8 @@ class GaussianProcesses:
     Training rows are the values of all runs, then the derivatives that are usable, run by run.
     The predicted variance holds the nugget: it is that of a new run, numerical noise included.
     It is that of the fitted process times `inflation`, which stands for the hyperparameters
-    having been estimated from the same few runs (see `surrogate.gp_fit`).
+    having been estimated from the same few runs, or for what runs left out say of it (see
+    `surrogate.gp_fit`).
     """
 
     low: Array
@@ -158,31 +159,52 @@ class GaussianProcesses:
         gradient *= by_unit[:, None, :] * (self.scale[:, None] / self.span)
         return gradient
 
-    def covariance(self, x: Array, other: Array) -> Array:
-        """(k, m, q) covariance of the processes at x (m, d) and other (q, d), output units.
+    def covariance(
+        self, x: Array, other: Array, x_rows: Rows | None = None, other_rows: Rows | None = None
+    ) -> Array:
+        """(k, m_rows, q_rows) covariance of the processes at x (m, d) and other (q, d).
 
-        Of the processes themselves: the noise of a new run is not in it.
+        By default of their values; rows may ask for derivatives by the stretched unit inputs, too.
+        In output units. Of the processes themselves: the noise of a new run is not in it.
         """
-        joint = np.empty((len(self.offset), len(x), len(other)))
+        x_rows, other_rows = _or_values(x_rows, x), _or_values(other_rows, other)
+        joint = np.empty((len(self.offset), x_rows.n_rows, other_rows.n_rows))
         for group in range(len(self.family)):
-            basis, prior = self.basis[group].T, self.prior(group, x, other)
-            here = basis @ self._cross(group, self.scaled(x))
-            there = basis @ self._cross(group, self.scaled(other))
+            basis, prior = self.basis[group].T, self.prior(group, x, other, x_rows, other_rows)
+            here = basis @ self._cross_rows(group, x, x_rows)
+            there = here if other is x and other_rows is x_rows else None
+            if there is None:
+                there = basis @ self._cross_rows(group, other, other_rows)
             for member, share in zip(self.members(group), self._shares(group), strict=True):
                 joint[member] = prior - here.T @ (share[:, None] * there)
         return joint * self.variance_scale[:, None, None]
 
-    def prior(self, group: int, x: Array, other: Array) -> Array:
-        """(m, q) prior covariance at unit amplitude of a group at x (m, d) and other (q, d)."""
-        d = x.shape[1]
+    def prior(
+        self,
+        group: int,
+        x: Array,
+        other: Array,
+        x_rows: Rows | None = None,
+        other_rows: Rows | None = None,
+    ) -> Array:
+        """(m_rows, q_rows) prior covariance at unit amplitude of a group, see `covariance`."""
         return covariance(
             int(self.family[group]),
             self.length[group],
             self.scaled(x),
-            values_only(len(x), d),
+            _or_values(x_rows, x),
             self.scaled(other),
-            values_only(len(other), d),
+            _or_values(other_rows, other),
         )
+
+    def noise_of_run(self, rows: Rows) -> Array:
+        """(k, n_rows) noise variance of values and derivatives of new runs, as in `covariance`."""
+        noise = np.empty((len(self.offset), rows.n_rows))
+        for group in range(len(self.family)):
+            members = self.members(group)
+            shape = noise_shape(int(self.family[group]), self.hyperparameters(group), rows)
+            noise[members] = self.nugget[members, None] * shape
+        return noise * self.variance_scale[:, None]
 
     def leave_one_out(self) -> tuple[Array, Array]:
         """Mean (n, k) and variance (n, k) at each training input given the other runs only.
@@ -220,6 +242,11 @@ class GaussianProcesses:
         family, length = int(self.family[group]), self.length[group]
         return value_rows(family, length, scaled, self.inputs, self._rows)
 
+    def _cross_rows(self, group: int, x: Array, x_rows: Rows) -> Array:
+        """(n_rows, m_rows) covariance at unit amplitude of training rows and rows at x (m, d)."""
+        family, length = int(self.family[group]), self.length[group]
+        return covariance(family, length, self.inputs, self._rows, self.scaled(x), x_rows)
+
     @cached_property
     def _rows(self) -> Rows:
         return rows_of(self.usable.astype(np.bool_))
@@ -250,6 +277,10 @@ class GaussianProcesses:
                 first = unneeded(squared, shares, self.nugget[self.members(group)])
             found.append((np.ascontiguousarray(directions[first:]), shares[:, first:]))
         return found
+
+
+def _or_values(rows: Rows | None, x: Array) -> Rows:
+    return values_only(*x.shape) if rows is None else rows
 
 
 def to_arrays(processes: GaussianProcesses) -> dict[str, Array]:

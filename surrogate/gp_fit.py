@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from dataclasses import replace
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -73,7 +74,8 @@ def fit_processes(
     a fixed point and `n_restarts` random ones, with seeds spawned from `seed`, so that a process
     with its own covariance does not depend on the other columns. Maximum likelihood takes a
     variance too small, as in regression, so variances are inflated by n / (n - p) with the p fitted
-    numbers of a process: mean, amplitude and its part of lengths and nuggets.
+    numbers of a process: mean, amplitude and its part of lengths and nuggets; or by what the errors
+    of runs left out ask for, where that is more (see `_honest`).
     Raises ValueError for fewer than 3 runs, inputs that do not vary, constant outputs or unknown
     families.
     """
@@ -90,7 +92,23 @@ def fit_processes(
             groups, np.random.SeedSequence(seed).spawn(len(groups)), strict=True
         )
     ]
-    return posterior(scaled, groups, fitted)
+    return _honest(posterior(scaled, groups, fitted))
+
+
+def _honest(processes: GaussianProcesses) -> GaussianProcesses:
+    """With variances no less than the squared errors of runs left out, in the mean over runs.
+
+    A stationary process is too sure where the outputs change faster than elsewhere. Corners are
+    not counted where they are few: leaving one out asks to extrapolate, which no prediction does.
+    """
+    inputs, n = processes.inputs, len(processes.inputs)
+    inner: npt.NDArray[np.bool_] = np.any((inputs > 0.0) & (inputs < 1.0), axis=1)
+    if np.count_nonzero(inner) < n / 2:
+        inner = np.ones(n, dtype=np.bool_)
+    mean, variance = processes.leave_one_out()
+    values = processes.offset + processes.scale * processes.targets[:, :n].T
+    squared = ((mean - values) ** 2 / variance)[inner].mean(axis=0)
+    return replace(processes, inflation=processes.inflation * np.maximum(squared, 1.0))
 
 
 def _groups(k: int, usable: npt.NDArray[np.bool_], sharing: Sharing) -> list[npt.NDArray[np.int64]]:

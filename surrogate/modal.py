@@ -13,6 +13,7 @@ from surrogate.covariance import FAMILIES
 from surrogate.gp import Array, GaussianProcesses, to_arrays
 from surrogate.gp_fit import Sharing, fit_processes
 from surrogate.pod import Pod, fit_pod
+from surrogate.step_scale import step_scale
 
 N_LEADING = 6
 """modes that choose the coordinates: the others may be little more than noise"""
@@ -72,19 +73,28 @@ def fit_modal(
     n_restarts: int = 1,
     sharing: Sharing = "auto",
     chosen: Chosen | None = None,
+    n_step: int = 1,
 ) -> ModalEmulator:
     """Fit to y (n, n_obs) over x (n, d) and its derivatives `slopes` (n, n_obs, d), if any.
 
     Coordinates and, with derivatives, the covariance are those in which the leading modes of a run
-    left out are most probable, unless they are `chosen` already. See `fit_pod` and `fit_processes`
-    for the other arguments.
+    left out are most probable, unless they are `chosen` already. Outputs are those of `n_step`
+    load steps, one after the other, each measured by how well it can be foretold (see
+    `surrogate.step_scale`). See `fit_pod` and `fit_processes` for the other arguments.
     """
-    pod = fit_pod(y, tolerance=tolerance, max_modes=max_modes, weight=_inside(x))
-    weights = pod.weights(y)
-    by_input = None if slopes is None else np.matmul(pod.modes.T, slopes)
     if chosen is None:
-        leading = None if by_input is None else by_input[:, :N_LEADING]
-        chosen = choose_coordinates(x, weights[:, :N_LEADING], leading)
+        chosen = _chosen(x, y, slopes, n_step)
+    by_step = None if slopes is None else slopes.reshape(len(x), n_step, -1, x.shape[1])
+    scale = step_scale(x, y.reshape(len(x), n_step, -1), by_step, chosen)
+    pod = fit_pod(
+        y,
+        tolerance=tolerance,
+        max_modes=max_modes,
+        weight=_inside(x),
+        scale=np.repeat(scale, y.shape[1] // n_step),
+    )
+    weights = pod.weights(y)
+    by_input = None if slopes is None else np.matmul(pod.dual.T, slopes)
     processes = fit_processes(
         x,
         weights,
@@ -96,6 +106,16 @@ def fit_modal(
         families=FAMILIES if by_input is None else (chosen.family,),
     )
     return ModalEmulator(pod, processes)
+
+
+def _chosen(x: Array, y: Array, slopes: Array | None, n_step: int) -> Chosen:
+    """Choice for the leading modes of all steps, each divided by its variation."""
+    deviation = (y - y.mean(axis=0)).reshape(len(x), n_step, -1)
+    spread = np.sqrt(np.mean(deviation**2, axis=(0, 2)))
+    scale = np.repeat(np.where(spread > 0.0, spread, 1.0), y.shape[1] // n_step)
+    pod = fit_pod(y, tolerance=0.0, max_modes=N_LEADING, scale=scale)
+    by_input = None if slopes is None else np.matmul(pod.dual.T, slopes)
+    return choose_coordinates(x, pod.weights(y), by_input)
 
 
 def _inside(x: Array) -> Array:
@@ -116,6 +136,7 @@ def modal_to_arrays(modal: ModalEmulator, prefix: str) -> dict[str, Array]:
     pod = {
         "pod_offset": modal.pod.offset,
         "pod_modes": modal.pod.modes,
+        "pod_scale": modal.pod.scale,
         "pod_truncation": modal.pod.truncation,
         "pod_weight": modal.pod.weight,
     }
@@ -132,6 +153,7 @@ def modal_from_arrays(arrays: Mapping[str, Array], prefix: str) -> ModalEmulator
     pod = Pod(
         own.pop("pod_offset"),
         own.pop("pod_modes"),
+        own.pop("pod_scale"),
         own.pop("pod_truncation"),
         own.pop("pod_weight"),
     )

@@ -17,7 +17,9 @@ class Pod:
     offset: Array
     """(n_obs,) mean of the snapshots"""
     modes: Array
-    """(n_obs, k) orthonormal modes, strongest first"""
+    """(n_obs, k) modes in the unit of y, strongest first; orthonormal once divided by the scale"""
+    scale: Array
+    """(n_obs,) what a value is divided by before it is compared with others; 1 by default"""
     truncation: Array
     """(n, n_obs) what the modes of the other runs leave out of each run"""
     weight: Array
@@ -42,9 +44,15 @@ class Pod:
         return variance
 
     def weights(self, snapshots: Array) -> Array:
-        """(m, k) coordinates of snapshots (m, n_obs) in the modes."""
-        projected: Array = (snapshots - self.offset) @ self.modes
+        """(m, k) coordinates of snapshots (m, n_obs) in the modes: least squares over the scale."""
+        projected: Array = (snapshots - self.offset) @ self.dual
         return projected
+
+    @property
+    def dual(self) -> Array:
+        """(n_obs, k) with dual.T @ modes = 1: weights are its products with deviations."""
+        dual: Array = self.modes / self.scale[:, None] ** 2
+        return dual
 
     def reconstruct(self, weights: Array) -> Array:
         """(m, n_obs) snapshots of weights (m, k)."""
@@ -53,7 +61,12 @@ class Pod:
 
 
 def fit_pod(
-    snapshots: Array, *, tolerance: float, max_modes: int, weight: Array | None = None
+    snapshots: Array,
+    *,
+    tolerance: float,
+    max_modes: int,
+    weight: Array | None = None,
+    scale: Array | None = None,
 ) -> Pod:
     """Decompose snapshots (n, n_obs), n >= 2, by a thin singular value decomposition.
 
@@ -62,8 +75,9 @@ def fit_pod(
     signs are fixed by the largest entry of each mode. The truncation is measured run by run on
     modes fitted without that run (Sirovich 1987 for the decomposition; leaving a run out because
     the residual of a fitted run flatters the basis); `weight` (n,) says how much each run counts in
-    its covariance, by default as much as any other. Raises ValueError for fewer than 2 snapshots
-    or snapshots that are all the same.
+    its covariance, by default as much as any other. Values are divided by `scale` (n_obs,) first,
+    so that those known better count more. Raises ValueError for fewer than 2 snapshots or snapshots
+    that are all the same.
     """
     n = len(snapshots)
     if n < 2:
@@ -71,7 +85,8 @@ def fit_pod(
     offset = snapshots.mean(axis=0)
     if not np.ptp(snapshots, axis=0).any():
         raise ValueError(f"snapshots: must vary, got {n} times the same")
-    left, values, right = np.linalg.svd(snapshots - offset, full_matrices=False)
+    scale = np.ones(snapshots.shape[1]) if scale is None else scale
+    left, values, right = np.linalg.svd((snapshots - offset) / scale, full_matrices=False)
     rank = int(np.count_nonzero(values > values[0] * max(snapshots.shape) * np.finfo(float).eps))
     k = min(_count(values[:rank], tolerance), max_modes)
     largest = np.argmax(np.abs(right[:k]), axis=1)
@@ -80,9 +95,10 @@ def fit_pod(
     if k == snapshots.shape[1]:
         truncation = np.zeros_like(snapshots)
     else:
-        truncation = _left_out(coordinates, k) @ right[:rank]
+        truncation = _left_out(coordinates, k) @ (right[:rank] * scale)
     counts = np.ones(n) if weight is None else weight
-    return Pod(offset, (right[:k] * sign[:, None]).T, truncation, counts / counts.sum())
+    modes = (right[:k] * sign[:, None] * scale).T
+    return Pod(offset, modes, scale, truncation, counts / counts.sum())
 
 
 def _count(values: Array, tolerance: float) -> int:

@@ -1,4 +1,4 @@
-"""Where to run the model next: emulator variance times posterior mass, and when to stop."""
+"""Where to run the model next: where it lowers the emulator's variance most over the posterior."""
 
 from __future__ import annotations
 
@@ -7,18 +7,19 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.stats import gaussian_kde
 
 from surrogate.emulator import Emulator
+from surrogate.expected_gain import Gain
 from surrogate.gp import GaussianProcesses
 
 Array = npt.NDArray[np.float64]
 
-MAX_CANDIDATES = 400
-"""points of the posterior sample among which runs are chosen"""
+MAX_ROWS = 450
+"""values and derivatives of the draws among which runs are chosen"""
+MAX_PLACES = 300
+"""draws over which the variance is averaged"""
 STOP_BELOW = 0.05
 """predicted change of the posterior mean, in posterior SDs, below which more runs change nothing"""
-_JITTER = 1e-8
 
 LogLikelihood = Callable[[Array, Array | None], Array]
 """(m,) of unit forces (m, n_step) N and field weights (m, k) mm, if any, row by row"""
@@ -33,34 +34,33 @@ def propose(
     force_noise: float = 0.01,
     field_noise: float = 0.01,
 ) -> Array:
-    """(n, d) points for new runs, each where emulator variance times posterior mass is largest.
+    """(n, d) points for new runs that lower the emulator's variance most where the posterior is.
 
     `posterior_sample` (m, d) are draws of the emulator's inputs. The variance is that of the force
     over (`force_noise` times the force) squared, summed over steps, plus that of the field's
-    weights over `field_noise` [mm] squared: what matters against measurement noise. After each
-    point it is updated for the run to come, which needs no values; so a batch spreads by itself.
+    weights over `field_noise` [mm] squared: what matters against measurement noise. Of a few
+    hundred draws each point is the one whose run, derivatives included, takes most of the mean
+    variance over draws away. It is then counted as made, so a batch spreads by itself.
     Raises ValueError for a sample of another shape, fewer distinct draws than points, or n < 1.
     """
     sample = _checked(emulator, posterior_sample)
     candidates = np.unique(sample, axis=0)
     if not 1 <= n <= len(candidates):
         raise ValueError(f"n: expected 1 to {len(candidates)} (distinct draws), found {n}")
-    if len(candidates) > max(MAX_CANDIDATES, n):
-        kept = rng.choice(len(candidates), max(MAX_CANDIDATES, n), replace=False)
-        candidates = candidates[np.sort(kept)]
-    mass = _mass(sample, candidates)
-    parts = [
-        _Uncertainty.of(emulator.force.processes, candidates, _force_weight(emulator, force_noise))
-    ]
+    n_kept = max(MAX_ROWS // (1 + sample.shape[1]), n)
+    candidates = _some(candidates, n_kept, rng)
+    places = _some(sample, MAX_PLACES, rng)
+    weight = _force_weight(emulator, force_noise)
+    gains = [Gain.of(emulator.force.processes, candidates, places, weight)]
     if emulator.field is not None:
-        weight = np.full(len(emulator.field.processes.offset), field_noise**-2)
-        parts.append(_Uncertainty.of(emulator.field.processes, candidates, weight))
+        weight = np.sum(emulator.field_modes**2, axis=0) / field_noise**2
+        gains.append(Gain.of(emulator.field.processes, candidates, places, weight))
     chosen: list[int] = []
     for _ in range(n):
-        score = mass * sum(part.total for part in parts)
+        score = np.sum([gain.total for gain in gains], axis=0)
         score[chosen] = -np.inf
         chosen.append(int(np.argmax(score)))
-        parts = [part.given(chosen[-1]) for part in parts]
+        gains = [gain.given(chosen[-1]) for gain in gains]
     points: Array = candidates[chosen]
     return points
 
@@ -117,38 +117,6 @@ def predicted_shift(
     return PredictedShift(np.sqrt(squared / n_draws))
 
 
-@dataclass(frozen=True)
-class _Uncertainty:
-    """Covariance of processes among candidates, updated run by run."""
-
-    covariance: Array
-    """(k, m, m) in output units"""
-    noise: Array
-    """(k,) variance of a new run's noise"""
-    weight: Array
-    """(k,) or (k, m) weight of each process' variance"""
-
-    @classmethod
-    def of(cls, processes: GaussianProcesses, candidates: Array, weight: Array) -> _Uncertainty:
-        noise = processes.variance_scale * np.maximum(processes.nugget, _JITTER)
-        wide = weight if weight.ndim == 2 else weight[:, None]
-        return cls(processes.covariance(candidates, candidates), noise, wide)
-
-    @property
-    def total(self) -> Array:
-        """(m,) weighted variance, summed over processes."""
-        variance = np.maximum(np.einsum("kmm->km", self.covariance), 0.0)
-        total: Array = np.sum(self.weight * variance, axis=0)
-        return total
-
-    def given(self, index: int) -> _Uncertainty:
-        """After a run at the candidate `index`."""
-        column = self.covariance[:, :, index]
-        total = np.maximum(column[:, index], 0.0) + self.noise
-        gained = column[:, :, None] * column[:, None, :] / total[:, None, None]
-        return _Uncertainty(self.covariance - gained, self.noise, self.weight)
-
-
 def _force_weight(emulator: Emulator, noise: float) -> Array:
     """(k,) weight of each mode's variance: relative variance over that of the noise."""
     modes = emulator.force.pod.modes
@@ -175,10 +143,11 @@ def _draws(processes: GaussianProcesses, x: Array, n_draws: int, rng: np.random.
     return draws
 
 
-def _mass(sample: Array, candidates: Array) -> Array:
-    """(m,) posterior density by a kernel estimate, up to a constant."""
-    density: Array = gaussian_kde(sample.T)(candidates.T)
-    return density
+def _some(points: Array, n: int, rng: np.random.Generator) -> Array:
+    """All points or n of them, in their order."""
+    if len(points) <= n:
+        return points
+    return points[np.sort(rng.choice(len(points), n, replace=False))]
 
 
 def _checked(emulator: Emulator, sample: Array) -> Array:

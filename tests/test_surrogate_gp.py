@@ -11,7 +11,7 @@ from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel, Matern, WhiteKernel
 
 from surrogate.covariance import FAMILIES, covariance, rows_of, values_only
-from surrogate.design import sobol_design
+from surrogate.design import sobol_design, unit_design
 from surrogate.evidence import (
     Fitted,
     Hyperparameters,
@@ -474,3 +474,13 @@ def test_arrays_of_another_shape_are_refused() -> None:
     x, y = _runs()
     with pytest.raises(ValueError, match=r"length: expected shape \(1, 2\)"):
         replace(_known(x, y, [1.0, 1.0], 1e-4), length=np.ones(3))
+
+
+def test_variances_are_no_less_than_runs_left_out_ask_for() -> None:
+    """Of a function that is flat in half the box and waves in the other, which surprises."""
+    x = unit_design(24, 2, 3)
+    y = np.where(x[:, :1] > 0.5, np.sin(25.0 * x[:, :1] * x[:, 1:]), x[:, :1])
+    processes = fit_processes(x, y, 1, n_restarts=0)
+    mean, variance = processes.leave_one_out()
+    inner = ((x > x.min(axis=0)) & (x < x.max(axis=0))).any(axis=1)
+    assert np.mean(((mean - y) ** 2 / variance)[inner]) < 1.0 + 1e-9

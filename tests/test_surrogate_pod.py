@@ -115,3 +115,22 @@ def test_runs_without_weight_do_not_count_in_the_truncation() -> None:
     np.testing.assert_allclose(covariance, expected, atol=1e-15)
     np.testing.assert_allclose(np.diag(covariance), pod.truncation_variance, rtol=1e-12)
     np.testing.assert_allclose(pod.left_out_variance, np.mean(pod.truncation**2, axis=0))
+
+
+def test_with_a_scale_weights_are_least_squares_over_it() -> None:
+    y = _snapshots(np.random.default_rng(4), 20, 0.7)
+    scale = np.random.default_rng(5).uniform(0.1, 10.0, y.shape[1])
+    pod = fit_pod(y, tolerance=0.0, max_modes=4, scale=scale)
+    unit = pod.modes / scale[:, None]
+    np.testing.assert_allclose(unit.T @ unit, np.eye(4), atol=1e-12)
+    solved = np.linalg.lstsq(unit, ((y - pod.offset) / scale).T, rcond=None)[0].T
+    np.testing.assert_allclose(pod.weights(y), solved, atol=1e-10)
+
+
+def test_with_a_scale_the_truncation_is_in_the_unit_of_the_snapshots() -> None:
+    y = _snapshots(np.random.default_rng(2), 15, 0.7)
+    scale = np.random.default_rng(5).uniform(0.5, 2.0, y.shape[1])
+    pod = fit_pod(y, tolerance=0.0, max_modes=4, scale=scale)
+    other = fit_pod(np.delete(y, 3, axis=0), tolerance=0.0, max_modes=4, scale=scale)
+    left_out = y[3] - other.reconstruct(other.weights(y[3:4]))[0]
+    np.testing.assert_allclose(pod.truncation[3], left_out, atol=1e-12)

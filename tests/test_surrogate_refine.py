@@ -1,4 +1,4 @@
-"""Refinement: runs go where variance times mass is largest, and the loop knows when to stop."""
+"""Refinement: runs take most of the variance over the posterior; the loop knows when to stop."""
 
 from __future__ import annotations
 
@@ -8,7 +8,11 @@ import numpy as np
 import pytest
 
 from surrogate import Emulator, TrainingSet, predicted_shift, propose, sobol_design
-from surrogate.refine import _Uncertainty
+from surrogate.covariance import FAMILIES
+from surrogate.evidence import Fitted, Hyperparameters
+from surrogate.expected_gain import Gain
+from surrogate.gp import GaussianProcesses
+from surrogate.gp_fit import posterior, scale_runs
 
 BOX = np.array([[0.0, 1.0], [0.0, 1.0]])
 TRAVEL = np.array([0.6, 1.0, 1.4])
@@ -41,22 +45,46 @@ def test_proposals_are_draws_of_the_sample_each_once_and_reproducible() -> None:
     assert all((_sample() == point).all(axis=1).any() for point in points)
 
 
-def test_the_updated_variance_is_that_of_an_emulator_with_the_run() -> None:
-    """The covariance does not need the value of the run: any will do."""
-    processes, candidates = _emulator().force.processes, _sample(30)
-    before = _Uncertainty.of(processes, candidates, np.ones(3))
-    after = before.given(4)
-    for k in range(3):
-        noise = before.noise[k] * np.eye(31)
-        x = np.vstack([sobol_design(10, BOX, seed=2), candidates[4]])
-        joint = processes.variance_scale[k] * processes.prior(0, x, x)
-        joint[:10, :10] += processes.nugget[k] * processes.variance_scale[k] * np.eye(10)
-        joint[10, 10] += noise[0, 0]
-        cross = processes.variance_scale[k] * processes.prior(0, candidates, x)
-        prior = processes.variance_scale[k] * processes.prior(0, candidates, candidates)
-        expected = prior - cross @ np.linalg.solve(joint, cross.T)
-        scale = np.abs(prior).max()
-        np.testing.assert_allclose(after.covariance[k], expected, atol=1e-6 * scale)
+@pytest.mark.parametrize("with_slopes", [False, True])
+def test_the_variance_a_run_takes_is_that_between_emulators_without_and_with_it(
+    with_slopes: bool,
+) -> None:
+    """Of processes with the same hyperparameters; the run's values do not matter: any will do."""
+    x, places, new = sobol_design(10, BOX, seed=2), _sample(20), _sample(30)[4:7]
+    without = _conditioned(x, with_slopes)
+    gain = Gain.of(without, new, places, np.array([1.0, 2.0, 3.0]))
+    expected = np.zeros(3)
+    for candidate in range(3):
+        given = _conditioned(np.vstack([x, new[candidate]]), with_slopes)
+        for k in range(3):
+            fewer = without.covariance(places, places)[k] / without.variance_scale[k]
+            more = given.covariance(places, places)[k] / given.variance_scale[k]
+            taken = without.variance_scale[k] * np.diagonal(fewer - more).mean()
+            expected[candidate] += gain.weight[k] * taken
+    np.testing.assert_allclose(gain.total, expected, rtol=1e-5)
+    second = Gain.of(_conditioned(np.vstack([x, new[1]]), with_slopes), new, places, gain.weight)
+    ratio = (
+        without.variance_scale / _conditioned(np.vstack([x, new[1]]), with_slopes).variance_scale
+    )
+    np.testing.assert_allclose(
+        gain.given(1).runs, ratio[:, None, None] * second.runs, atol=1e-6 * np.abs(gain.runs).max()
+    )
+
+
+def _conditioned(x: np.ndarray, with_slopes: bool) -> GaussianProcesses:
+    """Three processes of fixed hyperparameters on the box that all these designs span."""
+    rng = np.random.default_rng(len(x))
+    slopes = rng.normal(size=(len(x), 3, 2)) if with_slopes else None
+    scaled = scale_runs(x, rng.normal(size=(len(x), 3)), slopes)
+    fit = Fitted(
+        FAMILIES.index("matern52"),
+        Hyperparameters(np.array([0.6, 0.9]), 30.0),
+        np.array([1e-3, 1e-2, 1e-4]),
+        0.0,
+        np.arange(len(x)),
+        len(x),
+    )
+    return posterior(scaled, [np.arange(3)], [fit])
 
 
 def test_a_batch_does_not_put_runs_beside_each_other() -> None:

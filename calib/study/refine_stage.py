@@ -1,7 +1,7 @@
 """Stage `refine`: more FE runs where the posterior is, until its mean will not move any more.
 
-The design covers the whole prior; the posterior is a small part of it. Runs are proposed where the
-emulator's variance times the posterior's mass is largest, run, and the emulator fitted again; the
+The design covers the whole prior; the posterior is a small part of it. Runs are proposed
+that lower the emulator's variance most over the posterior, run, and the emulator fitted again; the
 error that it had there before is shown. The first run is at the posterior mean by the first
 emulator, the last at that by the last but one; both are solved on the finer mesh too.
 """
