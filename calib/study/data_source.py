@@ -15,5 +15,5 @@ def measured_dataset(data: DataSource) -> Dataset:
         # plots and readers are loaded where they are needed only
         from calib.study.experiment_data import experiment_dataset
 
-        return experiment_dataset(data.folder)
+        return experiment_dataset(data.folder, data.quality)
     return read_force_csv(data.source) if data.is_file else thesis_forces()

@@ -11,6 +11,7 @@ from typing import Annotated, Literal
 from pydantic import Field, SkipValidation
 from pydantic.dataclasses import dataclass
 
+from calib.data.qc.rules import Rules
 from calib.inference.laws import RATIOS
 from calib.study.prior_sections import STRICT, ParameterPrior, Prior
 from calib.toml_file.refusal import Contradiction
@@ -42,6 +43,9 @@ class DataSource:
     study file"""
     folder: str | None = None
     """folder of a laboratory's files, with the source "experiment" only"""
+    quality: Rules | None = None
+    """a section [data.quality] of rules that go before those of experiment.toml, with the source
+    "experiment" only"""
 
     def __post_init__(self) -> None:
         if self.is_file and not self.source.endswith(".csv"):
@@ -50,6 +54,8 @@ class DataSource:
         if self.is_experiment != (self.folder is not None):
             expected = f"a folder with source = {EXPERIMENT!r}, and none without"
             raise Contradiction("folder", self.folder, expected)
+        if self.quality is not None and not self.is_experiment:
+            raise Contradiction("quality", {}, f"none without source = {EXPERIMENT!r}")
 
     @property
     def is_file(self) -> bool:

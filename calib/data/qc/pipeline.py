@@ -17,6 +17,7 @@ from calib.data.qc.lab_files import SampleFiles, input_hash, sample_files, stati
 from calib.data.qc.machine_test import at_travel
 from calib.data.qc.mean_noise import FieldNoise, mean_noise
 from calib.data.qc.quality import Rejection, Rule, broken, odd_forces, placement_rules
+from calib.data.qc.rules import Rules, inputs_under, under_rules
 from calib.data.qc.sample import REACH, Sample, read_sample
 from calib.data.qc.static_noise import StaticNoise, static_noise
 from calib.data.readers.frames import BoolArray
@@ -38,10 +39,12 @@ class QcResult:
     experiment: Experiment
     name: str
     inputs: str
-    """hash of all files"""
+    """hash of all files, and of a study's rules"""
     samples: tuple[Sample, ...]
     rules: tuple[tuple[Rule, ...], ...]
     """one tuple a sample"""
+    study_rules: dict[str, float]
+    """those that a study has put in place of the experiment's"""
     rejections: tuple[Rejection, ...]
     points: Array
     """(n, 2) mm, all places of half the face"""
@@ -78,20 +81,26 @@ def face_points(experiment: Experiment) -> Array:
     return np.stack([c.ravel() for c in np.meshgrid(x, y, indexing="ij")], axis=1)
 
 
-def analyse(folder: Path | str, tell: Callable[[int, int], None] | None = None) -> QcResult:
+def analyse(
+    folder: Path | str,
+    tell: Callable[[int, int], None] | None = None,
+    rules: Rules | None = None,
+) -> QcResult:
     """Read a laboratory's folder and make a data set of the samples that meet all rules.
+
+    `rules` of a study go before the experiment's own.
 
     `tell` is called with the numbers of samples done and in all. Rejected samples are results; a
     file that cannot be read raises ValueError of one sentence with file, place, found, expected.
     """
     started = time.perf_counter()
     folder = Path(folder)
-    experiment = read_experiment(folder)
+    experiment = under_rules(read_experiment(folder), rules)
     files = sample_files(folder, experiment)
     points = face_points(experiment)
-    samples, fields, rules = _samples(files, experiment, points, tell)
+    samples, fields, limits = _samples(files, experiment, points, tell)
     rejections = [
-        r for sample, own in zip(samples, rules, strict=True) for r in broken(sample, own)
+        r for sample, own in zip(samples, limits, strict=True) for r in broken(sample, own)
     ]
     rejections += _odd(samples, rejections, experiment)
     static = static_folder(folder)
@@ -100,9 +109,10 @@ def analyse(folder: Path | str, tell: Callable[[int, int], None] | None = None) 
         folder=folder,
         experiment=experiment,
         name=experiment.name or folder.resolve().name,
-        inputs=input_hash(folder, files),
+        inputs=inputs_under(input_hash(folder, files), rules),
         samples=samples,
-        rules=rules,
+        rules=limits,
+        study_rules={} if rules is None else rules.given(),
         rejections=tuple(rejections),
         points=points,
         fields=fields,
@@ -191,7 +201,7 @@ def _with_dataset(result: QcResult, static: StaticNoise | None, started: float) 
         field=field,
         # with fewer samples it has no inverse, or one that is chance: see `mean_covariance`
         force_covariance=covariance if n >= n_step + 2 else None,
-        samples=SampleData(names, forces, fields[:, :, mean.kept]),
+        samples=SampleData(names, forces, fields[:, :, mean.kept], noise.together.std),
     )
     seconds = time.perf_counter() - started
     return replace(result, fields=every, mean=mean, noise=noise, dataset=dataset, seconds=seconds)
