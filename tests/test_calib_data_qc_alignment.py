@@ -9,8 +9,8 @@ from virtual_blocks import analytic_truth
 from calib.data.qc import analyse
 from calib.data.qc.averaging import mean_field
 from calib.data.qc.mapping import map_coarsely, map_field
+from calib.inference.field_noise import field_covariance
 from calib.virtual import Cameras, LaboratorySettings, Placing, make_laboratory
-from calib.virtual.agreement import field_agreement
 
 
 def lattice(function, n=12, h=0.1):
@@ -40,23 +40,24 @@ def test_an_edge_of_the_field_shows_in_the_coarser_mapping_and_a_smooth_field_do
     assert off[0] > 0.01 and off[1] < 1e-3
 
 
-def test_the_mean_field_of_virtual_laboratories_is_the_truth_within_its_stated_errors(tmp_path):
-    """False alarm below 1e-4: 2,000 numbers scatter by 3 %, their stated noise by 3 %, bound 5 SD.
+def test_the_mean_field_of_a_virtual_laboratory_is_the_truth_within_its_stated_errors(tmp_path):
+    """False alarm below 1e-3: 2,900 numbers scatter by 3 %, their stated noise by 3 %, bound 3.5 SD.
 
-    While samples were averaged where they stood, and the noise was that of six static frames alone,
-    single laboratories were beyond.
+    A common error of the contact is not in the scatter of the samples: a study has the SD of the
+    travel's zero for it, as here.
     """
     settings = LaboratorySettings(
         samples=10, cameras=Cameras(grid=(80, 21)), placing=Placing(misplaced=0)
     )
-    total, n = 0.0, 0
-    for seed in range(2):
-        make_laboratory(tmp_path / f"{seed}", analytic_truth(), settings, seed)
-        found = analyse(tmp_path / f"{seed}").dataset
-        agreement = field_agreement(found, analytic_truth())
-        total, n = total + agreement.chi2, n + agreement.n
-    assert n > 2000
-    assert total / n == pytest.approx(1.0, abs=0.2)
+    truth = analytic_truth()
+    make_laboratory(tmp_path / "lab", truth, settings, 0)
+    data = analyse(tmp_path / "lab").dataset
+    places, travel = data.field.points, data.travel
+    off = (data.field.displacement - truth.field_at(places, travel))[None]
+    slope = (truth.field_at(places, travel + 0.01) - truth.field_at(places, travel - 0.01)) / 0.02
+    covariance = field_covariance(data.field, patterns=0.03 * slope[None])
+    assert off.size > 2500
+    assert covariance.inner(off, off).item() / off.size == pytest.approx(1.0, abs=0.15)
 
 
 def test_what_samples_are_moved_by_is_an_error_of_their_mean_still(tmp_path):
