@@ -41,7 +41,7 @@ def test_an_edge_of_the_field_shows_in_the_coarser_mapping_and_a_smooth_field_do
 
 
 def test_the_mean_field_of_a_virtual_laboratory_is_the_truth_within_its_stated_errors(tmp_path):
-    """False alarm below 1e-3: 2,900 numbers scatter by 3 %, their stated noise by 3 %, bound 3.5 SD.
+    """False alarm below 1e-3: 2,900 numbers and their stated noise scatter by 3 % each; 3.5 SD.
 
     A common error of the contact is not in the scatter of the samples: a study has the SD of the
     travel's zero for it, as here.
