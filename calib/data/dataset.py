@@ -85,8 +85,8 @@ class SampleData:
     displacement: Array
     """(n_sample, n_step, n_point, 3) mm; NaN where a sample has no such point"""
     noise_std: Array | None = None
-    """(3,) SD of the noise of one sample's field, mm, where it is known: `FieldData` has the mean's,
-    and the correlations, which are the same"""
+    """(3,) SD of the noise of one sample's field, mm, where it is known; the correlations are those
+    of the mean's, in `FieldData`"""
 
     def __post_init__(self) -> None:
         n, n_step = self.force.shape

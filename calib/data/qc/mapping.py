@@ -127,12 +127,12 @@ def _fitted(values: Array, at: Array, chosen: BoolArray, near: float) -> Array:
     centre = np.round(at[point]).astype(np.int64)
     steps = np.arange(-2, 3)
     across, up = (c.ravel() for c in np.meshgrid(steps, steps))
+    terms = _terms(across.astype(np.float64), up.astype(np.float64))
     columns, rows = centre[:, :1] + across, centre[:, 1:] + up
     n_row, n_column = values.shape[1:3]
     inside = (rows >= 0) & (rows < n_row) & (columns >= 0) & (columns < n_column)
     found = values[frame[:, None], rows.clip(0, n_row - 1), columns.clip(0, n_column - 1)]
     known = inside & np.isfinite(found[..., 0])
-    terms = _terms(across, up)
     weights = known * np.exp(-0.5 * (across**2 + up**2) / near**2)
     matrix = weights @ np.einsum("ka,kb->kab", terms, terms).reshape(25, 36)
     matrix = matrix.reshape(-1, 6, 6) + RIDGE * np.eye(6)

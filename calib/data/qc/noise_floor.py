@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.linalg import cho_solve, cholesky
@@ -21,7 +21,6 @@ MOST_FITTED = 150
 """points of the likelihood of a length"""
 LENGTHS = (0.01, 5.0)
 """mm, between which a length is looked for"""
-FIT = {"xatol": 0.01, "fatol": 1e-5, "maxfev": 60}
 FREE_MEAN = 100.0
 """variance of a frame's mean, which was taken off"""
 TINY = 1e-6
@@ -60,7 +59,7 @@ class NoiseFloor(NamedTuple):
 class _Pairs(NamedTuple):
     """Pairs of points, by the number of spacings between them."""
 
-    count: Array
+    pairs: Array
     distance: Array
     """sum of distances, mm"""
     product: Array
@@ -141,7 +140,8 @@ def correlogram(values: Array, points: Array) -> tuple[Array, Array]:
 
 def _spacing(points: Array) -> float:
     """Median distance of a point to the next one, mm."""
-    return float(np.median(cKDTree(points).query(points, k=2)[0][:, 1]))
+    apart = np.asarray(cKDTree(points).query(points, k=2)[0], dtype=np.float64)
+    return float(np.median(apart[:, 1]))
 
 
 def _pairs(values: Array, points: Array, width: float) -> _Pairs:
@@ -151,16 +151,16 @@ def _pairs(values: Array, points: Array, width: float) -> _Pairs:
     upper = np.triu(apart < FARTHEST, 1)
     bins = np.round(apart[upper] / width).astype(np.int64)
     n_bin = round(FARTHEST / width) + 2
-    count = np.bincount(bins, minlength=n_bin).astype(np.float64)
-    sums = [np.bincount(bins, v[upper], n_bin) for v in (apart, product)]
-    return _Pairs(count, sums[0], sums[1])
+    one = np.ones(bins.size)
+    sums = [np.bincount(bins, v, n_bin) for v in (one, apart[upper], product[upper])]
+    return _Pairs(*(np.asarray(v, dtype=np.float64) for v in sums))
 
 
 def _correlation(pairs: Sequence[_Pairs], weights: Array, n_point: int) -> tuple[Array, Array]:
     """Distances and correlations of series that count by `weights`, whose sum is 1."""
-    count, distance, product = (
-        np.tensordot(weights, np.array(part), axes=1) for part in zip(*pairs, strict=True)
-    )
+    count: Array = weights @ np.array([one.pairs for one in pairs])
+    distance: Array = weights @ np.array([one.distance for one in pairs])
+    product: Array = weights @ np.array([one.product for one in pairs])
     kept = (count >= n_point / 2) & (np.arange(count.size) > 0)
     return distance[kept] / count[kept], product[kept] / count[kept]
 
@@ -193,7 +193,13 @@ def likeliest(
         return variance, logs / freedom + float(np.log(variance))
 
     first = np.array([np.log(start[0]), np.arctanh(2 * np.clip(start[1], 0.02, 0.9) - 1)])
-    found = minimize(lambda p: variance_and_misfit(p)[1], first, method="Nelder-Mead", options=FIT)
+    fit: Any = {"xatol": 0.01, "fatol": 1e-5, "maxfev": 60}
+    found = minimize(
+        lambda p: variance_and_misfit(p)[1],
+        first,
+        method="Nelder-Mead",
+        options=fit,
+    )
     length, nugget = float(np.clip(np.exp(found.x[0]), *LENGTHS)), 0.5 * (1 + np.tanh(found.x[1]))
     return length, float(np.clip(nugget, 0.0, 0.9)), variance_and_misfit(found.x)[0]
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
+from typing import Any
 
 from pydantic.dataclasses import dataclass
 
@@ -34,7 +35,7 @@ class Rules:
     min_points: Count | None = None
     """smallest number of points with a displacement in every frame used, a whole number"""
 
-    def given(self) -> dict[str, float]:
+    def given(self) -> dict[str, Any]:
         """Those that the study has."""
         return {key: value for key, value in dataclasses.asdict(self).items() if value is not None}
 
