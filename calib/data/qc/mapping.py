@@ -16,7 +16,7 @@ ENOUGH = 9
 """of 25 points, for the six coefficients of a parabola"""
 CLOSE, WIDE = 1.2, 4.0
 """spacings over which a fitted parabola looks: as close as it can, and twice as far"""
-RIDGE = 1e-9
+RIDGE = 1e-12
 """for points all in two lines, which tell no parabola across them"""
 
 

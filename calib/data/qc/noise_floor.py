@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import cho_solve, cholesky
-from scipy.optimize import least_squares, minimize
+from scipy.optimize import fmin, least_squares
 from scipy.spatial import cKDTree
 from scipy.spatial.distance import cdist
 
@@ -193,15 +193,13 @@ def likeliest(
         return variance, logs / freedom + float(np.log(variance))
 
     first = np.array([np.log(start[0]), np.arctanh(2 * np.clip(start[1], 0.02, 0.9) - 1)])
-    fit: Any = {"xatol": 0.01, "fatol": 1e-5, "maxfev": 60}
-    found = minimize(
-        lambda p: variance_and_misfit(p)[1],
-        first,
-        method="Nelder-Mead",
-        options=fit,
-    )
-    length, nugget = float(np.clip(np.exp(found.x[0]), *LENGTHS)), 0.5 * (1 + np.tanh(found.x[1]))
-    return length, float(np.clip(nugget, 0.0, 0.9)), variance_and_misfit(found.x)[0]
+
+    def misfit(p: Array) -> float:
+        return variance_and_misfit(p)[1]
+
+    found: Array = fmin(misfit, first, xtol=0.01, ftol=1e-5, maxfun=60, disp=False)
+    length, nugget = float(np.clip(np.exp(found[0]), *LENGTHS)), 0.5 * (1 + np.tanh(found[1]))
+    return length, float(np.clip(nugget, 0.0, 0.9)), variance_and_misfit(found)[0]
 
 
 def _near_each_other(values: Array, points: Array) -> tuple[Array, Array]:
