@@ -57,6 +57,8 @@ class Settings:
     """file of figures; those of other readers in it are kept"""
     seeds: int = 50
     """virtual laboratories"""
+    store: Path | None = None
+    """folder of what is known of single laboratories, so that an interrupted part goes on"""
 
 
 def data_folder() -> Path:
@@ -120,7 +122,8 @@ def _read_all(name: str, files: list[Path]) -> tuple[int, int]:
 
 def qc(settings: Settings) -> dict[str, Any]:
     """Who is rejected of 24 samples in each of the virtual laboratories."""
-    return {"qc": over_seeds(solve_truth(BlockTruth(), TRUTH), range(settings.seeds))}
+    truth = solve_truth(BlockTruth(), TRUTH)
+    return {"qc": over_seeds(truth, range(settings.seeds), settings.store)}
 
 
 def pipeline(_: Settings) -> dict[str, Any]:
@@ -144,12 +147,18 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--only", nargs="+", choices=PARTS, default=list(PARTS), metavar="PART")
     parser.add_argument("--mutants", type=int, default=10_000, help="damaged files a reader")
     parser.add_argument("--seeds", type=int, default=50, help="virtual laboratories of part qc")
+    parser.add_argument("--store", type=Path, help="folder that part qc goes on from, of one code")
     parser.add_argument("--formats", nargs="+", choices=names, default=names, metavar="NAME")
     parser.add_argument("--data", type=Path, default=data_folder(), help="folder of real files")
     parser.add_argument("--out", type=Path, default=OUT, metavar="FILE")
     options = parser.parse_args(arguments)
     settings = Settings(
-        options.data, options.mutants, tuple(options.formats), options.out, options.seeds
+        options.data,
+        options.mutants,
+        tuple(options.formats),
+        options.out,
+        options.seeds,
+        options.store,
     )
     for name in options.only:
         print(f"{name}:", flush=True)

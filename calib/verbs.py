@@ -55,10 +55,18 @@ def run_verb(arguments: argparse.Namespace) -> int:
 
 def qc_verb(arguments: argparse.Namespace) -> int:
     """Make a data set of a laboratory's files."""
-    from calib.study.experiment_data import QC_FOLDER, experiment_folder, make_dataset, qc_lines
+    from calib.study.experiment_data import (
+        QC_FOLDER,
+        experiment_folder,
+        make_dataset,
+        qc_lines,
+        study_rules,
+    )
 
     folder = experiment_folder(arguments.study)
-    result, paths = make_dataset(folder, arguments.out or folder / QC_FOLDER, with_figures=True)
+    rules = study_rules(arguments.study)
+    out = arguments.out or folder / QC_FOLDER
+    result, paths = make_dataset(folder, out, with_figures=True, rules=rules)
     for line in qc_lines(result, paths):
         _say(line)
     if result.dataset is None:

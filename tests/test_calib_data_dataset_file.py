@@ -34,7 +34,7 @@ DATA = Dataset(
     8,
     FIELD,
     COVARIANCE,
-    SampleData(tuple("abcdefgh"), FORCES, RNG.random((8, 3, 6, 3))),
+    SampleData(tuple("abcdefgh"), FORCES, RNG.random((8, 3, 6, 3)), np.array([1e-3, 2e-3, 3e-3])),
 )
 
 
@@ -50,6 +50,7 @@ def assert_same(a: Dataset, b: Dataset) -> None:
     assert a.samples.names == b.samples.names
     np.testing.assert_array_equal(a.samples.force, b.samples.force)
     np.testing.assert_array_equal(a.samples.displacement, b.samples.displacement)
+    np.testing.assert_array_equal(a.samples.noise_std, b.samples.noise_std)
 
 
 def test_a_data_set_comes_back_bit_by_bit_with_the_hash_of_its_inputs(tmp_path):

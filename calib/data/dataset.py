@@ -84,6 +84,9 @@ class SampleData:
     """(n_sample, n_step) N"""
     displacement: Array
     """(n_sample, n_step, n_point, 3) mm; NaN where a sample has no such point"""
+    noise_std: Array | None = None
+    """(3,) SD of the noise of one sample's field, mm, where it is known; the correlations are those
+    of the mean's, in `FieldData`"""
 
     def __post_init__(self) -> None:
         n, n_step = self.force.shape
@@ -92,10 +95,14 @@ class SampleData:
         shape = self.displacement.shape
         if len(shape) != 4 or shape[:2] != (n, n_step) or shape[3] != 3:
             raise ValueError(f"displacement: expected ({n}, {n_step}, n_point, 3), found {shape}")
+        std = self.noise_std
+        if std is not None and (std.shape != (3,) or not np.all(std > 0)):
+            raise ValueError(f"noise_std: expected three positive SDs in mm, got {std}")
 
     def at_steps(self, steps: list[int]) -> SampleData:
         """The same at some of the steps."""
-        return SampleData(self.names, self.force[:, steps], self.displacement[:, steps])
+        force, displacement = self.force[:, steps], self.displacement[:, steps]
+        return replace(self, force=force, displacement=displacement)
 
 
 @dataclass(frozen=True)

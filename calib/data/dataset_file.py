@@ -42,6 +42,8 @@ def dataset_arrays(dataset: Dataset) -> Arrays:
         arrays["sample_names"] = np.array(samples.names)
         arrays["sample_force"] = samples.force
         arrays["sample_displacement"] = samples.displacement
+        if samples.noise_std is not None:
+            arrays["sample_noise_std"] = samples.noise_std
     return arrays
 
 
@@ -58,7 +60,8 @@ def dataset_of_arrays(arrays: Arrays) -> Dataset:
         )
     if "sample_names" in arrays:
         names = tuple(str(name) for name in arrays["sample_names"])
-        samples = SampleData(names, arrays["sample_force"], arrays["sample_displacement"])
+        force, displacement = arrays["sample_force"], arrays["sample_displacement"]
+        samples = SampleData(names, force, displacement, arrays.get("sample_noise_std"))
     return Dataset(
         name=str(arrays["name"]),
         synthetic=bool(arrays["synthetic"]),

@@ -10,6 +10,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
+from calib.data.qc.rules import Rules
 from calib.study.prior_sections import STRICT
 from calib.toml_file.refusal import Contradiction
 
@@ -29,6 +30,9 @@ class DataSource:
     """folder of a laboratory's files, with the source "experiment" only"""
     level: Literal["mean", "summary", "samples"] = "mean"
     """the averaged sample, mean and SD of its forces alone, or every sample by itself"""
+    quality: Rules | None = None
+    """a section [data.quality] of rules that go before those of experiment.toml, with the source
+    "experiment" only"""
 
     def __post_init__(self) -> None:
         if self.is_file and not self.source.endswith(".csv"):
@@ -37,6 +41,8 @@ class DataSource:
         if self.is_experiment != (self.folder is not None):
             expected = f"a folder with source = {EXPERIMENT!r}, and none without"
             raise Contradiction("folder", self.folder, expected)
+        if self.quality is not None and not self.is_experiment:
+            raise Contradiction("quality", {}, f"none without source = {EXPERIMENT!r}")
 
     @property
     def is_file(self) -> bool:

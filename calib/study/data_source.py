@@ -29,7 +29,7 @@ def _whole(data: DataSource) -> Dataset:
         # plots and readers are loaded where they are needed only
         from calib.study.experiment_data import experiment_dataset
 
-        return experiment_dataset(data.folder)
+        return experiment_dataset(data.folder, data.quality)
     if not data.is_file:
         return thesis_forces()
     if has_samples(data.source):

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import os
 import sys
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
+
+from pydantic.dataclasses import dataclass
 
 from calib import __version__
 from calib.data import Dataset
@@ -13,6 +16,7 @@ from calib.data.dataset_file import load_dataset
 from calib.data.qc import FILE, QcResult, analyse, read_experiment
 from calib.data.qc.lab_files import input_hash, sample_files
 from calib.data.qc.results import DATASET, write_results
+from calib.data.qc.rules import Rules, inputs_under
 from calib.data.qc.statistics import (
     eligibility_table,
     force_table,
@@ -23,6 +27,7 @@ from calib.data.qc.table import table_text
 from calib.data.requirements import requirements_text
 from calib.study.figure_style import save_png
 from calib.study.progress import progress_bar
+from calib.study.sections import STRICT, DataSource
 from calib.toml_file import read_document, read_file
 
 QC_FOLDER = "qc"
@@ -53,15 +58,43 @@ def experiment_folder(study: str | Path) -> Path:
     return path.parent / folder
 
 
+@dataclass(frozen=True, kw_only=True, config=STRICT)
+class _Named:
+    """What a study says of its data."""
+
+    data: DataSource
+    """a section [data]"""
+
+
+def study_rules(study: str | Path) -> Rules | None:
+    """The rules in [data.quality] of a study file; None of a folder, which has its own alone.
+
+    Raises ValueError of one sentence with file, line and key.
+    """
+    path = Path(study)
+    if path.is_dir() or path.name == FILE:
+        return None
+    document = read_document(read_file(path, "study file"), str(path), "study file")
+    data = {key: value for key, value in document.values.items() if key == "data"}
+    return replace(document, values=data).checked(_Named).data.quality
+
+
 def make_dataset(
-    folder: Path, out: Path, *, with_figures: bool, show_progress: bool = True
+    folder: Path,
+    out: Path,
+    *,
+    with_figures: bool,
+    show_progress: bool = True,
+    rules: Rules | None = None,
 ) -> tuple[QcResult, list[Path]]:
     """Analyse the files in `folder` and write the results to `out`; returns what was written.
+
+    `rules` of a study go before those of the folder's experiment.toml.
 
     Raises ValueError of one sentence for files that cannot be read.
     """
     with progress_bar("qc", "sample", shown=show_progress) as progress:
-        result = analyse(folder, progress)
+        result = analyse(folder, progress, rules)
     paths = write_results(result, out, __version__)
     if with_figures:
         from calib.data.qc.figures import all_figures
@@ -84,18 +117,18 @@ def qc_lines(result: QcResult, paths: list[Path]) -> list[str]:
     return [*lines, *(f"wrote {path}" for path in paths if path.suffix != ".csv")]
 
 
-def experiment_dataset(folder: str | Path) -> Dataset:
+def experiment_dataset(folder: str | Path, rules: Rules | None = None) -> Dataset:
     """The data set of a laboratory's files: from its qc folder when up to date, else made anew.
 
     Raises ValueError of one sentence when files cannot be read or fewer than two samples are kept.
     """
     folder = Path(folder)
     inputs = input_hash(folder, sample_files(folder, read_experiment(folder)))
-    return _dataset(folder.resolve(), inputs)
+    return _dataset(folder.resolve(), inputs_under(inputs, rules), rules)
 
 
 @cache
-def _dataset(folder: Path, inputs: str) -> Dataset:
+def _dataset(folder: Path, inputs: str, rules: Rules | None) -> Dataset:
     kept = folder / QC_FOLDER / DATASET
     if kept.is_file():
         try:
@@ -105,7 +138,11 @@ def _dataset(folder: Path, inputs: str) -> Dataset:
         if made_from == f"{__version__} {inputs}":
             return dataset
     result, _ = make_dataset(
-        folder, folder / QC_FOLDER, with_figures=False, show_progress=sys.stderr.isatty()
+        folder,
+        folder / QC_FOLDER,
+        with_figures=False,
+        show_progress=sys.stderr.isatty(),
+        rules=rules,
     )
     if result.dataset is None:
         report = os.path.join(QC_FOLDER, "qc.json")

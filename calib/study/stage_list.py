@@ -73,6 +73,9 @@ def _stated(section: Any) -> Any:
 def _data(context: Context) -> dict[str, object]:
     """The data by what they are: a file by its content, not its name."""
     settings = _sections("increments", "data", "virtual")(context)
+    if context.study.data.quality is None:  # stages of older studies stay as they are
+        known = plain(context.study.data)
+        settings["data"] = {key: value for key, value in known.items() if key != "quality"}
     source = Path(context.study.data.source)
     if context.study.data.is_file and source.is_file():
         settings["content"] = hash_of_file(source)

@@ -12,6 +12,13 @@ from calib.data.qc.experiment_file import Mapping
 from calib.data.readers.frames import BoolArray
 from fe.response import Array, IntArray
 
+ENOUGH = 9
+"""of 25 points, for the six coefficients of a parabola"""
+CLOSE, WIDE = 1.2, 4.0
+"""spacings over which a fitted parabola looks: as close as it can, and twice as far"""
+RIDGE = 1e-12
+"""for points all in two lines, which tell no parabola across them"""
+
 
 def map_field(values: Array, at: Array, method: Mapping) -> Array:
     """(n_frame, n, 3) values at lattice coordinates `at` (n, 2) [column, row]; NaN where none.
@@ -19,14 +26,30 @@ def map_field(values: Array, at: Array, method: Mapping) -> Array:
     values (n_frame, n_row, n_column, 3) with NaN where nothing was measured. "linear": between
     four neighbours; "cubic": cubic convolution (Keys 1981) over 4 x 4, linear where one of them is
     missing; "shape": the nearest point, carried over the rest of the way (half a spacing at most)
-    by the parabola through it and its eight neighbours, linear where one of them is missing: an FE
-    field is then evaluated there by its shape functions.
+    by the parabola through it and its eight neighbours; where one of them is missing, by the one
+    that fits those known of 25, as a line would be off by the field's curvature, on the same side
+    in all samples. An FE field is then evaluated there by its shape functions.
     """
     linear = _linear(values, at)
     if method == "linear":
         return linear
-    other = _cubic(values, at) if method == "cubic" else _nearest(values, at)
+    if method == "cubic":
+        other = _cubic(values, at)
+    else:
+        other = _nearest(values, at)
+        missing = np.isnan(other[..., 0]) & np.isfinite(linear[..., 0])
+        other = np.where(missing[..., None], _fitted(values, at, missing, CLOSE), other)
     return np.where(np.isnan(other), linear, other)
+
+
+def map_coarsely(values: Array, at: Array) -> Array:
+    """As `map_field` by parabolas over twice the distance: what a lattice half as fine would tell.
+
+    The difference of the two is the error of the finer one where the field has an edge, and several
+    times as much where it is smooth.
+    """
+    every: BoolArray = np.ones((len(values), len(at)), dtype=np.bool_)
+    return _fitted(values, at, every, WIDE)
 
 
 def _gather(values: Array, column: IntArray, row: IntArray) -> Array:
@@ -93,6 +116,38 @@ def _nearest(values: Array, at: Array) -> Array:
             weight = across[i] * along[j]
             total += weight * _gather(values, column + i - 1, row + j - 1)
     return total
+
+
+def _fitted(values: Array, at: Array, chosen: BoolArray, near: float) -> Array:
+    """(n_frame, n, 3) parabolas fitted to the known of 25 points, where `chosen` (n_frame, n).
+
+    Weights fall with the distance to exp(-1/2) at `near` spacings.
+    """
+    frame, point = np.nonzero(chosen)
+    centre = np.round(at[point]).astype(np.int64)
+    steps = np.arange(-2, 3)
+    across, up = (c.ravel() for c in np.meshgrid(steps, steps))
+    terms = _terms(across.astype(np.float64), up.astype(np.float64))
+    columns, rows = centre[:, :1] + across, centre[:, 1:] + up
+    n_row, n_column = values.shape[1:3]
+    inside = (rows >= 0) & (rows < n_row) & (columns >= 0) & (columns < n_column)
+    found = values[frame[:, None], rows.clip(0, n_row - 1), columns.clip(0, n_column - 1)]
+    known = inside & np.isfinite(found[..., 0])
+    weights = known * np.exp(-0.5 * (across**2 + up**2) / near**2)
+    matrix = weights @ np.einsum("ka,kb->kab", terms, terms).reshape(25, 36)
+    matrix = matrix.reshape(-1, 6, 6) + RIDGE * np.eye(6)
+    right = np.einsum("nk,ka,nkc->nac", weights, terms, np.nan_to_num(found) * known[..., None])
+    fitted = np.linalg.solve(matrix, right)
+    values_there = np.einsum("na,nac->nc", _terms(*(at[point] - centre).T), fitted)
+    result = np.full((*chosen.shape, 3), np.nan)
+    enough = known.sum(axis=1) >= ENOUGH
+    result[frame[enough], point[enough]] = values_there[enough]
+    return result
+
+
+def _terms(x: Array, y: Array) -> Array:
+    """(n, 6) of a parabola in two directions."""
+    return np.stack([np.ones_like(x), x, y, x**2, x * y, y**2], axis=1).astype(np.float64)
 
 
 def _parabola(t: Array) -> tuple[Array, Array, Array]:

@@ -3,44 +3,32 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from calib.data.dataset import Dataset, FieldData, SampleData
+from calib.data.qc.alignment import aligned
 from calib.data.qc.averaging import MeanField, mean_field, mean_force
 from calib.data.qc.experiment_file import Experiment, Mapping, read_experiment
 from calib.data.qc.lab_files import SampleFiles, input_hash, sample_files, static_folder
 from calib.data.qc.machine_test import at_travel
-from calib.data.qc.noise_floor import NoiseFloor, noise_floor
+from calib.data.qc.mean_noise import FieldNoise, mean_noise
 from calib.data.qc.quality import Rejection, Rule, broken, odd_forces, placement_rules
+from calib.data.qc.rules import Rules, inputs_under, under_rules
 from calib.data.qc.sample import REACH, Sample, read_sample
-from calib.data.qc.static_noise import static_noise
+from calib.data.qc.static_noise import StaticNoise, static_noise
 from calib.data.readers.frames import BoolArray
 from fe.response import Array
 
 THESIS_GRID = (35, 24)
 """points of half the face along x and y (thesis, section 4.4.2)"""
+RESOLVED = 3.0
+"""SDs of the mean's noise by which a field mapped from half as many DIC points may differ"""
 SMALLEST_NUGGET = 1e-6
 """with less the correlation of close points is singular"""
-
-
-@dataclass(frozen=True)
-class FieldNoise:
-    """What is known of the noise of one sample's field, and of the mean's."""
-
-    at_points: NoiseFloor | None
-    """of the DIC points, by static frames"""
-    static: NoiseFloor | None
-    """of the data set's points, by static frames"""
-    repeats: NoiseFloor
-    """of the data set's points, by what differs between the samples beyond their patterns"""
-    stated: Array | None
-    """(3,) of one sample's field, mm, by the SDs that the DIC program states for its points"""
-    mean_std: Array
-    """(3,) SD of the mean's noise, mm"""
 
 
 @dataclass(frozen=True)
@@ -51,15 +39,18 @@ class QcResult:
     experiment: Experiment
     name: str
     inputs: str
-    """hash of all files"""
+    """hash of all files, and of a study's rules"""
     samples: tuple[Sample, ...]
     rules: tuple[tuple[Rule, ...], ...]
     """one tuple a sample"""
+    study_rules: dict[str, float]
+    """those that a study has put in place of the experiment's"""
     rejections: tuple[Rejection, ...]
     points: Array
     """(n, 2) mm, all places of half the face"""
     fields: Array
-    """(n_sample, n_step, n, 3) mm at them, NaN where there is nothing"""
+    """(n_sample, n_step, n, 3) mm at them, NaN where there is nothing; those of kept samples are
+    of one height and travel (`alignment`)"""
     mean: MeanField | None
     """of the kept samples; None where there is no data set"""
     noise: FieldNoise | None
@@ -90,20 +81,26 @@ def face_points(experiment: Experiment) -> Array:
     return np.stack([c.ravel() for c in np.meshgrid(x, y, indexing="ij")], axis=1)
 
 
-def analyse(folder: Path | str, tell: Callable[[int, int], None] | None = None) -> QcResult:
+def analyse(
+    folder: Path | str,
+    tell: Callable[[int, int], None] | None = None,
+    rules: Rules | None = None,
+) -> QcResult:
     """Read a laboratory's folder and make a data set of the samples that meet all rules.
+
+    `rules` of a study go before the experiment's own.
 
     `tell` is called with the numbers of samples done and in all. Rejected samples are results; a
     file that cannot be read raises ValueError of one sentence with file, place, found, expected.
     """
     started = time.perf_counter()
     folder = Path(folder)
-    experiment = read_experiment(folder)
+    experiment = under_rules(read_experiment(folder), rules)
     files = sample_files(folder, experiment)
     points = face_points(experiment)
-    samples, fields, rules = _samples(files, experiment, points, tell)
+    samples, fields, limits = _samples(files, experiment, points, tell)
     rejections = [
-        r for sample, own in zip(samples, rules, strict=True) for r in broken(sample, own)
+        r for sample, own in zip(samples, limits, strict=True) for r in broken(sample, own)
     ]
     rejections += _odd(samples, rejections, experiment)
     static = static_folder(folder)
@@ -112,9 +109,10 @@ def analyse(folder: Path | str, tell: Callable[[int, int], None] | None = None) 
         folder=folder,
         experiment=experiment,
         name=experiment.name or folder.resolve().name,
-        inputs=input_hash(folder, files),
+        inputs=inputs_under(input_hash(folder, files), rules),
         samples=samples,
-        rules=rules,
+        rules=limits,
+        study_rules={} if rules is None else rules.given(),
         rejections=tuple(rejections),
         points=points,
         fields=fields,
@@ -170,91 +168,70 @@ def _odd(
     return odd_forces([s.name for s in good], forces, limit)
 
 
-def _with_dataset(
-    result: QcResult, static: tuple[NoiseFloor, NoiseFloor] | None, started: float
-) -> QcResult:
+def _with_dataset(result: QcResult, static: StaticNoise | None, started: float) -> QcResult:
     """The result with noise, mean and data set where two samples or more are left."""
     kept = result.kept
     if np.count_nonzero(kept) < 2:
         return replace(result, seconds=time.perf_counter() - started)
-    experiment, fields, forces = result.experiment, result.fields[kept], result.forces()[kept]
-    limit = None if static is None else static[1].std
-    travel, share = experiment.protocol.travel, experiment.field.min_share
-    mean = mean_field(fields, result.points, travel, share, limit)
-    noise = _noise(fields, result.points, mean, static, _stated(result))
+    experiment, forces = result.experiment, result.forces()[kept]
+    samples = [sample for sample, good in zip(result.samples, kept, strict=True) if good]
+    fields, mean = _mean(samples, result.fields[kept], result.points, experiment, static)
+    noise = mean_noise(result.points, mean, static, _stated(samples))
     force, covariance = mean_force(forces)
     n, n_step = forces.shape
-    floor = noise.static or noise.repeats
     field = FieldData(
         points=result.points[mean.kept],
         displacement=mean.displacement,
         noise_std=noise.mean_std,
-        correlation_length=floor.correlation_length,
-        reference_share=floor.reference_share,
-        nugget=max(floor.nugget, SMALLEST_NUGGET),
+        correlation_length=noise.together.correlation_length,
+        reference_share=noise.together.reference_share,
+        nugget=max(noise.together.nugget, SMALLEST_NUGGET),
         patterns=mean.patterns if len(mean.patterns) else None,
     )
-    names = tuple(s.name for s, good in zip(result.samples, kept, strict=True) if good)
+    names = tuple(sample.name for sample in samples)
+    every = result.fields.copy()
+    every[kept] = fields
     dataset = Dataset(
         name=result.name,
         synthetic=experiment.synthetic,
-        travel=travel,
+        travel=experiment.protocol.travel,
         force_mean=force,
         force_sd=np.sqrt(np.diag(covariance)),
         n_samples=n,
         field=field,
         # with fewer samples it has no inverse, or one that is chance: see `mean_covariance`
         force_covariance=covariance if n >= n_step + 2 else None,
-        samples=SampleData(names, forces, fields[:, :, mean.kept]),
+        samples=SampleData(names, forces, fields[:, :, mean.kept], noise.together.std),
     )
     seconds = time.perf_counter() - started
-    return replace(result, mean=mean, noise=noise, dataset=dataset, seconds=seconds)
+    return replace(result, fields=every, mean=mean, noise=noise, dataset=dataset, seconds=seconds)
 
 
-def _stated(result: QcResult) -> Array | None:
+def _mean(
+    samples: Sequence[Sample],
+    fields: Array,
+    points: Array,
+    experiment: Experiment,
+    static: StaticNoise | None,
+) -> tuple[Array, MeanField]:
+    """Fields brought to one height and travel, and their mean."""
+    limit = None if static is None else static.mapped.std
+    travel, share = experiment.protocol.travel, experiment.field.min_share
+    mean = mean_field(fields, points, travel, share, limit)
+    if len(samples) < 3:  # too few to tell who is off
+        return fields, mean
+    found = aligned(samples, experiment, points, mean.place_errors)
+    noise = mean.residual_std / np.sqrt(len(samples))
+    unresolved = np.any(~(np.abs(found.coarse) <= RESOLVED * noise), axis=(0, 2))
+    fields = np.where(unresolved[:, None], np.nan, found.fields)
+    return fields, mean_field(fields, points, travel, share, limit, found.placing)
+
+
+def _stated(samples: Sequence[Sample]) -> Array | None:
     """SD (3,) of one folded field by what the DIC program states, mm; None if nothing."""
-    faces = [s.face for s, good in zip(result.samples, result.kept, strict=True) if good]
-    stated = [face.stated_std for face in faces if face is not None and face.stated_std is not None]
+    faces = [sample.face for sample in samples if sample.face is not None]
+    stated = [face.stated_std for face in faces if face.stated_std is not None]
     if not stated:
         return None
     # the mean of one half and the mirror image of the other
     return np.asarray(np.sqrt(np.mean(np.square(stated), axis=0) / 2), dtype=np.float64)
-
-
-def _noise(
-    fields: Array,
-    points: Array,
-    mean: MeanField,
-    static: tuple[NoiseFloor, NoiseFloor] | None,
-    stated: Array | None,
-) -> FieldNoise:
-    """The larger of what the samples' scatter says and static frames say, over the root of n.
-
-    Without static frames what the DIC program states stands in for them.
-    """
-    n = len(fields)
-    repeats = _repeats(points[mean.kept], mean)
-    other = stated if static is None else static[1].std
-    std = repeats.std if other is None else np.maximum(other, mean.residual_std)
-    effective = len(mean.n_samples) / np.sum(1.0 / mean.n_samples)
-    at_points, at_places = (None, None) if static is None else static
-    return FieldNoise(at_points, at_places, repeats, stated, std / np.sqrt(min(effective, n)))
-
-
-def _repeats(points: Array, mean: MeanField) -> NoiseFloor:
-    """Noise by the samples: steps of one sample share its reference as static frames do theirs."""
-    off = mean.residual
-    floors = [noise_floor(one, points) for one in off if _is_enough(one)]
-    if not floors:
-        raise ValueError("expected one sample or more with enough points in common, found none")
-    return floors[0]._replace(
-        std=mean.residual_std,
-        correlation_length=float(np.median([floor.correlation_length for floor in floors])),
-        nugget=float(np.median([floor.nugget for floor in floors])),
-        reference_share=float(np.median([floor.reference_share for floor in floors])),
-        n_frames=off.shape[0] * off.shape[1],
-    )
-
-
-def _is_enough(off: Array) -> bool:
-    return len(off) >= 2 and int(np.isfinite(off).all(axis=(0, 2)).sum()) >= 10

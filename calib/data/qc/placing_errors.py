@@ -24,9 +24,9 @@ class Placed(NamedTuple):
     """Samples' deviations from their mean, split in errors of place and travel and the rest."""
 
     shapes: Array
-    """(q, n_step, n, 3) the slopes that are not zero, mm/mm"""
+    """(3, n_step, n, 3) slopes in x, y and travel, mm/mm"""
     sizes: Array
-    """(n_sample, q) errors of place and travel of each sample, mm"""
+    """(n_sample, 3) errors of place and travel of each sample, mm"""
     rest: Array
     """(n_sample, n_step, n, 3) mm"""
 
@@ -53,17 +53,13 @@ def placed(deviations: Array, has: BoolArray, slopes: Array, scale: Array) -> Pl
     """Split deviations (n_sample, n_step, n, 3) [mm], which are zero where not `has` (n_sample, n).
 
     The sizes of the errors are fitted to each sample by least squares, with components in units of
-    `scale` (3,) [mm]. Fewer than three samples are left as they are.
+    `scale` (3,) [mm]. The size along slopes that are zero is zero.
     """
-    n = len(deviations)
-    shapes = slopes[np.any(slopes != 0, axis=(1, 2, 3))]
-    if n < 3:
-        return Placed(shapes[:0], np.zeros((n, 0)), deviations)
-    weighted = shapes / scale
+    weighted = slopes / scale
     # normal equations of every sample: points that it lacks do not count
     per_point = np.einsum("aipc,bipc->abp", weighted, weighted)
     matrix = np.einsum("abp,sp->sab", per_point, has.astype(np.float64))
     right = np.einsum("aipc,sipc->sa", weighted / scale, deviations)
     sizes = np.einsum("sab,sb->sa", np.linalg.pinv(matrix, hermitian=True), right)
-    rest = deviations - np.einsum("sa,aipc->sipc", sizes, shapes)
-    return Placed(shapes, sizes, np.where(has[:, None, :, None], rest, 0.0))
+    rest = deviations - np.einsum("sa,aipc->sipc", sizes, slopes)
+    return Placed(slopes, sizes, np.where(has[:, None, :, None], rest, 0.0))

@@ -73,6 +73,7 @@ def qc_report(result: QcResult, version: str) -> dict[str, object]:
             name: getattr(experiment.quality, name)
             for name in experiment.quality.__dataclass_fields__
         },
+        "thresholds_of_the_study": result.study_rules,
         "samples": samples,
         "noise": None
         if noise is None

@@ -11,7 +11,7 @@ from calib.data.qc.experiment_file import Box, Experiment, Mapping, RigidBody
 from calib.data.qc.lab_files import SampleFiles, frame_times
 from calib.data.qc.lattice import Lattice, lattice_of
 from calib.data.qc.machine_test import MachineTest, NotAsPlanned, at_travel, machine_test
-from calib.data.qc.mapping import map_field
+from calib.data.qc.mapping import map_coarsely, map_field
 from calib.data.qc.masks import inside, within
 from calib.data.qc.outliers import Cleaned, without_outliers
 from calib.data.qc.registration import Placement, place
@@ -41,7 +41,9 @@ class FaceField:
     pin_travel: Array | None = None
     """(n_hold,) median u_y of the points on the pin, mm; None where none are named"""
 
-    def mapped(self, points: Array, method: Mapping, rigid: RigidBody) -> tuple[Array, Array]:
+    def mapped(
+        self, points: Array, method: Mapping, rigid: RigidBody, *, coarsely: bool = False
+    ) -> tuple[Array, Array]:
         """(n_hold, n, 3) field of half the face at points (n, 2), both in our frame, mm.
 
         Both halves are mapped, rigid motion is taken off, and one is folded onto the other; with
@@ -50,7 +52,8 @@ class FaceField:
         halves = []
         for sign in (1.0, -1.0):
             at = self.lattice.coordinates(self.placement.points(points * np.array([sign, 1.0])))
-            moved = map_field(self.cleaned.displacement, at, method)
+            values = self.cleaned.displacement
+            moved = map_coarsely(values, at) if coarsely else map_field(values, at, method)
             halves.append(moved @ self.placement.rotation.T)
         right, left, motion = without_rigid_motion(halves[0], halves[1], points, rigid)
         return folded(right, left), motion

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from functools import partial
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,12 +20,20 @@ from calib.data.readers.frames import STATIC
 from fe.response import Array
 
 
-def static_noise(
-    folder: Path, experiment: Experiment, points: Array
-) -> tuple[NoiseFloor, NoiseFloor]:
-    """Noise at the DIC points as they are, and at `points` (n, 2) [mm] of the data set's field.
+class StaticNoise(NamedTuple):
+    """What frames in which nothing moves tell."""
 
-    The second is of one sample's field: mapped, freed of rigid motion and folded as a sample's is.
+    at_points: NoiseFloor
+    """of the DIC points as they are"""
+    mapped: NoiseFloor
+    """of the data set's field: mapped, freed of rigid motion and folded as a sample's is"""
+    fields: Array
+    """(n_frame, n, 3) the frames so treated, mm"""
+
+
+def static_noise(folder: Path, experiment: Experiment, points: Array) -> StaticNoise:
+    """Noise of static frames, at their points and at `points` (n, 2) [mm] of the data set's field.
+
     Raises WrongFile for frames that cannot be read or say nothing of noise.
     """
     series = read_dic(folder)
@@ -43,7 +52,7 @@ def static_noise(
         face = FaceField(lattice, steps, _centred(lattice), cleaned)
         options = experiment.field
         mapped, _ = face.mapped(points, options.mapping, options.rigid_body)
-        return raw, noise_floor(mapped, points)
+        return StaticNoise(raw, noise_floor(mapped, points), mapped)
     except ValueError as error:
         expected, _, found = str(error).partition(", found ")
         raise WrongFile(folder, None, expected.removeprefix("expected "), found) from error

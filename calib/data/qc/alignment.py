@@ -1,0 +1,93 @@
+"""Samples brought to one height and travel, by what their fields say of each other.
+
+The base of a sample is seen to a spacing of its DIC points. Where a field bends, the mean over
+samples that stand differently is not the field at their mean place: half the variance of the place
+times the second derivative is added. The first mean tells each sample's error to a micrometre
+(`placing_errors`); taken there, their fields are of one place.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from calib.data.qc.averaging import Placing
+from calib.data.qc.experiment_file import Experiment
+from calib.data.qc.machine_test import at_travel
+from calib.data.qc.sample import REACH, Sample
+from fe.response import Array
+
+STEP = 0.02
+"""mm of travel over which its slope is taken"""
+
+
+class Aligned(NamedTuple):
+    """Samples at one height and travel."""
+
+    fields: Array
+    """(n_sample, n_step, n, 3) mm"""
+    placing: Placing
+    coarse: Array
+    """(n_step, n, 3) mean of what mapping from half as many DIC points would change, mm; NaN where
+    no sample tells"""
+
+
+def aligned(
+    samples: Sequence[Sample], experiment: Experiment, points: Array, errors: Array
+) -> Aligned:
+    """Fields of samples freed of `errors` (n_sample, 3) of x, y and travel, mm.
+
+    In x the samples are left as they are: of the two halves that are folded, one gains what the
+    other loses. Slopes are differences of the samples' own fields over a spacing of their DIC
+    points, and between holds: noisy, but not flattened as those of the mean field are.
+    """
+    moved = errors * np.array([0.0, 1.0, 1.0])
+    found = [
+        _at(sample, experiment, points, up, deeper)
+        for sample, (_, up, deeper) in zip(samples, moved, strict=True)
+    ]
+    fields, slopes, coarse = (np.array(part) for part in zip(*found, strict=True))
+    # of x nothing is known
+    by = np.concatenate([np.full_like(slopes[:, :1], np.nan), slopes], axis=1)
+    placing = Placing(_known_mean(by), _error_of_mean(by), moved)
+    return Aligned(fields, placing, _known_mean(coarse))
+
+
+def _known_mean(values: Array) -> Array:
+    """Mean over the first axis of what is not NaN; NaN where nothing is."""
+    count = np.isfinite(values).sum(axis=0)
+    mean: Array = np.where(count > 0, np.nansum(values, axis=0) / np.maximum(count, 1), np.nan)
+    return mean
+
+
+def _error_of_mean(values: Array) -> Array:
+    """SD of `_known_mean` by how the values scatter."""
+    count = np.isfinite(values).sum(axis=0)
+    squares = np.nansum((values - _known_mean(values)) ** 2, axis=0)
+    enough = np.maximum(count, 2)
+    return np.where(count > 1, np.sqrt(squares / ((enough - 1) * enough)), np.nan)
+
+
+def _at(
+    sample: Sample, experiment: Experiment, points: Array, up: float, deeper: float
+) -> tuple[Array, Array, Array]:
+    """Field (n_step, n, 3) of one sample, its slopes in y and travel, and what coarseness adds."""
+    face, options = sample.face, experiment.field
+    if face is None:
+        raise ValueError(f"{sample.name}: expected a sample with a field, found none")
+    nominal, reach = experiment.protocol.travel, REACH * experiment.protocol.increment_mm
+
+    def mapped(higher: float, *, coarsely: bool = False) -> Array:
+        there = points + np.array([0.0, higher - up])
+        return face.mapped(there, options.mapping, options.rigid_body, coarsely=coarsely)[0]
+
+    def at(values: Array, further: float = 0.0) -> Array:
+        return at_travel(face.travel + deeper - further, values, nominal, reach)
+
+    here, half = mapped(0.0), 0.5 * face.lattice.spacing
+    by_height = (at(mapped(half)) - at(mapped(-half))) / (2 * half)
+    by_travel = (at(here, STEP) - at(here, -STEP)) / (2 * STEP)
+    field = at(here)
+    return field, np.stack([by_height, by_travel]), at(mapped(0.0, coarsely=True)) - field
