@@ -32,11 +32,11 @@ study: $(INSTALLED)  ## calibrate on the real forces of the thesis (study thesis
 	$(BIN)/calib run thesis-forces
 
 test: $(INSTALLED)  ## run the tests, the study of the thesis and the notebooks among them (some 15 minutes)
-	$(BIN)/python -m pytest -n 2 -m "not slow and not study" $(PYTEST_ARGS)
+	$(BIN)/python -m pytest -n 2 --dist worksteal -m "not slow and not study" $(PYTEST_ARGS)
 	$(BIN)/python -m pytest -m "study and not slow" $(PYTEST_ARGS)
 
 test-all: $(INSTALLED)  ## run all tests, long statistical ones too
-	$(BIN)/python -m pytest -n 2 -m "not study" $(PYTEST_ARGS)
+	$(BIN)/python -m pytest -n 2 --dist worksteal -m "not study" $(PYTEST_ARGS)
 	$(BIN)/python -m pytest -m study $(PYTEST_ARGS)
 
 lint: $(INSTALLED)  ## check style and format
@@ -76,7 +76,7 @@ $(LOWEST)/.installed: pyproject.toml $(INSTALLED)
 	@touch $@
 
 test-lowest: $(LOWEST)/.installed  ## run the quick tests on the oldest versions pyproject.toml allows
-	$(LOWEST)/bin/python -m pytest -n 2 -m "not slow and not study and not notebook" --ignore-glob='tests/test_benchmarks_*' $(PYTEST_ARGS)
+	$(LOWEST)/bin/python -m pytest -n 2 --dist worksteal -m "not slow and not study and not notebook" --ignore-glob='tests/test_benchmarks_*' $(PYTEST_ARGS)
 
 clean:  ## remove environments and caches; runs/ is kept
 	rm -rf $(VENV) $(LOWEST) build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis

@@ -187,7 +187,8 @@ def standing(name: str, evidence: float, density: list[float], by_nested: float 
     scores = Scores(
         tuple(f"{i}" for i in range(n)), np.array(density), np.full(n, 0.02), np.full(n, 0.3)
     )
-    return Standing(name, (evidence, 0.01), (evidence + by_nested, 0.1), scores, None)
+    nested = (evidence + by_nested, 0.1)
+    return Standing(name, (evidence, 0.01), "quadrature", nested, scores, None)
 
 
 def test_ranking_orders_by_evidence_and_every_number_has_its_error() -> None:
