@@ -31,7 +31,7 @@ $(INSTALLED): pyproject.toml
 study: $(INSTALLED)  ## calibrate on the real forces of the thesis (study thesis-forces)
 	$(BIN)/calib run thesis-forces
 
-test: $(INSTALLED)  ## run the tests, the study of the thesis and the notebooks among them (some 15 minutes)
+test: $(INSTALLED)  ## run the tests, the study of the thesis and the notebooks among them (some 16 minutes)
 	$(BIN)/python -m pytest -n 2 --dist worksteal -m "not slow and not study" $(PYTEST_ARGS)
 	$(BIN)/python -m pytest -m "study and not slow" $(PYTEST_ARGS)
 
