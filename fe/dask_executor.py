@@ -41,7 +41,9 @@ def dask_map(client: Client) -> MapFn:
         futures = client.map(f, list(items), pure=False)
         index = {future.key: i for i, future in enumerate(futures)}
         try:
-            for future in as_completed(futures):
+            with client.as_current():  # which need not be the default one
+                completed = as_completed(futures)
+            for future in completed:
                 result = future.result()
                 yield index.pop(future.key), result
                 # Dask would repeat a run that it keeps when the worker that has the result ends.
@@ -79,7 +81,8 @@ def dask_workers(scheduler: str | None = None, n_workers: int = 0) -> Iterator[M
         ) from error
     with contextlib.ExitStack() as stack:
         if scheduler is None:
-            client = Client(stack.enter_context(_local_cluster(n_workers or usable_cores())))
+            cluster = stack.enter_context(_local_cluster(n_workers or usable_cores()))
+            client = Client(cluster, set_as_default=False)  # others' Dask is none of our business
         else:
             client = _connected(Client, scheduler)
         yield dask_map(stack.enter_context(client))
@@ -104,7 +107,7 @@ def _connected(connect: Callable[..., Client], scheduler: str) -> Client:
     is_file = Path(scheduler).is_file()  # Dask would wait for one that is not there
     place = {"scheduler_file": scheduler} if is_file else {"address": scheduler}
     try:
-        return connect(**place, timeout=CONNECT_SECONDS)
+        return connect(**place, timeout=CONNECT_SECONDS, set_as_default=False)
     except (OSError, ValueError) as error:  # TimeoutError is an OSError
         raise ValueError(
             f"scheduler: found none that answers at {scheduler!r}, expected its address "

@@ -27,7 +27,7 @@ def client() -> Iterator[Any]:
         distributed.LocalCluster(
             n_workers=2, threads_per_worker=1, processes=True, dashboard_address="127.0.0.1:0"
         ) as cluster,
-        distributed.Client(cluster) as connected,
+        distributed.Client(cluster, set_as_default=False) as connected,
     ):
         yield connected
 
@@ -168,7 +168,7 @@ def test_a_cluster_that_is_closed_is_said_with_what_is_left() -> None:
         distributed.LocalCluster(
             n_workers=1, threads_per_worker=1, processes=True, dashboard_address="127.0.0.1:0"
         ) as cluster,
-        distributed.Client(cluster) as client,
+        distributed.Client(cluster, set_as_default=False) as client,
         pytest.raises(WorkerDied, match="the Dask cluster ended with 3 items to go"),
     ):
         for _ in dask_map(client)(_wait, [0.0, 30.0, 30.0, 30.0]):

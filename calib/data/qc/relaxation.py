@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import brentq, nnls
+from scipy.optimize import brentq, lsq_linear
 
 from fe.response import Array
 
@@ -63,9 +63,10 @@ def fit_prony(t: Array, force: Array) -> Prony:
     shortest = max(float(np.median(np.diff(t))), span / 200)
     times = np.geomspace(shortest, 1.5 * span, N_TIMES)
     columns = np.column_stack([np.ones_like(t), np.exp(-t[:, None] / times)])
-    # only amplitudes are bounded: the settled force is the difference of two columns
-    found, _ = nnls(np.column_stack([columns, -np.ones_like(t)]), force)
-    return Prony(float(found[0] - found[-1]), found[1:-1], times)
+    low = np.zeros(1 + N_TIMES)
+    low[0] = -np.inf  # the settled force is not bounded
+    found: Array = lsq_linear(columns, force, bounds=(low, np.inf), method="bvls").x
+    return Prony(float(found[0]), found[1:], times)
 
 
 def relaxation(time: Array, force: Array, window: float) -> Relaxation:
