@@ -73,15 +73,17 @@ def _of_field(likelihood: Likelihood, emulator: ScaledEmulator) -> Callable[[Any
     own = emulator.emulator
     assert own.field is not None and likelihood.field is not None
     field_gp, projected = _processes(own.field.processes), likelihood.field.projected
+    [shared_modes], [shared_pull] = projected.shared_modes, projected.shared_pull
+    [[shared_precision]] = projected.shared_precision  # of one shared error, the travel's zero
 
     def of_field(x: Any) -> tuple[Any, Any, Any]:
         weights, variance = field_gp(x[1:])
         off = projected.best - weights
         pulled = projected.precision @ off
         moved = jnp.concatenate([jnp.ones(1), weights])
-        by_mode = moved @ projected.shared_modes
-        slope_ = moved @ projected.shared_pull - weights @ by_mode
-        curvature = moved @ projected.shared_precision @ moved
+        by_mode = moved @ shared_modes
+        slope_ = moved @ shared_pull - weights @ by_mode
+        curvature = moved @ shared_precision @ moved
         root = jnp.sqrt(variance)
         matrix = jnp.eye(len(root)) + root[:, None] * projected.precision * root
         lower = jnp.linalg.cholesky(matrix)
