@@ -162,18 +162,23 @@ def draw_truth(seed: int) -> Array:
     return found
 
 
+def truth_response(theta: Array, runs: Path) -> TruthResponse:
+    """The block of theta = (kappa [MPa], r, s) on the truths' mesh; solved once, kept in `runs`."""
+    kappa, r, s = theta
+    truth = BlockTruth(
+        kappa * (1.0 - r), kappa * r, kappa * s, contact=CONTACT, cells=TRUTH, shift_cells=None,
+        travel=TRAVEL, fine_travel=TRAVEL[-1],
+    )  # fmt: skip
+    return TruthResponse(truth, solved(TRUTH, theta[1:], runs))
+
+
 def dataset_of(seed: int, runs: Path) -> tuple[Array, Dataset]:
     """The truth of a seed, and what photographs and the test machine's files make of it."""
     theta = draw_truth(seed)
     kept = runs / f"photographs-{SAMPLES}-{seed}.npz"
     if kept.exists():
         return theta, load_dataset(kept)[0]
-    kappa, r, s = theta
-    truth = BlockTruth(
-        kappa * (1.0 - r), kappa * r, kappa * s, contact=CONTACT, cells=TRUTH, shift_cells=None,
-        travel=TRAVEL, fine_travel=TRAVEL[-1],
-    )  # fmt: skip
-    response = TruthResponse(truth, solved(TRUTH, theta[1:], runs))
+    response = truth_response(theta, runs)
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(temporary) / "laboratory"
         samples = make_laboratory(folder, response, settings(), seed)

@@ -20,14 +20,11 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.end_to_end import (
-    CONTACT,
     PRIOR,
-    TRAVEL,
-    TRUTH,
     draw_truth,
     settings,
-    solved,
     training,
+    truth_response,
 )
 from calib.data import Dataset
 from calib.data.qc import analyse
@@ -39,7 +36,7 @@ from calib.inference.noise import NoiseSettings
 from calib.inference.population import Population, ScatterPrior
 from calib.inference.sample_errors import SampleErrors
 from calib.inference.sampling import SamplerSettings
-from calib.virtual import BlockTruth, Cameras, Placing, TruthResponse, make_laboratory
+from calib.virtual import Cameras, Placing, make_laboratory
 from fe.response import Array
 from surrogate import Emulator, ScaledEmulator
 
@@ -61,12 +58,7 @@ SAMPLER = SamplerSettings(
 def laboratory(seed: int, runs: Path) -> tuple[Array, dict[str, float], Dataset]:
     """True (kappa [MPa], r, s), true kappa of every sample, and what the files give."""
     theta = draw_truth(TRUTH_SEED)
-    kappa, r, s = theta
-    truth = BlockTruth(
-        kappa * (1.0 - r), kappa * r, kappa * s, contact=CONTACT, cells=TRUTH, shift_cells=None,
-        travel=TRAVEL, fine_travel=TRAVEL[-1],
-    )  # fmt: skip
-    response = TruthResponse(truth, solved(TRUTH, theta[1:], runs))
+    response = truth_response(theta, runs)
     chosen = replace(
         settings(),
         samples=N_SAMPLES,
@@ -79,7 +71,7 @@ def laboratory(seed: int, runs: Path) -> tuple[Array, dict[str, float], Dataset]
         found = analyse(folder)
     if found.dataset is None:
         raise ValueError(f"seed {seed}: expected a data set, found {found.rejections}")
-    own = {sample.name: float(kappa * sample.placement.stiffness) for sample in samples}
+    own = {sample.name: float(theta[0] * sample.placement.stiffness) for sample in samples}
     return theta, own, found.dataset
 
 
