@@ -11,7 +11,7 @@ PYTEST_ARGS ?=
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help study test test-all test-lowest lint types bench bench-fe bench-inference verify-fe verify-data verify-dic verify-inference baseline clean
+.PHONY: help study test test-quick test-study test-all test-lowest lint types bench bench-fe bench-inference verify-fe verify-data verify-dic verify-inference baseline clean
 VERIFY_ARGS ?=
 
 # One thread a process: the runs are spread over processes, and sums come in one order.
@@ -31,8 +31,14 @@ $(INSTALLED): pyproject.toml
 study: $(INSTALLED)  ## calibrate on the real forces of the thesis (study thesis-forces)
 	$(BIN)/calib run thesis-forces
 
-test: $(INSTALLED)  ## run the tests, the study of the thesis and the notebooks among them (some 16 minutes)
+test: $(INSTALLED)  ## run the tests, the study of the thesis and the notebooks among them (some 12 minutes)
+	$(MAKE) --no-print-directory -j2 test-quick test-study
+
+test-quick: $(INSTALLED)  ## the part of `make test` without the study of the thesis
 	$(BIN)/python -m pytest -n 2 --dist worksteal -m "not slow and not study" $(PYTEST_ARGS)
+
+# A study keeps one core busy for most of its time, so that it runs beside the quick tests.
+test-study: $(INSTALLED)  ## the part of `make test` that runs the study of the thesis
 	$(BIN)/python -m pytest -m "study and not slow" $(PYTEST_ARGS)
 
 test-all: $(INSTALLED)  ## run all tests, long statistical ones too
