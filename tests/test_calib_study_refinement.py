@@ -26,8 +26,9 @@ from calib.study.data_stage import load_data
 from calib.study.emulator_figures import refinement_loop, worst_errors
 from calib.study.emulator_tables import coverage_table, partial_table, refinement_table
 from calib.study.figure_style import png_bytes
+from calib.study.local_design import REFINEMENT
 from calib.study.posterior_setup import emulator_posterior, noise_of
-from calib.study.refine_stage import REFINEMENT, load_refinement
+from calib.study.refine_stage import load_refinement
 from calib.study.refinement import outlook
 from calib.study.sections import Cells, Hypothesis
 from calib.study.stages import run_stages

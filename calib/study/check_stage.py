@@ -7,7 +7,8 @@ from pathlib import Path
 from calib.study.context import Context
 from calib.study.mesh_error import check_folder, mesh_error, save_mesh_error
 from calib.study.progress import progress_bar
-from calib.study.refine_stage import CHECKED, check_sets, load_refinement
+from calib.study.refine_outlook import CHECKED
+from calib.study.refine_stage import check_sets, load_refinement
 from calib.study.simulate_stage import manifest_files
 from fe.campaign import run_campaigns
 from fe.campaign_result import Campaign
