@@ -66,7 +66,7 @@ def residuals(places: Array, forward: Forces) -> Residuals:
     return Residuals(force, error, np.zeros((len(places), 5, 5)), None, None)
 
 
-@pytest.mark.parametrize("error", [(0.001, 0.0), (0.0, 0.02), (0.001, 0.02)])
+@pytest.mark.parametrize("error", [(0.001, 0.0), (0.001, 0.02)])
 def test_errors_linear_over_the_posterior_are_foretold_to_move_its_mean_as_they_do(
     error: tuple[float, float],
 ) -> None:

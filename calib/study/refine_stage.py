@@ -16,8 +16,9 @@ from pathlib import Path
 import numpy as np
 
 from calib.study.artifacts import read_json, write_json
+from calib.study.config import Study
 from calib.study.context import Context, stream
-from calib.study.judgement import measurement_noise
+from calib.study.judgement import has_field, measurement_noise
 from calib.study.local_design import LOCAL, REFINEMENT, kept_box
 from calib.study.next_runs import Choice
 from calib.study.progress import progress_bar
@@ -106,8 +107,7 @@ def _next_round(context: Context, hypothesis: Hypothesis, loop: Loop) -> Loop:
         box=design_box(study, hypothesis),
         noise=measurement_noise(study),
         n_refine=study.design.n_refine,
-        # Constants with priors of their own have no box.
-        n_local=0 if by_constants(study, hypothesis) else study.design.n_local,
+        n_local=study.design.n_local if _may_have_box(study, hypothesis) else 0,
         seed=study.seed,
     )
     rng = stream(study, f"refine {hypothesis.name} {len(loop.rounds)}")
@@ -119,6 +119,11 @@ def _next_round(context: Context, hypothesis: Hypothesis, loop: Loop) -> Loop:
         f"{facts.predicted_shift.max():.2g} SD (limit {STOP_BELOW:g}){where}, {facts.n_added} added"
     )
     return after
+
+
+def _may_have_box(study: Study, hypothesis: Hypothesis) -> bool:
+    """Of forces every mode is kept; constants with priors of their own leave no box."""
+    return has_field(study) and not by_constants(study, hypothesis)
 
 
 def _run_round(context: Context, before: dict[str, Loop], loops: dict[str, Loop]) -> None:
