@@ -22,7 +22,7 @@ from calib.study.unknowns import parameters_of, prior_of
 from fe.campaign import CampaignPlan, load_campaign
 from fe.campaign_result import Campaign
 from fe.response import Array
-from surrogate import Emulator, ScaledEmulator
+from surrogate import Emulator, ScaledEmulator, TrainingSet
 
 CHECKED = [0, -1]
 """runs at which the error of the mesh is measured: the posterior mean, first and last"""
@@ -62,6 +62,11 @@ def plan(context: Context, hypothesis: Hypothesis, ratios: Array) -> CampaignPla
     )
 
 
+def forces_of(runs: TrainingSet) -> TrainingSet:
+    """The same runs without their fields."""
+    return replace(runs, displacement=None, displacement_gradient=None)
+
+
 def look(context: Context, hypothesis: Hypothesis, loop: Loop) -> Outlook:
     """The posterior by the runs so far and what is known of the mesh's error.
 
@@ -72,12 +77,16 @@ def look(context: Context, hypothesis: Hypothesis, loop: Loop) -> Outlook:
     study, dataset = context.study, load_data(context.out).dataset
     mesh = None
     if not len(loop.ratios):
-        emulator = load_emulator(context.out / FIRST, hypothesis)
-        runs = design_runs(context, hypothesis).training_set(study)
+        emulator = replace(
+            load_emulator(context.out / FIRST, hypothesis), field=None, field_shape=None
+        )
+        runs = forces_of(design_runs(context, hypothesis).training_set(study))
         dataset = replace(dataset, field=None)
     else:
         added = load_campaign(plan(context, hypothesis, loop.ratios))
         runs = within(design_runs(context, hypothesis, added).training_set(study), loop.box)
+        if dataset.field is None:  # the field would take most of the time and enter nothing
+            runs = forces_of(runs)
         emulator = Emulator.fit(runs, study.seed)
         mesh = _first_mesh_error(context, hypothesis, added)
     forward = EmulatorForward(

@@ -61,7 +61,7 @@ def seen_shift(
     inputs = x[:, 1 : 1 + runs.ratios.shape[1]]
     centre, scale = inputs.mean(axis=0), inputs.std(axis=0)
     places = (runs.ratios - centre) / scale
-    near = (np.abs(places) < WITHIN).all(axis=1)
+    near = (np.abs(places) < WITHIN).all(axis=1) & _inner(runs.ratios)
     exact = _Exact.of(likelihood, forward, x, leave_one_out_residuals(emulator, runs), near)
     weight = _shares(exact.base - likelihood.log_prob(exact.theta))
     mean, sd, middle = x.mean(axis=0), x.std(axis=0), weight @ x
@@ -95,6 +95,13 @@ def _seen(places: Array, draws: Array, moved: Callable[[Array], Array], n: int) 
     scatter = (k - 1) / k * np.sum((without - np.mean(without, axis=0)) ** 2, axis=0)
     found: Array = np.sqrt(whole**2 + scatter)
     return found
+
+
+def _inner(ratios: Array) -> npt.NDArray[np.bool_]:
+    """(n,) False for corners of the box of all runs: without one, the others must extrapolate."""
+    low, high = ratios.min(axis=0), ratios.max(axis=0)
+    kept: npt.NDArray[np.bool_] = ((ratios > low) & (ratios < high)).any(axis=1)
+    return kept
 
 
 def _with_one(places: Array) -> Array:
