@@ -40,7 +40,7 @@ _MOST_PARTED = 400
 """values and derivatives up to which processes are parted by `_parted`: each group costs a search,
 and a product of that size in predictions"""
 _MOST_GROUPS = 3
-_NOISE = 0.1
+_NOISE = 0.01
 """nugget above which a process is next to noise to the covariance of its group"""
 _MATERN_NU = {"matern32": 1.5, "matern52": 2.5}
 
@@ -153,8 +153,8 @@ def _honest(processes: GaussianProcesses) -> GaussianProcesses:
 def _groups(k: int, usable: npt.NDArray[np.bool_], sharing: Sharing) -> list[npt.NDArray[np.int64]]:
     """Outputs that share a covariance.
 
-    By default: with derivatives all, as each has its own nugget; few rows are parted further (see
-    `_parted`). Without, each has its own until there are many runs.
+    By default all with derivatives (few rows are parted further, see `_parted`); without, each has
+    its own until there are many runs.
     """
     if sharing == "auto":
         few: Sharing = "none" if len(usable) <= _MANY_RUNS else "leading"

@@ -504,7 +504,7 @@ def test_what_is_noise_to_the_covariance_of_strong_outputs_gets_one_of_its_own()
     slopes[:, 2] += np.random.default_rng(1).normal(0.0, 1.0, slopes[:, 2].shape)
     shared = fit_processes(x, outputs(x), 1, slopes=slopes, sharing="all", n_restarts=0)
     parted = fit_processes(x, outputs(x), 1, slopes=slopes, n_restarts=0)
-    assert shared.nugget[2] > 0.1 > parted.nugget[2]
+    assert shared.nugget[2] > 0.01 > parted.nugget[2]
     assert parted.group[2] not in parted.group[:2]
     errors = [np.std(p.mean(at) - outputs(at), axis=0) for p in (shared, parted)]
     assert errors[1][2] < 0.5 * errors[0][2]

@@ -1,4 +1,8 @@
-"""Stage `check`: the error of the mesh where the posterior is, by two runs on a finer mesh."""
+"""Stage `check`: the error of the mesh where the posterior is, by two runs on a finer mesh.
+
+The first of each hypothesis was made by the stage `refine`, which needs it; the last ones, often
+the longest runs of a study, are made here, side by side.
+"""
 
 from __future__ import annotations
 

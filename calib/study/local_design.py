@@ -29,7 +29,7 @@ MOST_CUT = 1e-4
 """share of the posterior that a box may leave outside"""
 MOST_BOXES = 3
 """boxes tried for one posterior"""
-STRIP = 0.05
+STRIP = 0.1
 """width of the strips along an edge from which the mass beyond is foretold, shares of the box"""
 
 
@@ -49,24 +49,37 @@ def is_small(box: Array, design_box: Array) -> bool:
 def mass_beyond(found: Quadrature, box: Array, design_box: Array) -> float:
     """Share of a posterior beyond the edges of the box in which it is known.
 
-    From its mass in the two outermost strips along each edge, m1 outside m2: where the logarithm of
-    the density of an input is concave, at most m1 q / (1 - q) with q = m1 / m2 is beyond. Edges
-    that are the design's own cut nothing. 1 where the density does not fall towards an edge.
+    From its mass in two strips along each edge: an exponential through both, gone on with outside.
+    Where the logarithm of the density of an input is concave that is more than there is. Edges that
+    are the design's own cut nothing. 1 where the density does not fall towards an edge.
     """
     total = 0.0
     for axis, (low, high) in enumerate(box):
-        at, width = found.x[:, 1 + axis], STRIP * (high - low)
+        at = found.x[:, 1 + axis]
         for edge, sign, end in ((low, 1.0, 0), (high, -1.0, 1)):
-            if edge == design_box[axis, end]:
-                continue
-            depth = sign * (at - edge)
-            outer = float(found.weights[depth < width].sum())
-            inner = float(found.weights[(depth >= width) & (depth < 2.0 * width)].sum())
-            if outer >= inner > 0.0 or outer > inner:
-                return 1.0
-            if outer > 0.0:
-                total += outer * (outer / inner) / (1.0 - outer / inner)
+            if edge != design_box[axis, end]:
+                total += _beyond(sign * (at - edge), found.weights, STRIP * (high - low))
     return min(total, 1.0)
+
+
+def _beyond(depth: Array, weights: Array, strip: float) -> float:
+    """Mass at negative depths (m,) of what has these weights (m,) at positive ones."""
+    order = np.argsort(depth)
+    sorted_depth, mass = depth[order], np.cumsum(weights[order])
+    ends = np.searchsorted(sorted_depth, [strip, 2.0 * strip])
+    if not 0 < ends[0] < ends[1] < len(depth):
+        return 1.0
+    # Strips end between two nodes, where the mass of those before is the integral's.
+    first, second = 0.5 * (sorted_depth[ends - 1] + sorted_depth[ends])
+    outer, both = mass[ends - 1]
+    if not both > outer > 0.0:
+        return 0.0 if both == 0.0 or outer == 0.0 else 1.0
+    rate = np.log((both - outer) / (second - first) * first / outer) / (0.5 * second)
+    if not rate > 0.0:
+        return 1.0
+    half = 0.5 * rate * first
+    at_edge = outer / first * np.exp(-half) * half / np.sinh(half)
+    return float(at_edge / rate)
 
 
 def local_points(box: Array, n: int, seed: int) -> Array:

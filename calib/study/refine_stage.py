@@ -133,10 +133,8 @@ def _run_round(context: Context, before: dict[str, Loop], loops: dict[str, Loop]
         old, new = before[hypothesis.name], loops[hypothesis.name]
         if old.done:
             continue
-        due = (not len(old.ratios), new.done)
-        checked = [index for index, at in zip(CHECKED, due, strict=True) if at]
-        if checked:
-            checks.append(check_plan(context, hypothesis, new.ratios[checked]))
+        if not len(old.ratios):  # the last ones of all hypotheses run together in stage `check`
+            checks.append(check_plan(context, hypothesis, new.ratios[CHECKED[:1]]))
         plans.append(plan(context, hypothesis, new.ratios))
     number = max(len(loop.rounds) for loop in loops.values())
     with progress_bar(f"refine {number}", "run", shown=context.show_progress) as progress:

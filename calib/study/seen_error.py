@@ -83,7 +83,8 @@ def _seen(places: Array, draws: Array, moved: Callable[[Array], Array], n: int) 
         return np.full(n, np.nan)
     if k < d + 3:
         each = [moved(np.tile(row, (len(draws), 1))) for row in np.eye(k)]
-        return np.sqrt(np.mean(np.square(each), axis=0))
+        size: Array = np.sqrt(np.mean(np.square(each), axis=0))
+        return size
     at_runs, at_draws = _with_one(places), _with_one(draws)
     whole = moved(at_draws @ np.linalg.pinv(at_runs))
     without = []
@@ -105,7 +106,8 @@ def _inner(ratios: Array) -> npt.NDArray[np.bool_]:
 
 
 def _with_one(places: Array) -> Array:
-    return np.column_stack([np.ones(len(places)), places])
+    columns: Array = np.column_stack([np.ones(len(places)), places])
+    return columns
 
 
 def _shares(log_weight: Array) -> Array:
