@@ -36,7 +36,7 @@ AMPLITUDE_BOUNDS = (1e-2, 1e4)
 _N_LEADING = 2
 _MANY_RUNS = 40
 """runs without derivatives above which covariances are shared: what a search costs is cubic"""
-_MOST_PARTED = 400
+_MOST_PARTED = 200
 """values and derivatives up to which processes are parted by `_parted`: each group costs a search,
 and a product of that size in predictions"""
 _MOST_GROUPS = 3

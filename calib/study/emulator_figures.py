@@ -53,8 +53,8 @@ def refinement_loop(refinement: Mapping[str, Any]) -> Figure:
         left.plot(runs, [max(entry["predicted_shift"]) for entry in found["rounds"]], **style)
         error = [_largest(entry["force_error"]) for entry in found["rounds"]]
         right.plot(runs, 100 * np.array(error), **style)
-        if found["box"] is not None:
-            inside = [entry["box"] is not None for entry in found["rounds"]]
+        if found.get("box") is not None:
+            inside = [entry.get("box") is not None for entry in found["rounds"]]
             moves = [max(entry["predicted_shift"]) for entry in found["rounds"]]
             at = np.flatnonzero(inside)
             left.plot(

@@ -189,17 +189,17 @@ def refinement_table(refinement: Mapping[str, Any]) -> Table:
             error = [value for value in entry["force_error"] if value is not None]
             rows.append(
                 (
-                    name if entry["box"] is None else f"{name} in its box",
+                    name if entry.get("box") is None else f"{name} in its box",
                     str(entry["n_train"]),
                     *(number(shift.get(column), 2) for column in names),
-                    *(_largest(entry[part]) for part in PARTS_OF_SHIFT),
-                    number(max(entry["sd_ratio"]), 3),
+                    *(_largest(entry.get(part, ())) for part in PARTS_OF_SHIFT),
+                    _largest(entry.get("sd_ratio", ()), 3),
                     str(entry["n_added"]),
                     f"{100 * max(error):.3f}" if error else "-",
                     number(entry["rms_z"], 2),
                 )
             )
-        if found["box"] is not None:
+        if found.get("box") is not None:
             notes.append(
                 f"{name}: sampled in the box of its posterior, which leaves "
                 f"{found['mass_beyond']:.1g} of it outside."
@@ -235,9 +235,10 @@ def refinement_table(refinement: Mapping[str, Any]) -> Table:
     )
 
 
-def _largest(values: Iterable[float | None]) -> str:
+def _largest(values: Iterable[float | None], digits: int = 2) -> str:
+    """Of what is known; studies of before have no parts of the shift."""
     known = [value for value in values if value is not None]
-    return number(max(known), 2) if known else "-"
+    return number(max(known), digits) if known else "-"
 
 
 def _kinds(found: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:

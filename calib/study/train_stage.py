@@ -134,7 +134,7 @@ def load_maps(out: Path, hypothesis: Hypothesis) -> dict[str, Array]:
 def load_local_diagnostics(out: Path) -> dict[str, dict[str, Any]]:
     """Read those of emulators of posteriors' boxes, of the hypotheses that have one."""
     boxes = read_json(out / REFINEMENT)
-    names = [name for name, found in boxes.items() if found["box"] is not None]
+    names = [name for name, found in boxes.items() if found.get("box") is not None]
     if not names:
         return {}
     found = load_diagnostics(out / LOCAL)
