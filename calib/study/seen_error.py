@@ -112,8 +112,9 @@ def _with_one(places: Array) -> Array:
 
 def _shares(log_weight: Array) -> Array:
     """(m,) weights that sum to one."""
-    share: Array = np.exp(log_weight - log_weight.max())
-    return share / share.sum()
+    share = np.exp(log_weight - log_weight.max())
+    weights: Array = share / share.sum()
+    return weights
 
 
 @dataclass(frozen=True)
