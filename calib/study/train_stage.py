@@ -57,8 +57,8 @@ class StudyRuns:
         parts = [*self.training, self.held_out]
         if self.box is None:
             return parts
-        kept = [rows(part, np.flatnonzero(inside(part.theta, self.box))) for part in parts]
-        return [part for part in kept if len(part.theta)]
+        kept = [np.flatnonzero(inside(part.theta, self.box)) for part in parts]
+        return [rows(part, own) for part, own in zip(parts, kept, strict=True) if len(own)]
 
 
 def run(context: Context) -> list[Path]:
