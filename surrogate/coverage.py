@@ -51,8 +51,9 @@ def coverage(z: Array, error: Array | None = None, covariance: Array | None = No
 def _solved(covariance: Array, error: Array) -> Array:
     """(n, n_step) inverse covariance times error; directions without any variance count nothing."""
     try:
-        return np.asarray(np.linalg.solve(covariance, error[:, :, None]))[:, :, 0]
+        solved: Array = np.linalg.solve(covariance, error[:, :, None])
     except np.linalg.LinAlgError:
         # In a small box the weakest combination of steps may be known to rounding.
-        inverse = np.linalg.pinv(covariance, hermitian=True)
-        return np.asarray(inverse @ error[:, :, None])[:, :, 0]
+        solved = np.linalg.pinv(covariance, hermitian=True) @ error[:, :, None]
+    column: Array = solved[:, :, 0]
+    return column
