@@ -51,9 +51,10 @@ def coverage(z: Array, error: Array | None = None, covariance: Array | None = No
 def _solved(covariance: Array, error: Array) -> Array:
     """(n, n_step) inverse covariance times error; directions without any variance count nothing."""
     try:
-        solved: Array = np.linalg.solve(covariance, error[:, :, None])
+        solved = np.asarray(np.linalg.solve(covariance, error[:, :, None]), dtype=np.float64)
     except np.linalg.LinAlgError:
         # In a small box the weakest combination of steps may be known to rounding.
-        solved = np.linalg.pinv(covariance, hermitian=True) @ error[:, :, None]
+        inverse = np.linalg.pinv(covariance, hermitian=True)
+        solved = np.asarray(inverse @ error[:, :, None], dtype=np.float64)
     column: Array = solved[:, :, 0]
     return column
