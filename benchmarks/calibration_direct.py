@@ -1,9 +1,10 @@
 """The posterior by FE itself, at every node of a quadrature, beside that by emulator.
 
 One experiment, forces and field, on a coarse mesh; the emulator is refined at its posterior as a
-study's is. A tensor Gauss-Legendre rule over (r, s) covers
-the emulator's posterior; at each node the mean of the force at kappa = 1 MPa and the field come
-from a run, and ln kappa is integrated on a fine even grid, for which no further run is needed.
+study's is, with a second design in the posterior's box, and without one. A tensor Gauss-Legendre
+rule over (r, s) covers the emulator's posterior; at each node the mean of the force at kappa = 1
+MPa and the field come from a run, and ln kappa is integrated on a fine even grid, for which no
+further run is needed.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from scipy.special import logsumexp
 from benchmarks import calibration_runs as runs
 from benchmarks.calibration_experiments import by_runs, likelihood_of, sbc_prior
 from benchmarks.calibration_figures import points, trained
-from benchmarks.calibration_refined import experiment, refined
+from benchmarks.calibration_refined import Refined, experiment, refined
 from calib.inference import (
     PARAMETERS,
     DirectForward,
@@ -38,21 +39,16 @@ from calib.study.simulations import StoredSimulate
 from calib.study.training_runs import training_set
 from fe.campaign_result import Campaign
 from fe.response import Array
-from surrogate import Emulator, ScaledEmulator, sobol_design
 
 TRUTH = np.array([[0.4, 0.25]])
 """(r, s) of the experiment"""
 CONTACT = "stuck"
 """hypothesis of the study"""
-MOST = 16
-"""runs that refinement may add"""
 N_NODES = 9
 """in r and in s"""
 WIDTH = 4.0
 """posterior SDs covered to each side"""
 N_KAPPA = 61
-N_LOCAL = 16
-"""runs of a second design, all inside the box of the nodes"""
 
 
 def figures(store: Path) -> dict[str, Any]:
@@ -60,13 +56,18 @@ def figures(store: Path) -> dict[str, Any]:
     first = runs.coarse_design(store, CONTACT)
     started = likelihood_of(trained(store, training_set([first], gradients=True)), points())
     drawn = by_runs(started, sbc_prior(), _solved(store, "truth", TRUTH), 1, runs.SEED + 6)
-    found = refined(
-        first,
-        lambda own: experiment(own, drawn, 0)[1],
-        lambda ratios: _solved(store, "refine", ratios, runs.told("refine")),
-        MOST,
-        runs.SEED + 9,
-    )
+
+    def by_study(n_local: int) -> Refined:
+        return refined(
+            first,
+            lambda own: experiment(own, drawn, 0)[1],
+            lambda ratios: _solved(store, f"refine-{n_local}", ratios),
+            runs.study().design.n_refine,
+            runs.SEED + 9,
+            n_local,
+        )
+
+    whole, found = by_study(0), by_study(runs.study().design.n_local)
     posterior = found.posterior
     draws = draw_weighted(posterior, np.random.default_rng(1), 16384)
     box = _box(draws.mean[1:], draws.sd[1:], posterior.prior.bounds[1:])
@@ -78,19 +79,19 @@ def figures(store: Path) -> dict[str, Any]:
     told: dict[str, Any] = {
         "emulator_vs_fe_contact": CONTACT,
         "emulator_vs_fe_n_runs": len(nodes),
-        "emulator_vs_fe_n_training": found.emulator.header.n_train,
-        "emulator_vs_fe_predicted_shift_sd": found.shift,
         "emulator_vs_fe_sd": _named(by_fe[1]),
         "emulator_vs_fe_rule_against_draws_sd": _named(
             (rule.moments(posterior)[0] - draws.mean) / draws.sd
         ),
     }
-    told |= rule.held_to_fe(posterior, by_fe, "")
-    inside = _solved(store, "local", sobol_design(N_LOCAL, box, runs.SEED))
-    local = Emulator.fit(training_set([inside], gradients=True), 1)
-    by_local = experiment(ScaledEmulator(local), drawn, 0)[1]
-    told |= rule.held_to_fe(by_local, by_fe, "_local")
-    return told | {"emulator_vs_fe_n_training_local": N_LOCAL} | _maxima(store, posterior, draws.sd)
+    for name, each in (("", found), ("_whole", whole)):
+        told[f"emulator_vs_fe_n_added{name}"] = len(each.loop.ratios)
+        told[f"emulator_vs_fe_n_training{name}"] = each.emulator.header.n_train
+        told[f"emulator_vs_fe_predicted_shift_sd{name}"] = each.shift
+        told[f"emulator_vs_fe_foretold_shift_sd{name}"] = each.foretold
+        told[f"emulator_vs_fe_stated_sd_ratio{name}"] = each.sd_ratio
+        told |= rule.held_to_fe(each.posterior, by_fe, name)
+    return told | _maxima(store, posterior, draws.sd)
 
 
 def _solved(
@@ -187,7 +188,9 @@ class _Known:
 def _maxima(store: Path, posterior: Posterior, sd: Array) -> dict[str, Any]:
     """The emulator's maximum refined by FE, as `calib map` does."""
     model = block_pin_model(runs.study(), runs.hypothesis(CONTACT), runs.COARSE_CELLS)
-    parts = tuple(store / f"coarse-{CONTACT}{part}" for part in ("", "-refine"))
+    parts = tuple(
+        store / f"coarse-{CONTACT}{part}" for part in ("", f"-refine-{runs.study().design.n_local}")
+    )
     simulate = StoredSimulate(model, store / f"coarse-{CONTACT}-map", parts)
     start = emulator_map(posterior, sd, np.random.default_rng(2))
     assert isinstance(posterior.likelihood.forward, EmulatorForward)

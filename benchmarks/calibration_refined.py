@@ -21,7 +21,9 @@ from benchmarks.calibration_figures import Arm, arm_figures, emulator, points, t
 from calib.data import thesis_forces
 from calib.inference import EmulatorForward, Likelihood, Posterior
 from calib.study.judgement import Noise
-from calib.study.refine_stage import BATCH
+from calib.study.local_design import within
+from calib.study.next_runs import Choice
+from calib.study.refine_rounds import Loop
 from calib.study.refinement import outlook
 from calib.study.training_runs import rows, training_set
 from fe.campaign_result import Campaign
@@ -44,39 +46,51 @@ class Refined:
 
     emulator: Emulator
     posterior: Posterior
-    ratios: Array
-    """(n, 2) of the runs added"""
+    loop: Loop
     shift: float
     """largest predicted shift of the posterior mean that was left, posterior SDs"""
+    foretold: float
+    """the part of it that the emulator's processes foretell"""
+    sd_ratio: float
+    """largest SD over what it were without the errors that the emulator states"""
 
 
 def refined(
-    design: Campaign, posterior_by: PosteriorBy, solve: Solve, most: int, seed: int
+    design: Campaign,
+    posterior_by: PosteriorBy,
+    solve: Solve,
+    most: int,
+    seed: int,
+    n_local: int = 0,
 ) -> Refined:
-    """Add at most `most` runs to a design where the posterior is.
+    """Add at most `most` runs to a design where the posterior is, and `n_local` in its box.
 
     Nothing is kept but the runs: the same rounds follow from them again.
     """
-    ratios, last = np.zeros((0, design.theta.shape[1])), False
+    box = sbc_prior().bounds[1:]
+    choice = Choice(design.theta, box, _noise(), most, n_local, seed)
+    loop = Loop(np.zeros((0, design.theta.shape[1])))
     while True:
-        added = [solve(ratios)] if len(ratios) else []
-        emulator = Emulator.fit(training_set([design, *added], gradients=True), 1)
+        added = [solve(loop.ratios)] if len(loop.ratios) else []
+        runs = within(training_set([design, *added], gradients=True), loop.box)
+        emulator = Emulator.fit(runs, 1)
         posterior = posterior_by(ScaledEmulator(emulator))
+        if loop.box is not None:
+            posterior = replace(posterior, prior=posterior.prior.within(loop.box))
         forward = posterior.likelihood.forward
         assert isinstance(forward, EmulatorForward)
-        rng = np.random.default_rng([seed, len(ratios)])
-        found = outlook(emulator, posterior, forward, rng)
-        shift = float(found.shift.shift.max())
-        print(f"    {len(ratios)} runs added, mean may move by {shift:.3f} SD", flush=True)
-        if last:
-            return Refined(emulator, posterior, ratios, shift)
-        left = most - len(ratios) - 1  # the last is at the mean
-        proposed = found.mean[None]
-        if len(ratios) and not found.shift.is_small and left > 0:
-            known = np.concatenate([design.theta, ratios])
-            proposed = found.proposals(min(BATCH, left), known, _noise(), rng)
-        last = bool(len(ratios)) and (found.shift.is_small or left < 1 or not len(proposed))
-        ratios = np.concatenate([ratios, found.mean[None] if last else proposed])
+        rng = np.random.default_rng([seed, len(loop.ratios)])
+        found = outlook(emulator, runs, posterior, forward, rng)
+        shift, foretold = float(found.shift.shift.max()), float(found.foretold.shift.max())
+        print(
+            f"    {len(loop.ratios)} runs added, {len(runs.ratios)} train, mean may move by "
+            f"{shift:.3f} SD (processes {foretold:.3f})",
+            flush=True,
+        )
+        if loop.done:
+            ratio = float(found.seen.sd_ratio.max())
+            return Refined(emulator, posterior, loop, shift, foretold, ratio)
+        loop = choice.next_runs(loop, found, rng)
 
 
 def _noise() -> Noise:
@@ -133,7 +147,7 @@ def _ratios(store: Path, design: Campaign, drawn: Experiments, truth: int) -> tu
             runs.SEED + truth,
         )
         path.parent.mkdir(parents=True, exist_ok=True)
-        np.savez(path, ratios=found.ratios, shift=found.shift)
+        np.savez(path, ratios=found.loop.ratios, shift=found.shift)
     with np.load(path) as stored:
         return stored["ratios"], float(stored["shift"])
 

@@ -37,7 +37,7 @@ def coverage(z: Array, error: Array | None = None, covariance: Array | None = No
     inside = size[..., None] <= norm.ppf(0.5 + 0.5 * np.array(LEVELS))
     joint = None
     if error is not None and covariance is not None:
-        solved = np.linalg.solve(covariance, error[:, :, None])[:, :, 0]
+        solved = _solved(covariance, error)
         distance = np.einsum("ni,ni->n", error, solved)
         limits = chi2.ppf(LEVELS, error.shape[1])
         joint = tuple(np.mean(distance[:, None] <= limits, axis=0).tolist())
@@ -46,3 +46,15 @@ def coverage(z: Array, error: Array | None = None, covariance: Array | None = No
         by_step=tuple(tuple(row) for row in inside.mean(axis=(0, 2)).tolist()),
         joint=joint,
     )
+
+
+def _solved(covariance: Array, error: Array) -> Array:
+    """(n, n_step) inverse covariance times error; directions without any variance count nothing."""
+    try:
+        solved = np.asarray(np.linalg.solve(covariance, error[:, :, None]), dtype=np.float64)
+    except np.linalg.LinAlgError:
+        # In a small box the weakest combination of steps may be known to rounding.
+        inverse = np.linalg.pinv(covariance, hermitian=True)
+        solved = np.asarray(inverse @ error[:, :, None], dtype=np.float64)
+    column: Array = solved[:, :, 0]
+    return column

@@ -166,6 +166,20 @@ def log_evidence(
     return value, np.array([*by_length, by_noise[rows.is_slope].sum()])
 
 
+def nuggets_of(
+    family: int, parameters: Hyperparameters, x: Array, rows: Rows, y: Array
+) -> tuple[Array, Array]:
+    """(k,) best nuggets of outputs y (n_rows, k) under shared parameters, and (k,) log evidences.
+
+    Up to what is the same for all parameters.
+    """
+    found = spectrum(family, parameters, x, rows)
+    rotated = found.basis.T @ y
+    nugget = best_nuggets(found.values, rotated)
+    evidence = _profile(found.values, rotated**2, nugget) - 0.5 * np.sum(np.log(found.noise))
+    return nugget, evidence
+
+
 def maximise_evidence(
     families: tuple[int, ...],
     x: Array,

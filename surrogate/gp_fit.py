@@ -21,6 +21,7 @@ from surrogate.evidence import (
     Hyperparameters,
     bounds_reached,
     maximise_evidence,
+    nuggets_of,
     spectrum,
 )
 from surrogate.gp import GaussianProcesses
@@ -35,6 +36,12 @@ AMPLITUDE_BOUNDS = (1e-2, 1e4)
 _N_LEADING = 2
 _MANY_RUNS = 40
 """runs without derivatives above which covariances are shared: what a search costs is cubic"""
+_MOST_PARTED = 200
+"""values and derivatives up to which processes are parted by `_parted`: each group costs a search,
+and a product of that size in predictions"""
+_MOST_GROUPS = 3
+_NOISE = 0.01
+"""nugget above which a process is next to noise to the covariance of its group"""
 _MATERN_NU = {"matern32": 1.5, "matern52": 2.5}
 
 
@@ -86,6 +93,8 @@ def fit_processes(
     k = len(scaled.targets)
     groups = _groups(k, scaled.usable, sharing)
     places = tuple(FAMILIES.index(family) for family in families)
+    if sharing == "auto" and scaled.usable.any() and scaled.targets.shape[1] <= _MOST_PARTED:
+        return _honest(posterior(scaled, *_parted(scaled, places, seed, n_restarts)))
     fitted = [
         _fit_group(scaled, members, places, child, n_restarts)
         for members, child in zip(
@@ -93,6 +102,36 @@ def fit_processes(
         )
     ]
     return _honest(posterior(scaled, groups, fitted))
+
+
+def _parted(
+    scaled: Scaled, families: tuple[int, ...], seed: int, n_restarts: int
+) -> tuple[list[npt.NDArray[np.int64]], list[Fitted]]:
+    """Groups of processes that share a covariance, the smoothest first, and their fits.
+
+    Strong modes are smooth and fix the lengths that all share; to such lengths the weak ones, where
+    kinks of contact are, are noise, and their evidence is then largest with nothing but noise. So
+    what is noise to the covariance of a group gets one of its own, and every process goes to
+    the covariance under which it is most probable.
+    """
+    members, fits = np.arange(len(scaled.targets)), []
+    for child in np.random.SeedSequence(seed).spawn(_MOST_GROUPS):
+        fits.append(_fit_group(scaled, members, families, child, n_restarts))
+        members = members[fits[-1].nugget > _NOISE]
+        if not len(members):
+            break
+    rows, targets = rows_of(scaled.usable), np.ascontiguousarray(scaled.targets.T)
+    found = [
+        nuggets_of(fit.family, fit.hyperparameters, scaled.inputs, rows, targets) for fit in fits
+    ]
+    best = np.argmax([evidence for _, evidence in found], axis=0)
+    groups, kept = [], []
+    for place, fit in enumerate(fits):
+        own = np.flatnonzero(best == place)
+        if len(own):
+            groups.append(own)
+            kept.append(fit._replace(nugget=found[place][0][own]))
+    return groups, kept
 
 
 def _honest(processes: GaussianProcesses) -> GaussianProcesses:
@@ -114,9 +153,8 @@ def _honest(processes: GaussianProcesses) -> GaussianProcesses:
 def _groups(k: int, usable: npt.NDArray[np.bool_], sharing: Sharing) -> list[npt.NDArray[np.int64]]:
     """Outputs that share a covariance.
 
-    By default, measured on FE runs: with derivatives all, as each has its own nugget (those with a
-    covariance of their own do no better, and predictions take longer). Without, each has its own
-    until there are many runs.
+    By default all with derivatives (few rows are parted further, see `_parted`); without, each has
+    its own until there are many runs.
     """
     if sharing == "auto":
         few: Sharing = "none" if len(usable) <= _MANY_RUNS else "leading"

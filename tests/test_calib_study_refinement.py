@@ -26,8 +26,9 @@ from calib.study.data_stage import load_data
 from calib.study.emulator_figures import refinement_loop, worst_errors
 from calib.study.emulator_tables import coverage_table, partial_table, refinement_table
 from calib.study.figure_style import png_bytes
+from calib.study.local_design import REFINEMENT
 from calib.study.posterior_setup import emulator_posterior, noise_of
-from calib.study.refine_stage import REFINEMENT, load_refinement
+from calib.study.refine_stage import load_refinement
 from calib.study.refinement import outlook
 from calib.study.sections import Cells, Hypothesis
 from calib.study.stages import run_stages
@@ -39,7 +40,7 @@ from fe.campaign import CampaignFailed
 from fe.campaign_result import Campaign
 from fe.executors import serial_map
 from fe.response import Array, Response
-from surrogate import Emulator, ScaledEmulator
+from surrogate import Emulator, ScaledEmulator, TrainingSet
 
 Factory = Callable[[Study, Hypothesis, Cells], object]
 
@@ -128,10 +129,11 @@ def _posterior(context: Context, emulator: Emulator) -> Posterior:
     )
 
 
-def an_outlook(context: Context, emulator: Emulator) -> Array:
+def an_outlook(context: Context, runs: TrainingSet) -> Array:
+    emulator = Emulator.fit(runs, 1)
     posterior, rng = _posterior(context, emulator), np.random.default_rng(3)
     forward = EmulatorForward(ScaledEmulator(emulator))
-    return outlook(emulator, posterior, forward, rng).shift.shift
+    return outlook(emulator, runs, posterior, forward, rng).shift.shift
 
 
 def test_the_shift_foretold_falls_with_the_emulators_error(refined: Context) -> None:
@@ -141,8 +143,8 @@ def test_the_shift_foretold_falls_with_the_emulators_error(refined: Context) -> 
     theta = design_points(study, study.hypotheses[0])
     runs = Campaign(theta, tuple(model(row) for row in theta), n_reused=0)
     few = Campaign(theta[:4], runs.responses[:4], n_reused=0)
-    poor = Emulator.fit(training_set([few], gradients=False), 1)
-    good = Emulator.fit(training_set([runs], gradients=True), 1)
+    poor = training_set([few], gradients=False)
+    good = training_set([runs], gradients=True)
     assert an_outlook(refined, good).max() < 0.2 * an_outlook(refined, poor).max()
 
 

@@ -484,3 +484,28 @@ def test_variances_are_no_less_than_runs_left_out_ask_for() -> None:
     mean, variance = processes.leave_one_out()
     inner = ((x > x.min(axis=0)) & (x < x.max(axis=0))).any(axis=1)
     assert np.mean(((mean - y) ** 2 / variance)[inner]) < 1.0 + 1e-9
+
+
+def test_what_is_noise_to_the_covariance_of_strong_outputs_gets_one_of_its_own() -> None:
+    """Weak modes hold kinks of contact: over lengths at which the strong ones are smooth, noise."""
+    x = unit_design(24, 2, 5)
+    at = unit_design(64, 2, 6, n_corners=0)
+
+    def outputs(where: np.ndarray) -> np.ndarray:
+        smooth = where[:, 0] + 0.5 * where[:, 1] ** 2
+        other = np.exp(0.5 * where[:, 0]) * where[:, 1]
+        return np.stack([smooth, other, np.tanh(5.0 * (where[:, 0] - 0.45))], axis=1)
+
+    step = 1e-6
+    slopes = np.stack(
+        [(outputs(x + step * e) - outputs(x - step * e)) / (2 * step) for e in np.eye(2)], axis=2
+    )
+    # Slopes that are rough at the scale of the kink, as FE's are where points come into contact.
+    slopes[:, 2] += np.random.default_rng(1).normal(0.0, 1.0, slopes[:, 2].shape)
+    shared = fit_processes(x, outputs(x), 1, slopes=slopes, sharing="all", n_restarts=0)
+    parted = fit_processes(x, outputs(x), 1, slopes=slopes, n_restarts=0)
+    assert shared.nugget[2] > 0.01 > parted.nugget[2]
+    assert parted.group[2] not in parted.group[:2]
+    errors = [np.std(p.mean(at) - outputs(at), axis=0) for p in (shared, parted)]
+    assert errors[1][2] < 0.5 * errors[0][2]
+    np.testing.assert_array_less(errors[1][:2], 1.5 * errors[0][:2] + 1e-9)

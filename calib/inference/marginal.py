@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -122,3 +122,12 @@ class Marginal:
         value = np.exp(position) if self.on_log else position
         clipped: Array = np.clip(value, self.low, self.high)
         return clipped
+
+    def cut(self, low: float, high: float) -> tuple[Marginal, float]:
+        """The same distribution within [low, high] and its own bounds, and ln of its share there.
+
+        Raises ValueError when the two ranges do not overlap.
+        """
+        kept = replace(self, low=max(low, self.low), high=min(high, self.high))
+        inside = np.array([0.5 * (kept.low + kept.high)])
+        return kept, float((self.log_density(inside) - kept.log_density(inside))[0])

@@ -59,7 +59,8 @@ def nested(
     weights = np.exp(log_weights)
     return Nested(
         moments=Moments(np.asarray(found["samples"], dtype=np.float64), weights / weights.sum()),
-        log_evidence=float(found["logz"][-1]),
+        # Draws of a prior that was cut are of what is inside, see `Prior.within`.
+        log_evidence=float(found["logz"][-1]) + posterior.prior.log_share,
         log_evidence_error=float(found["logzerr"][-1]),
         n_calls=int(np.sum(found["ncall"])),
     )

@@ -44,6 +44,8 @@ class Prior:
     """unknowns of the errors"""
     of: tuple[Marginal, ...] = ()
     """priors of the constants, MPa, in place of those of kappa and ratios"""
+    log_share: float = 0.0
+    """ln of the share of the whole prior that lies in the box, see `within`"""
 
     def __post_init__(self) -> None:
         if self.kappa.low <= 0:
@@ -90,13 +92,45 @@ class Prior:
                 bounds[row] = np.log(bounds[row])
         return bounds
 
+    def within(self, box: Array) -> Prior:
+        """The same density inside a box (k, 2) of the k ratios and inputs of x, zero outside.
+
+        It integrates to its share of the prior, not to one, so that an evidence is that of the
+        whole prior where the likelihood is negligible outside; draws and quantiles are of what is
+        inside. For a forward model that is known inside only. Raises ValueError for a box of
+        another shape or beside the prior, and where the constants have the priors.
+        """
+        n = self.space.n_forward - 1
+        if self.of or np.shape(box) != (n, 2):
+            raise ValueError(
+                f"box: expected shape ({n}, 2) and priors of kappa and ratios, found "
+                f"{np.shape(box)}{' and priors of the constants' if self.of else ''}"
+            )
+        cuts = []
+        for (unknown, marginal), ends in zip(self._columns[:n], box, strict=True):
+            low, high = np.exp(ends) if unknown.log else ends
+            cuts.append(marginal.cut(float(low), float(high)))
+        kept = [marginal for marginal, _ in cuts]
+        n_ratios = len(self._ratios)
+        n_named = n_ratios - len(self.ratios)
+        named = iter(kept[:n_named])
+        inputs = zip((unknown for unknown, _ in self.inputs), kept[n_ratios:], strict=True)
+        return replace(
+            self,
+            r=None if self.r is None else next(named),
+            s=None if self.s is None else next(named),
+            ratios=tuple(kept[n_named:n_ratios]),
+            inputs=tuple(inputs),
+            log_share=self.log_share + sum(share for _, share in cuts),
+        )
+
     def log_prob(self, x: Array) -> Array:
         """(m,) log density with respect to x (m, n), with the Jacobians of what x holds."""
         if self.of:
             total = self._log_prob_of_constants(x)
             first = 1 + len(self._ratios)
         else:
-            total = self._log_density_of_log(self.kappa, x[:, 0], self.bounds[0])
+            total = self._log_density_of_log(self.kappa, x[:, 0], self.bounds[0]) + self.log_share
             first = 1
         for column, (unknown, marginal) in enumerate(self._columns[first - 1 :], start=first):
             at = x[:, column]

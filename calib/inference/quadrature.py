@@ -119,9 +119,9 @@ def _by_draws(posterior: Posterior) -> Quadrature:
     box = Box(posterior)
     x = posterior.prior.sample(rng, N_FIRST)
     y = box.y_of(x)
-    found = importance_sample(
-        box.log_prob, y, posterior.prior.log_prob(box.x_of(y)) + box.log_jacobian(y), rng
-    )
+    prior = posterior.prior
+    drawn_from = prior.log_prob(box.x_of(y)) - prior.log_share + box.log_jacobian(y)
+    found = importance_sample(box.log_prob, y, drawn_from, rng)
     log_evidence = _log_sum(found.log_weights)
     return Quadrature(
         x=box.x_of(found.y),

@@ -126,7 +126,7 @@ def draw_weighted(
     40 rounds, as with modes far apart.
     """
     x = posterior.prior.sample(rng, 2 * n_round)
-    log_density = posterior.prior.log_prob(x)
+    log_density = posterior.prior.log_prob(x) - posterior.prior.log_share
     evaluated, power = 0, LEAST_POWER
     for _ in range(MAX_ROUNDS):
         log_prior = posterior.prior.log_prob(x)

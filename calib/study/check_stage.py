@@ -1,4 +1,8 @@
-"""Stage `check`: the error of the mesh where the posterior is, by two runs on a finer mesh."""
+"""Stage `check`: the error of the mesh where the posterior is, by two runs on a finer mesh.
+
+The first of each hypothesis was made by the stage `refine`, which needs it; the last ones, often
+the longest runs of a study, are made here, side by side.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +11,8 @@ from pathlib import Path
 from calib.study.context import Context
 from calib.study.mesh_error import check_folder, mesh_error, save_mesh_error
 from calib.study.progress import progress_bar
-from calib.study.refine_stage import CHECKED, check_sets, load_refinement
+from calib.study.refine_outlook import CHECKED
+from calib.study.refine_stage import check_sets, load_refinement
 from calib.study.simulate_stage import manifest_files
 from fe.campaign import run_campaigns
 from fe.campaign_result import Campaign

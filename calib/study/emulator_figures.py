@@ -53,6 +53,20 @@ def refinement_loop(refinement: Mapping[str, Any]) -> Figure:
         left.plot(runs, [max(entry["predicted_shift"]) for entry in found["rounds"]], **style)
         error = [_largest(entry["force_error"]) for entry in found["rounds"]]
         right.plot(runs, 100 * np.array(error), **style)
+        if found.get("box") is not None:
+            inside = [entry.get("box") is not None for entry in found["rounds"]]
+            moves = [max(entry["predicted_shift"]) for entry in found["rounds"]]
+            at = np.flatnonzero(inside)
+            left.plot(
+                np.array(runs)[at],
+                np.array(moves)[at],
+                ls="none",
+                marker="s",
+                ms=10,
+                mfc="none",
+                mec=style["color"],
+                label=f"{name}: in its box",
+            )
     limit = next(iter(refinement.values()))["limit"]
     left.axhline(limit, color=MUTED, lw=0.8)
     left.set_title(f"the loop stops below {limit:g}", fontsize=10)

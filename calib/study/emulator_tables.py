@@ -6,7 +6,7 @@ refinement.json.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -16,6 +16,8 @@ from calib.study.tables import Table, number, percent
 KINDS = {"leave_one_out": "leave-one-out", "held_out": "held-out"}
 PARAMETERS = ("ln kappa", "r", "s")
 INPUTS = ("r [-]", "s [-]")
+PARTS_OF_SHIFT = {"by_processes": "processes", "by_stated": "stated", "by_runs": "left out"}
+"""what makes up how far a mean may move, and the heads of their columns"""
 
 
 def emulator_tables(
@@ -187,13 +189,20 @@ def refinement_table(refinement: Mapping[str, Any]) -> Table:
             error = [value for value in entry["force_error"] if value is not None]
             rows.append(
                 (
-                    name,
+                    name if entry.get("box") is None else f"{name} in its box",
                     str(entry["n_train"]),
                     *(number(shift.get(column), 2) for column in names),
+                    *(_largest(entry.get(part, ())) for part in PARTS_OF_SHIFT),
+                    _largest(entry.get("sd_ratio", ()), 3),
                     str(entry["n_added"]),
                     f"{100 * max(error):.3f}" if error else "-",
                     number(entry["rms_z"], 2),
                 )
+            )
+        if found.get("box") is not None:
+            notes.append(
+                f"{name}: sampled in the box of its posterior, which leaves "
+                f"{found['mass_beyond']:.1g} of it outside."
             )
         last = max(found["rounds"][-1]["predicted_shift"])
         if last > found["limit"]:
@@ -208,16 +217,28 @@ def refinement_table(refinement: Mapping[str, Any]) -> Table:
             "hypothesis",
             "trained on [runs]",
             *(f"{column} may move [SD]" for column in names),
+            *PARTS_OF_SHIFT.values(),
+            "SD ratio",
             "added [runs]",
             "force there [%]",
             "z [-]",
         ),
         tuple(rows),
         f"The loop stops when no mean would move by more than {limit:g} posterior SD if the "
-        "emulator had no error; the last run is at the mean. force there: RMS error, worst "
+        "emulator had no error; the last run is at the mean. May move: the larger of what its "
+        "processes do not know, and of the errors that it states (without them) and was seen to "
+        "make at runs left out where the posterior is, both together; SD ratio: SD over what it "
+        "were without the errors stated, the largest. In its box: by the runs of a second design "
+        "where the posterior is, zero outside. force there: RMS error, worst "
         "increment, of the emulator at the runs then added, which it had not seen. "
         + " ".join(notes),
     )
+
+
+def _largest(values: Iterable[float | None], digits: int = 2) -> str:
+    """Of what is known; studies of before have no parts of the shift."""
+    known = [value for value in values if value is not None]
+    return number(max(known), digits) if known else "-"
 
 
 def _kinds(found: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:

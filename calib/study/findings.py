@@ -18,6 +18,7 @@ from calib.study.emulator_tables import (
     refinement_table,
 )
 from calib.study.further_table import further_table
+from calib.study.local_design import REFINEMENT
 from calib.study.maxima_table import map_table, rounds_table
 from calib.study.mesh_error import check_folder
 from calib.study.nuisances import correlation_table, nuisance_table
@@ -29,7 +30,6 @@ from calib.study.predictive_tables import (
     force_checks_table,
 )
 from calib.study.prior_stage import FACTS, prior_table
-from calib.study.refine_stage import REFINEMENT
 from calib.study.report import Picture, Section, versions_table
 from calib.study.summary import Summary
 from calib.study.summary_tables import constants_table, points_table
@@ -42,7 +42,7 @@ from calib.study.tables import (
     published_table,
 )
 from calib.study.train_report import limits_of
-from calib.study.train_stage import DIAGNOSTICS
+from calib.study.train_stage import DIAGNOSTICS, load_local_diagnostics
 from calib.study.validation_tables import validation_tables, verdicts
 from calib.study.verification import load_rounds
 
@@ -59,6 +59,8 @@ class Findings:
     """hypothesis -> mesh_error.json"""
     diagnostics: dict[str, Any]
     """hypothesis -> its part of diagnostics.json"""
+    local: dict[str, Any]
+    """the same of emulators of posteriors' boxes, where there are any"""
     refinement: dict[str, Any]
     """hypothesis -> its part of refinement.json"""
     maps: dict[str, Any]
@@ -74,6 +76,11 @@ class Findings:
     summaries: tuple[Summary, ...]
 
     @property
+    def judged(self) -> dict[str, Any]:
+        """Diagnostics of all emulators."""
+        return {**self.diagnostics, **self.local}
+
+    @property
     def failures(self) -> list[str]:
         """Diagnostics outside the limits of the study, one sentence each."""
         return [f"{s.hypothesis}: {failure}" for s in self.summaries for failure in s.failures]
@@ -87,6 +94,7 @@ def read_findings(out: Path, study: Study, summaries: Sequence[Summary]) -> Find
             h.name: read_json(check_folder(out, h) / "mesh_error.json") for h in study.hypotheses
         },
         diagnostics=read_json(out / DIAGNOSTICS),
+        local=load_local_diagnostics(out),
         refinement=read_json(out / REFINEMENT),
         maps=read_json(out / "map.json"),
         comparison=read_json(out / "comparison.json"),
@@ -150,7 +158,7 @@ def _tables(findings: Findings, study: Study) -> dict[str, list[Table]]:
             )
         ],
         "mesh": [mesh_table(findings.mesh)],
-        "emulator": [emulator_table(findings.diagnostics, limits_of(study))],
+        "emulator": [emulator_table(findings.judged, limits_of(study))],
         "partial": [partial_table(findings.diagnostics)],
         "refinement": [refinement_table(findings.refinement)],
         "maximum": [map_table(findings.maps), rounds],
@@ -176,7 +184,7 @@ def _kept(tables: Sequence[Table | None]) -> list[Table]:
 def sections(findings: Findings, pictures: dict[str, Picture], study: Study) -> list[Section]:
     """The headings of the report with their tables and pictures."""
     tables = _tables(findings, study)
-    judged = _kept(emulator_tables(findings.diagnostics, limits_of(study)))
+    judged = _kept(emulator_tables(findings.judged, limits_of(study)))
     checks = [*tables["checks"], *_kept(field_checks_tables(findings.predictive))]
     assumed = [assumptions_table(study), *tables["nuisances"], *tables["correlation"]]
     return [

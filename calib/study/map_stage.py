@@ -14,10 +14,12 @@ from calib.inference.posterior import Posterior
 from calib.study import verification
 from calib.study.artifacts import write_json
 from calib.study.context import Context, stream
+from calib.study.local_design import REFINEMENT
 from calib.study.mesh_error import load_mesh_error
 from calib.study.posterior_setup import emulator_posterior
 from calib.study.progress import progress_bar
-from calib.study.refine_stage import REFINEMENT, load_refinement, refine_folder
+from calib.study.refine_outlook import refine_folder
+from calib.study.refine_stage import load_refinement
 from calib.study.sample_stage import StoredSamples, load_samples
 from calib.study.sections import Hypothesis
 from calib.study.simulate_stage import campaign_folder, load_design, manifest_files

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from calib.data import Dataset
 from calib.inference.forward import EmulatorForward
 from calib.inference.likelihood import build_likelihood
@@ -11,6 +13,7 @@ from calib.inference.prior import Marginal, Prior
 from calib.study.config import Study
 from calib.study.context import Context
 from calib.study.data_stage import load_data
+from calib.study.local_design import LOCAL, kept_box
 from calib.study.mesh_error import MeshError, load_mesh_error
 from calib.study.sections import Hypothesis, ParameterPrior
 from calib.study.train_stage import load_emulator
@@ -18,16 +21,25 @@ from calib.study.unknowns import prior_of
 from surrogate import ScaledEmulator
 
 
-def emulator_posterior(context: Context, hypothesis: Hypothesis) -> Posterior:
-    """Posterior of a hypothesis with its emulator as forward model."""
-    return posterior_of(
+def emulator_posterior(
+    context: Context, hypothesis: Hypothesis, *, whole: bool = False
+) -> Posterior:
+    """Posterior of a hypothesis with its emulator as forward model.
+
+    With that of the posterior's box where there is one, and then zero outside, unless the `whole`
+    box of the prior is asked for, as by what looks at parts of the data.
+    """
+    box = None if whole else kept_box(context.out, hypothesis)
+    folder = context.out if box is None else context.out / LOCAL
+    found = posterior_of(
         context.study,
         load_data(context.out).dataset,
-        ScaledEmulator(load_emulator(context.out, hypothesis)),
+        ScaledEmulator(load_emulator(folder, hypothesis)),
         load_mesh_error(context.out, hypothesis),
         noise_of(context.study),
         hypothesis,
     )
+    return found if box is None else replace(found, prior=found.prior.within(box))
 
 
 def posterior_of(

@@ -15,6 +15,7 @@ from calib.study.artifacts import hash_of_file, plain, read_json
 from calib.study.config import Study
 from calib.study.context import Context, stream
 from calib.study.data_stage import StudyData, load_data
+from calib.study.local_design import LOCAL, kept_box
 from calib.study.posterior_setup import emulator_posterior
 from calib.study.sample_stage import load_samples, samples_path
 from calib.study.sections import Hypothesis
@@ -86,6 +87,7 @@ def _hypothesis(
             key: diagnostics[key] for key in ("n_train", "n_excluded", "leave_one_out", "held_out")
         },
         "emulator_failures": diagnostics["failures"],
+        "emulator_box": kept_box(out, hypothesis),
         "sampling": {
             "status": str(result.status),
             "message": result.message,
@@ -99,4 +101,6 @@ def _hashes(out: Path, study: Study) -> dict[str, str]:
     paths = [out / "data.npz", out / "data.json", out / "map.json"]
     for hypothesis in study.hypotheses:
         paths += [emulator_path(out, hypothesis), samples_path(out, hypothesis)]
+        if kept_box(out, hypothesis) is not None:
+            paths.append(emulator_path(out / LOCAL, hypothesis))
     return {path.relative_to(out).as_posix(): hash_of_file(path) for path in paths}

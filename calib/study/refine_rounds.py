@@ -27,6 +27,18 @@ class Round(NamedTuple):
     """runs chosen"""
     x: tuple[str, ...]
     """coordinates that may move: of the first look, which is by the forces, without the field's"""
+    by_processes: Array
+    """(n,) the part of the shift that the emulator's processes foretell"""
+    by_stated: Array
+    """(n,) the part by the errors that the emulator states"""
+    by_runs: Array
+    """(n,) the part by its errors at runs left out where the posterior is; NaN without any"""
+    sd_ratio: Array
+    """(n,) SD of the posterior over what it were without the errors stated"""
+    box: Array | None
+    """(d, 2) where the emulator is known; None: in the prior's box"""
+    mass_beyond: float
+    """share of the posterior beyond that box"""
 
 
 @dataclass(frozen=True)
@@ -40,6 +52,12 @@ class Loop:
     """by which each round looked"""
     done: bool = False
     """whether the posterior mean has had its last run"""
+    box: Array | None = None
+    """(d, 2) of the second design, once there is one"""
+    n_boxes: int = 0
+    """second designs so far"""
+    local: tuple[int, ...] = ()
+    """rows of `ratios` that belong to second designs"""
 
 
 def described(
@@ -60,6 +78,9 @@ def described(
     )
     return {
         "ratios": loop.ratios,
+        "local": loop.local,
+        "box": loop.box,
+        "mass_beyond": loop.rounds[-1].mass_beyond,
         "rounds": rounds,
         "limit": STOP_BELOW,
         "units": {

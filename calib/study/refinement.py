@@ -11,8 +11,9 @@ from calib.inference.forward import EmulatorForward
 from calib.inference.posterior import Posterior
 from calib.inference.quadrature import Quadrature, integrate
 from calib.study.judgement import Noise
+from calib.study.seen_error import SeenShift, seen_shift
 from fe.response import Array
-from surrogate import Emulator, PredictedShift, predicted_shift, propose
+from surrogate import Emulator, PredictedShift, TrainingSet, predicted_shift, propose
 
 N_SAMPLE = 400
 """draws of the posterior among which runs are chosen and by which its shift is predicted"""
@@ -32,7 +33,11 @@ class Outlook:
     x: Array
     """(m, n) draws of the posterior of (ln kappa, r, s, ...)"""
     shift: PredictedShift
-    """of the mean of (ln kappa, r, s, ...)"""
+    """of the mean of (ln kappa, r, s, ...): the larger of the two below"""
+    foretold: PredictedShift
+    """by what the emulator's processes do not know"""
+    seen: SeenShift
+    """by the errors that it states, and those at runs left out"""
 
     def proposals(self, n: int, runs: Array, noise: Noise, rng: np.random.Generator) -> Array:
         """(n, d) points for new runs, apart from the `runs` (k, d) so far; fewer or none left."""
@@ -62,9 +67,13 @@ class Outlook:
 
 
 def outlook(
-    emulator: Emulator, posterior: Posterior, forward: EmulatorForward, rng: np.random.Generator
+    emulator: Emulator,
+    runs: TrainingSet,
+    posterior: Posterior,
+    forward: EmulatorForward,
+    rng: np.random.Generator,
 ) -> Outlook:
-    """Sample the posterior whose forward model is `forward`, that of the emulator.
+    """Sample the posterior whose forward model is `forward`, that of the emulator of the `runs`.
 
     The sample is drawn from the nodes of a quadrature, by their weights: independent draws.
     """
@@ -77,5 +86,7 @@ def outlook(
     def log_likelihood(unit_force: Array, weights: Array | None) -> Array:
         return posterior.likelihood.log_prob_of(theta, forward.stated(theta, unit_force, weights))
 
-    shift = predicted_shift(emulator, inputs, log_likelihood, N_DRAWS, rng, quantities=x)
-    return Outlook(emulator, quadrature, x, shift)
+    foretold = predicted_shift(emulator, inputs, log_likelihood, N_DRAWS, rng, quantities=x)
+    seen = seen_shift(emulator, runs, posterior.likelihood, forward, x)
+    shift = PredictedShift(np.maximum(foretold.shift, seen.total))
+    return Outlook(emulator, quadrature, x, shift, foretold, seen)

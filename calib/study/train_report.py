@@ -16,7 +16,14 @@ from calib.study.emulator_tables import emulator_tables
 from calib.study.figure_style import save_png
 from calib.study.force_figures import EmulatorErrors, emulator_errors
 from calib.study.tables import texts
-from calib.study.train_stage import DIAGNOSTICS, FIRST, emulator_path, load_diagnostics, load_maps
+from calib.study.train_stage import (
+    DIAGNOSTICS,
+    FIRST,
+    emulator_path,
+    load_diagnostics,
+    load_local_diagnostics,
+    load_maps,
+)
 from fe.response import Array
 
 WORST = "emulator_worst.png"
@@ -53,7 +60,7 @@ def refuse_bad_emulators(context: Context) -> None:
     Raises EmulatorRefused with the first violation, what to do, and the figure that shows where.
     """
     diagnostics = load_diagnostics(context.out)
-    failures = failures_of(diagnostics)
+    failures = failures_of({**diagnostics, **load_local_diagnostics(context.out)})
     if not failures:
         return
     figure = context.out / WORST

@@ -14,6 +14,7 @@ from calib.study.campaign_tables import label_of
 from calib.study.config import Study
 from calib.study.context import Context
 from calib.study.judgement import judge, one_line
+from calib.study.local_design import LOCAL, REFINEMENT, inside, within
 from calib.study.sections import Hypothesis
 from calib.study.simulate_stage import load_design
 from calib.study.training_runs import held_out_set, partial_runs, rows, training_set
@@ -37,10 +38,27 @@ class StudyRuns:
 
     training: tuple[Campaign, ...]
     held_out: Campaign
+    box: Array | None = None
+    """(d, 2) outside which runs count for nothing, see `calib.study.local_design`"""
 
     def training_set(self, study: Study) -> TrainingSet:
         """The complete ones of those that train, with derivatives if the study wants them."""
-        return training_set(self.training, gradients=study.emulator.gradients)
+        found = training_set(self.training, gradients=study.emulator.gradients)
+        return within(found, self.box)
+
+    def held_out_set(self) -> TrainingSet | None:
+        """The complete ones of those that judge; None without any."""
+        found = held_out_set(self.held_out)
+        found = None if found is None else within(found, self.box)
+        return None if found is None or not len(found.ratios) else found
+
+    def campaigns(self) -> list[Campaign]:
+        """All that are in the box."""
+        parts = [*self.training, self.held_out]
+        if self.box is None:
+            return parts
+        kept = [np.flatnonzero(inside(part.theta, self.box)) for part in parts]
+        return [rows(part, own) for part, own in zip(parts, kept, strict=True) if len(own)]
 
 
 def run(context: Context) -> list[Path]:
@@ -68,15 +86,15 @@ def fit_and_judge(
     """
     paths = []
     found = {}
-    for hypothesis in context.study.hypotheses:
+    for hypothesis in (h for h in context.study.hypotheses if h.name in runs):
         parts = runs[hypothesis.name]
-        training, held_out = parts.training_set(context.study), held_out_set(parts.held_out)
+        training, held_out = parts.training_set(context.study), parts.held_out_set()
         tolerance = FIELD_TOLERANCE * FINER ** (rounds or {}).get(hypothesis.name, 0)
         emulator = Emulator.fit(training, context.study.seed, field_tolerance=tolerance)
         path = emulator_path(folder, hypothesis)
         path.parent.mkdir(parents=True, exist_ok=True)
         emulator.save(path)
-        partial = partial_runs(emulator, [*parts.training, parts.held_out])
+        partial = partial_runs(emulator, parts.campaigns())
         judged = judge(emulator, training, held_out, partial, context.study)
         labels = [label_of(p) for p in parameters_of(context.study, hypothesis)]
         found[hypothesis.name] = judged.facts | {"inputs": labels}
@@ -84,7 +102,10 @@ def fit_and_judge(
         write_npz(maps_path(folder, hypothesis), {"points": points, **judged.maps})
         paths += [path, maps_path(folder, hypothesis)]
         line = one_line(judged.diagnostics, judged.facts["n_with_gradients"])
-        context.echo(f"  {hypothesis.name}: {line}")
+        where = "" if parts.box is None else " in the posterior's box"
+        context.echo(f"  {hypothesis.name}{where}: {line}")
+    if not found:
+        return []
     write_json(folder / DIAGNOSTICS, found)
     return [*paths, folder / DIAGNOSTICS]
 
@@ -108,6 +129,16 @@ def load_maps(out: Path, hypothesis: Hypothesis) -> dict[str, Array]:
     """Read points (n_point, 2) mm and maps (n_step, n_point) mm of an emulator's error."""
     with np.load(maps_path(out, hypothesis), allow_pickle=False) as stored:
         return {name: stored[name] for name in stored.files}
+
+
+def load_local_diagnostics(out: Path) -> dict[str, dict[str, Any]]:
+    """Read those of emulators of posteriors' boxes, of the hypotheses that have one."""
+    boxes = read_json(out / REFINEMENT)
+    names = [name for name, found in boxes.items() if found.get("box") is not None]
+    if not names:
+        return {}
+    found = load_diagnostics(out / LOCAL)
+    return {f"{name} in its box": found[name] for name in names}
 
 
 def load_diagnostics(out: Path) -> dict[str, dict[str, Any]]:

@@ -25,6 +25,10 @@ class Design:
     n_refine: Annotated[int, Field(ge=3)] = 8
     """largest number of runs added where the posterior is, for each hypothesis; fewer when its mean
     will not move any more"""
+    n_local: Annotated[int, Field(ge=0, le=256)] = 16
+    """number of runs (0: none) of a second design in the posterior's box, where the data have a
+    field and this box is less than a tenth of the prior's; the emulator that is sampled then learns
+    from the runs in it"""
     r: tuple[float, float] | None = None
     """two numbers: the range of r, where priors of the constants would leave a wider one"""
     s: tuple[float, float] | None = None

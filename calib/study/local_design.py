@@ -1,0 +1,108 @@
+"""A second design where the posterior is, and the emulator that learns from it alone.
+
+Modes of the whole prior leave out, and its processes take for noise, what tells apart the fields of
+a narrow posterior. In the posterior's own box a few runs do better. The emulator trained there
+is known there only: its posterior is the prior's within the box, zero outside, and the share of the
+posterior that this cuts off is held below `MOST_CUT`.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from calib.inference.quadrature import Quadrature
+from calib.study.artifacts import read_json
+from calib.study.sections import Hypothesis
+from fe.response import Array
+from surrogate import TrainingSet, sobol_design
+
+REFINEMENT = "refinement.json"
+LOCAL = "local"
+"""folder of the emulators of posteriors' boxes"""
+WIDTH = 4.5
+"""posterior SDs from the mean to either side; a normal has 7e-6 of its mass beyond"""
+SMALL = 0.1
+"""share of the prior's box below which a second design in the posterior's is worth its runs"""
+MOST_CUT = 1e-4
+"""share of the posterior that a box may leave outside"""
+MOST_BOXES = 3
+"""boxes tried for one posterior"""
+STRIP = 0.1
+"""width of the strips along an edge from which the mass beyond is foretold, shares of the box"""
+
+
+def box_of(found: Quadrature, design_box: Array) -> Array:
+    """(d, 2) range of the emulator's inputs that holds a posterior, within that of the design."""
+    d = len(design_box)
+    mean, sd = found.mean[1 : 1 + d], found.sd[1 : 1 + d]
+    low, high = mean - WIDTH * sd, mean + WIDTH * sd
+    return np.column_stack([np.maximum(low, design_box[:, 0]), np.minimum(high, design_box[:, 1])])
+
+
+def is_small(box: Array, design_box: Array) -> bool:
+    """Whether a box is so much smaller than the design's that it deserves runs of its own."""
+    return bool(np.prod(np.ptp(box, axis=1) / np.ptp(design_box, axis=1)) < SMALL)
+
+
+def mass_beyond(found: Quadrature, box: Array, design_box: Array) -> float:
+    """Share of a posterior beyond the edges of the box in which it is known.
+
+    From its mass in two strips along each edge: an exponential through both, gone on with outside.
+    Where the logarithm of the density of an input is concave that is more than there is. Edges that
+    are the design's own cut nothing. 1 where the density does not fall towards an edge.
+    """
+    total = 0.0
+    for axis, (low, high) in enumerate(box):
+        at = found.x[:, 1 + axis]
+        for edge, sign, end in ((low, 1.0, 0), (high, -1.0, 1)):
+            if edge != design_box[axis, end]:
+                total += _beyond(sign * (at - edge), found.weights, STRIP * (high - low))
+    return min(total, 1.0)
+
+
+def _beyond(depth: Array, weights: Array, strip: float) -> float:
+    """Mass at negative depths (m,) of what has these weights (m,) at positive ones."""
+    order = np.argsort(depth)
+    sorted_depth, mass = depth[order], np.cumsum(weights[order])
+    ends = np.searchsorted(sorted_depth, [strip, 2.0 * strip])
+    if not 0 < ends[0] < ends[1] < len(depth):
+        return 1.0
+    # Strips end between two nodes, where the mass of those before is the integral's.
+    first, second = 0.5 * (sorted_depth[ends - 1] + sorted_depth[ends])
+    outer, both = mass[ends - 1]
+    if not both > outer > 0.0:
+        return 0.0 if both == 0.0 or outer == 0.0 else 1.0
+    rate = np.log((both - outer) / (second - first) * first / outer) / (0.5 * second)
+    if not rate > 0.0:
+        return 1.0
+    half = 0.5 * rate * first
+    at_edge = outer / first * np.exp(-half) * half / np.sinh(half)
+    return float(at_edge / rate)
+
+
+def local_points(box: Array, n: int, seed: int) -> Array:
+    """(n, d) design of a box: corners, as far as they are a quarter of it, then Sobol points."""
+    corners = min(2 ** len(box), n // 4)
+    return sobol_design(n, box, seed, n_corners=corners)
+
+
+def within(runs: TrainingSet, box: Array | None) -> TrainingSet:
+    """The runs inside a box, its edges included; all where there is none."""
+    if box is None:
+        return runs
+    return runs.subset(np.flatnonzero(inside(runs.ratios, box)))
+
+
+def inside(points: Array, box: Array) -> Array:
+    """(n,) whether points (n, d) are in a box (d, 2), up to rounding."""
+    slack = 1e-9 * np.ptp(box, axis=1)
+    kept: Array = ((points >= box[:, 0] - slack) & (points <= box[:, 1] + slack)).all(axis=1)
+    return kept
+
+
+def kept_box(out: Path, hypothesis: Hypothesis) -> Array | None:
+    """The box of the emulator from which a hypothesis is sampled; None: the prior's."""
+    box = read_json(out / REFINEMENT)[hypothesis.name].get("box")
+    return None if box is None else np.asarray(box, dtype=float)

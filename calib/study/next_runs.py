@@ -1,0 +1,95 @@
+"""Which runs a look at the posterior asks for: at its mean, in its box, or where they tell most."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from calib.study.judgement import Noise
+from calib.study.local_design import (
+    MOST_BOXES,
+    MOST_CUT,
+    box_of,
+    is_small,
+    local_points,
+    mass_beyond,
+)
+from calib.study.refine_rounds import Loop, Round
+from calib.study.refinement import Outlook
+from fe.response import Array
+
+BATCH = 2
+"""runs of one round: each is chosen knowing where the others of its round are, not what they say"""
+
+
+@dataclass(frozen=True)
+class Choice:
+    """What a study allows."""
+
+    design: Array
+    """(n, d) training runs over the whole box"""
+    box: Array
+    """(d, 2) of the design"""
+    noise: Noise
+    n_refine: int
+    """most runs one by one, the last one at the mean included"""
+    n_local: int
+    """runs of a second design; 0: none is made"""
+    seed: int
+
+    def next_runs(self, loop: Loop, found: Outlook, rng: np.random.Generator) -> Loop:
+        """The loop with the runs that `found` asks for.
+
+        First one at the mean; then a second design, where the posterior's box is small, and another
+        one where that turns out to hold too little of the posterior; then where runs take most
+        variance away until the mean rests or there are enough; at the end one at the mean.
+        """
+        beyond = 0.0 if loop.box is None else mass_beyond(found.quadrature, loop.box, self.box)
+        first, moved = not len(loop.ratios), box_of(found.quadrature, self.box)
+        if loop.box is None:
+            moves = not first and self.n_local > 0 and is_small(moved, self.box)
+        else:
+            moves = beyond > MOST_CUT and loop.n_boxes < MOST_BOXES
+        n = len(loop.ratios)
+        if moves:
+            added = local_points(moved, self.n_local, self.seed + 1 + loop.n_boxes)
+            places = tuple(range(n, n + len(added)))
+            after = replace(loop, box=moved, n_boxes=loop.n_boxes + 1, local=(*loop.local, *places))
+        else:
+            added, last = self._one_by_one(loop, found, rng)
+            after = replace(loop, done=last)
+        return replace(
+            after,
+            ratios=np.concatenate([loop.ratios, added]),
+            rounds=(*loop.rounds, _facts(found, loop, len(added), beyond)),
+            emulators=(*loop.emulators, found.emulator),
+        )
+
+    def _one_by_one(
+        self, loop: Loop, found: Outlook, rng: np.random.Generator
+    ) -> tuple[Array, bool]:
+        """Runs where they tell most, or one at the mean; whether it is the last."""
+        first = not len(loop.ratios)
+        n_left = self.n_refine - (len(loop.ratios) - len(loop.local)) - 1  # the last is at the mean
+        last = not first and (found.shift.is_small or n_left < 1)
+        if first or last:
+            return found.mean[None], last
+        runs = np.concatenate([self.design, loop.ratios])
+        proposed = found.proposals(min(BATCH, n_left), runs, self.noise, rng)
+        return (proposed, False) if len(proposed) else (found.mean[None], True)
+
+
+def _facts(found: Outlook, loop: Loop, n_added: int, beyond: float) -> Round:
+    return Round(
+        n_train=found.emulator.header.n_train,
+        predicted_shift=found.shift.shift,
+        n_added=n_added,
+        x=("ln kappa", *found.quadrature.space.x_names[1:]),
+        by_processes=found.foretold.shift,
+        by_stated=found.seen.stated,
+        by_runs=found.seen.seen,
+        sd_ratio=found.seen.sd_ratio,
+        box=loop.box,
+        mass_beyond=beyond,
+    )

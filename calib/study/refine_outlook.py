@@ -1,0 +1,122 @@
+"""One look at the posterior in the stage `refine`: by all runs so far and all that is known."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+from calib.inference.forward import EmulatorForward
+from calib.inference.likelihood import build_likelihood
+from calib.inference.posterior import Posterior
+from calib.study.context import Context, stream
+from calib.study.data_stage import load_data
+from calib.study.local_design import within
+from calib.study.mesh_error import MeshError, check_folder, mesh_error
+from calib.study.posterior_setup import noise_of, sizes_of
+from calib.study.refine_rounds import Loop
+from calib.study.refinement import Outlook, outlook
+from calib.study.sections import Hypothesis
+from calib.study.train_stage import FIRST, design_runs, load_emulator
+from calib.study.training_runs import rows
+from calib.study.unknowns import parameters_of, prior_of
+from fe.campaign import CampaignPlan, load_campaign
+from fe.campaign_result import Campaign
+from fe.response import Array
+from surrogate import Emulator, ScaledEmulator, TrainingSet
+
+CHECKED = [0, -1]
+"""runs at which the error of the mesh is measured: the posterior mean, first and last"""
+NOMINAL_FORCE_ERROR = 0.02
+"""relative error of the force that stands in for the mesh's until it is measured"""
+NOMINAL_FIELD_ERROR = 0.005
+"""the same for the field, mm"""
+
+
+def refine_folder(out: Path, hypothesis: Hypothesis) -> Path:
+    """Where the runs at the posterior are kept."""
+    return out / "refine" / hypothesis.name
+
+
+def check_plan(context: Context, hypothesis: Hypothesis, ratios: Array) -> CampaignPlan:
+    """Runs on the finer mesh."""
+    model = context.model(hypothesis, context.study.check_cells(hypothesis))
+    folder = check_folder(context.out, hypothesis)
+    return CampaignPlan(
+        model,
+        ratios,
+        folder,
+        parameters=parameters_of(context.study, hypothesis),
+        max_failure_rate=1.0,
+    )
+
+
+def plan(context: Context, hypothesis: Hypothesis, ratios: Array) -> CampaignPlan:
+    """Runs at the posterior."""
+    return CampaignPlan(
+        context.sampling_model(hypothesis),
+        ratios,
+        refine_folder(context.out, hypothesis),
+        parameters=parameters_of(context.study, hypothesis),
+        design={"kind": "posterior", "seed": context.study.seed},
+        max_failure_rate=1.0,  # held against the rate of all runs by `refine_stage`
+    )
+
+
+def forces_of(runs: TrainingSet) -> TrainingSet:
+    """The same runs without their fields."""
+    return replace(runs, displacement=None, displacement_gradient=None)
+
+
+def look(context: Context, hypothesis: Hypothesis, loop: Loop) -> Outlook:
+    """The posterior by the runs so far and what is known of the mesh's error.
+
+    Before any run at the posterior: by the first emulator and the forces alone, as a first emulator
+    cannot tell the narrow region that a field leaves. Once there is a second design: by the runs in
+    its box, within it.
+    """
+    study, dataset = context.study, load_data(context.out).dataset
+    mesh = None
+    if not len(loop.ratios):
+        emulator = replace(
+            load_emulator(context.out / FIRST, hypothesis), field=None, field_shape=None
+        )
+        runs = forces_of(design_runs(context, hypothesis).training_set(study))
+        dataset = replace(dataset, field=None)
+    else:
+        added = load_campaign(plan(context, hypothesis, loop.ratios))
+        runs = within(design_runs(context, hypothesis, added).training_set(study), loop.box)
+        if dataset.field is None:  # the field would take most of the time and enter nothing
+            runs = forces_of(runs)
+        emulator = Emulator.fit(runs, study.seed)
+        mesh = _first_mesh_error(context, hypothesis, added)
+    forward = EmulatorForward(
+        ScaledEmulator(emulator),
+        with_field=dataset.field is not None,
+        correction=None if mesh is None else mesh.correction,
+    )
+    prior = prior_of(study, hypothesis, with_field=dataset.field is not None)
+    likelihood = build_likelihood(
+        dataset,
+        forward,
+        noise_of(study),
+        force_discretisation=NOMINAL_FORCE_ERROR if mesh is None else mesh.force,
+        field_floor=NOMINAL_FIELD_ERROR if mesh is None else mesh.field_floor,
+        field_patterns=None if mesh is None else mesh.field_patterns,
+        unknown=sizes_of(prior),
+    )
+    if loop.box is not None:
+        prior = prior.within(loop.box)
+    rng = stream(study, f"outlook {hypothesis.name} {len(loop.rounds)}")
+    return outlook(emulator, runs, Posterior(prior, likelihood), forward, rng)
+
+
+def _first_mesh_error(
+    context: Context, hypothesis: Hypothesis, added: Campaign
+) -> MeshError | None:
+    """As the first run says; None when it did not reach the last increment on both meshes."""
+    fine = load_campaign(check_plan(context, hypothesis, added.theta[CHECKED[:1]]))
+    coarse = rows(added, CHECKED[:1])
+    if not (fine.reached & coarse.reached).any():
+        return None
+    refinement = context.study.refinement(hypothesis)
+    return mesh_error(fine, coarse, refinement, hypothesis.name)
