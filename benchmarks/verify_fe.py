@@ -26,7 +26,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from benchmarks import convergence_study, grid_convergence, taylor
+from benchmarks import convergence_study, grid_convergence, mesh_uncertainty, taylor
 from benchmarks.stuck_patch import StuckPatch, press
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -94,8 +94,9 @@ def taylor_orders(settings: Settings) -> dict[str, Any]:
 
 
 def gci(settings: Settings) -> dict[str, Any]:
-    """Grid convergence index of the force by contact and increment."""
-    return grid_convergence.figures(settings.runs / "gci")
+    """Grid convergence index, and uncertainty by least squares, by contact and increment."""
+    folder = settings.runs / "gci"
+    return grid_convergence.figures(folder) | mesh_uncertainty.figures(folder)
 
 
 def sobol(settings: Settings) -> dict[str, Any]:
