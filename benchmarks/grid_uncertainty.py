@@ -14,6 +14,12 @@ U is meant to hold the error in 95 of 100 cases (what it holds of made-up data, 
 The size of a mesh is h = (volume / elements)^(1/3), which assumes that all meshes divide the body
 alike, or that what differs, such as the share of elements along a bar, adds no more than scatter.
 
+The published procedure leaves the order free.  Meshes that differ by scatter more than by size,
+within a small range of sizes, then get any order, and a limit far away: U up to a hundred times
+what the meshes differ by.  `interval` takes the orders 1 and 2, as an index of three meshes does,
+and scatter as independent of the mesh: the distance from the limit of the line over h^p through all
+meshes, and Student's 95 % of the limit, the larger of both orders.
+
 Of a field, either each value has its own fit, or all share order, family and weight: then every
 value keeps its own alpha and limit, with their signs, and sigma, eps, d and Delta are RMS over the
 values, so that U bounds an RMS.  Thousands of values tell an order far better than one, and where a
@@ -26,6 +32,7 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from scipy.stats import t as student_t
 
 Array = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -74,10 +81,7 @@ def uncertainty(values: Array, h: Array, mesh: int, *, together: bool = False) -
     `together` takes the values as one quantity, measured by its RMS.  Raises ValueError for fewer
     than four meshes, and for sizes that are not positive.
     """
-    if len(h) < FEWEST or values.shape[0] != len(h):
-        raise ValueError(f"values: expected {FEWEST} meshes or more, found {values.shape[0]}")
-    if not (h > 0.0).all():
-        raise ValueError(f"h: expected positive sizes of meshes, found {h.min():g}")
+    _check(values, h)
     size = h / h.min()
     weights = np.array([np.ones(len(h)), (1.0 / size) * len(h) / (1.0 / size).sum()])
     free = _best([_free_order(values, size, w, together) for w in weights])
@@ -100,6 +104,30 @@ def uncertainty(values: Array, h: Array, mesh: int, *, together: bool = False) -
         factor * error + fit.sigma + off,
     )
     return Uncertainty(u, error, fit.sigma, free.order, scatters & (spread > 0.0))
+
+
+def interval(values: Array, h: Array, mesh: int, *, together: bool = False) -> Array:
+    """(n,) bound of the error of one of the meshes for errors of order 1 to 2 and scatter.
+
+    Of values (n_mesh, n_value) at sizes h (n_mesh,), in their unit; `together` as in `uncertainty`.
+    Raises ValueError for fewer than four meshes, and for sizes that are not positive.
+    """
+    _check(values, h)
+    found = []
+    for order in (1.0, FORMAL_ORDER):
+        size = (h / h.min()) ** order
+        fit = _fixed_orders(values, size, np.ones(len(h)), (1.0,), together)
+        of_limit = np.sqrt(1.0 / len(h) + size.mean() ** 2 / ((size - size.mean()) ** 2).sum())
+        wide = float(student_t.ppf(0.975, len(h) - 2)) * fit.sigma * of_limit
+        found.append(_size(np.abs(fit.error[mesh] + fit.off[mesh]), together) + wide)
+    return np.maximum(*found)
+
+
+def _check(values: Array, h: Array) -> None:
+    if len(h) < FEWEST or values.shape[0] != len(h):
+        raise ValueError(f"values: expected {FEWEST} meshes or more, found {values.shape[0]}")
+    if not (h > 0.0).all():
+        raise ValueError(f"h: expected positive sizes of meshes, found {h.min():g}")
 
 
 def mesh_size(volume: float, elements: int) -> float:

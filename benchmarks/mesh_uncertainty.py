@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from benchmarks.grid_uncertainty import FEWEST, mesh_size, uncertainty
+from benchmarks.grid_uncertainty import FEWEST, interval, mesh_size, uncertainty
 from benchmarks.mesh_convergence import RATIOS, TRAVEL, Case, Mesh, fitting, simulate
 from fe import BlockPin, Contact, Response
 from fe.specimens.block_pin_mesh import block_mesh
@@ -38,6 +38,10 @@ class Bounds(NamedTuple):
     field: Array
     """mm, RMS over points and components"""
     field_order: Array
+    force_interval: Array
+    """%, with order 1 to 2"""
+    field_interval: Array
+    """mm"""
 
 
 def bounds(case: Case, meshes: Sequence[Mesh], runs: Sequence[Response], mesh: int) -> Bounds:
@@ -52,15 +56,15 @@ def bounds(case: Case, meshes: Sequence[Mesh], runs: Sequence[Response], mesh: i
     force = np.array([run.force for run in runs])
     fields = np.array([run.displacement for run in runs])
     by_force = uncertainty(force, h, mesh)
-    by_field = [
-        uncertainty(fields[:, i].reshape(len(runs), -1), h, mesh, together=True)
-        for i in range(fields.shape[1])
-    ]
+    flat = [field.reshape(len(runs), -1) for field in np.moveaxis(fields, 1, 0)]
+    by_field = [uncertainty(field, h, mesh, together=True) for field in flat]
     return Bounds(
         100.0 * by_force.u / force[mesh],
         by_force.order,
         np.concatenate([one.u for one in by_field]),
         np.concatenate([one.order for one in by_field]),
+        100.0 * interval(force, h, mesh) / force[mesh],
+        np.concatenate([interval(field, h, mesh, together=True) for field in flat]),
     )
 
 
@@ -77,13 +81,17 @@ def table(case: Case, meshes: Sequence[Mesh], runs: Sequence[Response]) -> str:
     if len(meshes) < FEWEST:
         return ""
     heads = [*(f"force {d} %" for d in TRAVEL), *(f"field {d} mm" for d in TRAVEL)]
-    lines = ["| least squares | " + " | ".join(heads) + " |", "|---" * (len(heads) + 1) + "|"]
-    for i, mesh in enumerate(meshes):
-        found = bounds(case, meshes, runs, i)
-        cells = [f"{u:.2f}" for u in found.force] + [f"{u:.4f}" for u in found.field]
-        lines.append(f"| {mesh} | " + " | ".join(cells) + " |")
-    orders = [f"{p:.1f}" for p in (*found.force_order, *found.field_order)]
-    return "\n".join([*lines, "| order | " + " | ".join(orders) + " |"])
+    lines = ["| bounds | " + " | ".join(heads) + " |", "|---" * (len(heads) + 1) + "|"]
+    found = [bounds(case, meshes, runs, i) for i in range(len(meshes))]
+    for mesh, of in zip(meshes, found, strict=True):
+        lines.append(_line(f"{mesh}: free order", of.force, of.field))
+        lines.append(_line(f"{mesh}: order 1 to 2", of.force_interval, of.field_interval))
+    orders = [f"{p:.1f}" for p in (*found[0].force_order, *found[0].field_order)]
+    return "\n".join([*lines, "| free order | " + " | ".join(orders) + " |"])
+
+
+def _line(name: str, force: Array, field: Array) -> str:
+    return f"| {name} | " + " | ".join([*(f"{u:.2f}" for u in force), *(f"{u:.4f}" for u in field)])
 
 
 def figures(folder: Path) -> dict[str, Any]:
@@ -95,6 +103,8 @@ def figures(folder: Path) -> dict[str, Any]:
             "force_uncertainty_order",
             "field_uncertainty_mm",
             "field_uncertainty_order",
+            "force_interval_percent",
+            "field_interval_mm",
             "uncertainty_meshes",
         )
     }
@@ -105,6 +115,6 @@ def figures(folder: Path) -> dict[str, Any]:
         runs = [simulate(folder, case, mesh, RATIOS) for mesh in meshes]
         of = bounds(case, meshes, runs, meshes.index(own))
         found["uncertainty_meshes"][name] = [[*mesh.numbers] for mesh in (own, *meshes)]
-        for key, values in zip(list(found)[:4], of, strict=True):
+        for key, values in zip(list(found)[:6], of, strict=True):
             found[key][name] = dict(zip(map(str, TRAVEL), values.tolist(), strict=True))
     return found

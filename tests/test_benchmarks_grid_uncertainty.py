@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from benchmarks.grid_uncertainty import mesh_size, uncertainty
+from benchmarks.grid_uncertainty import interval, mesh_size, uncertainty
 
 FIVE = 10.0 / np.array([10.0, 12.0, 14.0, 16.0, 18.0])
 """sizes of meshes; the last, of 0.56, is the finest"""
@@ -72,6 +72,25 @@ def test_of_errors_of_first_order_with_a_little_scatter_it_holds_fewer_but_nearl
     assert held(made(FIVE, 1.0, 0.3, seed=2), FIVE)[0] > 0.93
 
 
+@pytest.mark.parametrize("order", [1.0, 1.5, 2.0, 3.0])
+@pytest.mark.parametrize("noise", [0.02, 0.1, 0.3, 1.0, 10.0])
+def test_the_interval_of_orders_one_to_two_holds_at_least_95_percent(order, noise):
+    """Two standard errors of the 600 draws are left."""
+    values = made(FIVE, order, noise, seed=5)
+    assert (np.abs(values[-1] - TRUTH) <= interval(values, FIVE, -1)).mean() > 0.93
+
+
+@pytest.mark.parametrize("order", [1.0, 1.5, 2.0])
+def test_the_interval_without_scatter_lies_between_the_errors_of_both_orders(order):
+    error = SHARE * FIVE[-1] ** order
+    found = interval(made(FIVE, order), FIVE, -1)
+    assert (found >= 0.999 * error).all()
+    assert (found < 3.0 * error).all()
+    np.testing.assert_allclose(
+        found, interval(made(FIVE, order), FIVE, -1, together=True), rtol=1e-12
+    )
+
+
 def test_meshes_that_scatter_without_converging_get_a_wide_bound():
     values = made(FIVE, 2.0, 1.0, seed=3)
     found = uncertainty(values, FIVE, -1)
@@ -126,6 +145,8 @@ def test_equal_values_have_no_uncertainty():
 def test_three_meshes_and_impossible_sizes_are_refused():
     with pytest.raises(ValueError, match="4 meshes or more, found 3"):
         uncertainty(np.ones((3, 1)), FIVE[:3], 0)
+    with pytest.raises(ValueError, match="4 meshes or more, found 3"):
+        interval(np.ones((3, 1)), FIVE[:3], 0)
     with pytest.raises(ValueError, match="positive"):
         uncertainty(np.ones((4, 1)), np.array([1.0, 2.0, 3.0, 0.0]), 0)
 
