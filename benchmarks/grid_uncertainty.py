@@ -130,9 +130,9 @@ def _check(values: Array, h: Array) -> None:
         raise ValueError(f"h: expected positive sizes of meshes, found {h.min():g}")
 
 
-def mesh_size(volume: float, elements: int) -> float:
-    """Representative size, mm, of a mesh of `volume` mm3."""
-    return float((volume / elements) ** (1.0 / 3.0))
+def mesh_size(measure: float, elements: int, dimensions: int = 3) -> float:
+    """Representative size, mm, of a mesh of so many mm3, or mm2 in two dimensions."""
+    return float((measure / elements) ** (1.0 / dimensions))
 
 
 def _size(x: Array, together: bool) -> Array:

@@ -69,11 +69,14 @@ def bounds(case: Case, meshes: Sequence[Mesh], runs: Sequence[Response], mesh: i
 
 
 def size(case: Case, mesh: Mesh) -> float:
-    """Representative size, mm."""
+    """Representative size, mm; in plane strain of the one layer of elements."""
     specimen = BlockPin(pin=case.pin)
     contact = Contact(case.interface, case.interface)
     elements = block_mesh(specimen, "quarter", mesh.cells, contact).nelements
-    return mesh_size(specimen.width * specimen.height * specimen.depth / 4.0, elements)
+    area = specimen.width * specimen.height / 2.0
+    if case.plane_strain:
+        return mesh_size(area, elements, dimensions=2)
+    return mesh_size(area * specimen.depth / 2.0, elements)
 
 
 def table(case: Case, meshes: Sequence[Mesh], runs: Sequence[Response]) -> str:

@@ -153,3 +153,4 @@ def test_three_meshes_and_impossible_sizes_are_refused():
 
 def test_the_size_of_a_mesh_falls_as_its_elements_shrink():
     np.testing.assert_allclose(mesh_size(62.5, 500), 0.5)
+    np.testing.assert_allclose(mesh_size(12.5, 50, dimensions=2), 0.5)
