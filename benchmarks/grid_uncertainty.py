@@ -41,7 +41,7 @@ SAFETY, CAUTIOUS_SAFETY = 1.25, 3.0
 LEAST_ORDER, FORMAL_ORDER, HIGHEST_ORDER = 0.5, 2.0, 2.1
 """below the first no order is believed, above the second one of 1 and 2 is fitted, from the third
 on the factor of safety is the cautious one"""
-ORDERS = np.linspace(0.02, 8.0, 400)
+ORDERS = np.linspace(0.02, 8.0, 134)
 """among which the order that fits best is sought; refined between them"""
 FEWEST = 4
 """meshes: three unknowns and one for their scatter"""
