@@ -109,7 +109,8 @@ def figures(folder: Path) -> dict[str, Any]:
             "field_uncertainty_order",
             "force_interval_percent",
             "field_interval_mm",
-            "uncertainty_meshes",
+            "uncertainty_of_mesh",
+            "uncertainty_from_meshes",
         )
     }
     for case in CASES:
@@ -118,7 +119,8 @@ def figures(folder: Path) -> dict[str, Any]:
         meshes = [Mesh(one, own.step) for one in (*cells, *({own.cells} - {*cells}))]
         runs = [simulate(folder, case, mesh, RATIOS) for mesh in meshes]
         of = bounds(case, meshes, runs, meshes.index(own))
-        found["uncertainty_meshes"][name] = [[*mesh.numbers] for mesh in (own, *meshes)]
+        found["uncertainty_of_mesh"][name] = [*own.numbers]
+        found["uncertainty_from_meshes"][name] = [[*mesh.numbers] for mesh in meshes]
         for key, values in zip(list(found)[:6], of, strict=True):
             found[key][name] = dict(zip(map(str, TRAVEL), values.tolist(), strict=True))
     return found
