@@ -16,13 +16,20 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from benchmarks.mesh_convergence import TRAVEL, Case, Mesh, field_difference, similar, simulate
+from benchmarks.mesh_convergence import (
+    RATIOS,
+    TRAVEL,
+    Case,
+    Mesh,
+    field_difference,
+    similar,
+    simulate,
+)
 from benchmarks.meshes import Pin
 from fe import Response
 
 Array = npt.NDArray[np.float64]
 
-RATIOS = np.array([0.5, 0.05])
 PINS: tuple[Pin, ...] = ("bar", "round")
 CASES = tuple(Case(pin, touch) for pin in PINS for touch in ("slide", "stick", 0.3))
 SAFETY = 1.25

@@ -5,7 +5,8 @@
 
 Runs one mesh after the other in one process with one thread, at kappa = 1 MPa, and prints the
 difference of each from the finest: force in %, field as RMS over the components at 840 points
-in mm.  Every run is kept in the folder, also for `benchmarks.grid_convergence`, under a name that
+in mm; the index of the last three; and the uncertainty of each from all of them, if there are four
+(`benchmarks.mesh_uncertainty`).  Every run is kept in the folder, for both, under a name that
 changes with the model and the code (`benchmarks.run_key`), and not repeated.  Meshes are those of
 a design sample and of a fit and three similar ones, or the given `--cells`, the finest last; under
 a round pin r12x8x2 are 12 rings, 8 layers and 2 elements along an eighth of the rim.
@@ -31,6 +32,8 @@ from fe.steps import StepOptions
 Array = npt.NDArray[np.float64]
 
 TRAVEL = (0.6, 0.8, 1.0, 1.2, 1.4)
+RATIOS = np.array([0.5, 0.05])
+"""(r, s) of every mesh, unless asked otherwise"""
 RUNS = Path(__file__).resolve().parents[1] / "runs" / "verify-fe" / "gci"
 
 
@@ -80,11 +83,19 @@ def similar(case: Case) -> tuple[Mesh, ...]:
     return GLUED if case.interface == "stick" else SLIDING
 
 
-def single(case: Case) -> tuple[Mesh, ...]:
-    """Meshes of a design sample and of a fit."""
+def sampling(case: Case) -> Mesh:
+    """Mesh of a design sample."""
+    return Mesh(SAMPLING_CELLS[_row(case)], 0.05)
+
+
+def fitting(case: Case) -> Mesh:
+    """Mesh of a fit."""
+    return Mesh(FITTING_CELLS[_row(case)], 0.05)
+
+
+def _row(case: Case) -> str:
     touch = {"stick": "stick", "slide": "frictionless"}.get(str(case.interface), "friction")
-    cells = (SAMPLING_CELLS[f"{case.pin}, {touch}"], FITTING_CELLS[f"{case.pin}, {touch}"])
-    return tuple(Mesh(one, 0.05) for one in cells)
+    return f"{case.pin}, {touch}"
 
 
 def simulate(folder: Path, case: Case, mesh: Mesh, ratios: Array) -> Response:
@@ -121,13 +132,16 @@ def field_difference(one: Response, other: Response) -> Array:
 
 def main(arguments: list[str] | None = None) -> None:
     """Print the tables."""
+    from benchmarks.mesh_uncertainty import table  # which needs this module
+
     options = _options(arguments)
     named = options.interface in ("stick", "slide")
     interface = cast(Interface, options.interface if named else float(options.interface))
     case = Case(options.pin, interface, options.plane_strain)
     ratios = np.array(options.ratios)
     family = similar(case)
-    meshes = [*(mesh for mesh in single(case) if mesh not in family), *family]
+    single = (sampling(case), fitting(case))
+    meshes = [*(mesh for mesh in single if mesh not in family), *family]
     if options.cells:
         meshes = [Mesh(cells, options.step) for cells in options.cells]
     print(f"{case}, r = {ratios[0]:g}, s = {ratios[1]:g}, kappa = 1 MPa\n")
@@ -143,6 +157,7 @@ def main(arguments: list[str] | None = None) -> None:
     _print_differences(meshes, runs)
     if len(runs) >= 3:
         _print_index(meshes[-3:], runs[-3:])
+    print("\n" + table(case, meshes, runs))
 
 
 def _print_index(meshes: list[Mesh], runs: list[Response]) -> None:
@@ -162,7 +177,7 @@ def _print_index(meshes: list[Mesh], runs: list[Response]) -> None:
 def _options(arguments: list[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="benchmarks.mesh_convergence")
     parser.add_argument("interface", nargs="?", default="slide")
-    parser.add_argument("ratios", nargs="*", type=float, default=[0.5, 0.05], metavar="r s")
+    parser.add_argument("ratios", nargs="*", type=float, default=RATIOS.tolist(), metavar="r s")
     parser.add_argument("--pin", choices=("bar", "round"), default="bar")
     parser.add_argument("--cells", nargs="+", type=_cells, metavar="12x4x2")
     parser.add_argument("--step", type=float, default=0.05, help="largest, mm, of --cells")

@@ -2,10 +2,10 @@
 
     python -m benchmarks.verify_fe [--only PART ...] [--draws 200] [--workers 1] [--out FILE]
 
-Parts: felupe, calculix, taylor (a minute each), gci (some minutes), sobol (200 draws over pins and
-contacts, 20 of them on the fitting mesh: an hour or more).  Each part replaces its own figures in
-FILE and leaves the others; every simulation of gci and sobol is kept under --runs, so an
-interrupted part goes on where it was.
+Parts: felupe, calculix, taylor (a minute each), gci and bounds (ten minutes each), sobol (200 draws
+over pins and contacts, 20 of them on the fitting mesh: an hour or more).  Each part replaces its
+own figures in FILE and leaves the others; every simulation of gci, bounds and sobol is kept under
+--runs, so an interrupted part goes on where it was.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from benchmarks import convergence_study, grid_convergence, taylor
+from benchmarks import convergence_study, grid_convergence, mesh_uncertainty, taylor
 from benchmarks.stuck_patch import StuckPatch, press
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -94,8 +94,13 @@ def taylor_orders(settings: Settings) -> dict[str, Any]:
 
 
 def gci(settings: Settings) -> dict[str, Any]:
-    """Grid convergence index of the force by contact and increment."""
+    """Grid convergence index of force and field by contact and increment."""
     return grid_convergence.figures(settings.runs / "gci")
+
+
+def bounds(settings: Settings) -> dict[str, Any]:
+    """Uncertainty of the bar's fitting meshes by least squares, by contact and increment."""
+    return mesh_uncertainty.figures(settings.runs / "gci")
 
 
 def sobol(settings: Settings) -> dict[str, Any]:
@@ -108,6 +113,7 @@ PARTS: dict[str, Callable[[Settings], dict[str, Any]]] = {
     "calculix": calculix,
     "taylor": taylor_orders,
     "gci": gci,
+    "bounds": bounds,
     "sobol": sobol,
 }
 

@@ -8,7 +8,14 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from benchmarks import convergence_study, grid_convergence, taylor, verify_fe
+from benchmarks import (
+    convergence_study,
+    grid_convergence,
+    mesh_convergence,
+    mesh_uncertainty,
+    taylor,
+    verify_fe,
+)
 from benchmarks.convergence_study import HIGH, LOW, draws
 from benchmarks.grid_convergence import index_percent
 from benchmarks.mesh_convergence import similar
@@ -147,3 +154,33 @@ def test_indices_of_force_and_field_cover_errors_of_second_order(tmp_path, monke
         np.testing.assert_allclose(list(force.values()), 125 * error / (1 + error), rtol=1e-5)
         np.testing.assert_allclose(list(field.values()), 1.25 * 0.001, rtol=1e-5)
         assert all(found["force_gci_monotone"][contact].values())
+
+
+def test_bounds_of_the_fitting_mesh_cover_errors_of_second_order(tmp_path, monkeypatch):
+    """With errors C h^2 by the number of elements the bound is 1.25 times the fitting mesh's."""
+
+    def error(mesh):
+        return np.prod(mesh.numbers, dtype=float) ** (-2.0 / 3.0)
+
+    def simulate(folder, case, mesh, ratios):
+        force = np.linspace(100.0, 900.0, 5) * (1.0 + error(mesh))
+        field = np.full((5, 7, 3), 0.4)
+        field[..., 1] -= 0.02 * error(mesh)
+        return SimpleNamespace(force=force, displacement=field)
+
+    monkeypatch.setattr(mesh_uncertainty, "simulate", simulate)
+    found = mesh_uncertainty.figures(tmp_path)
+    for case in mesh_uncertainty.CASES:
+        left = error(mesh_convergence.fitting(case))
+        force = list(found["force_uncertainty_percent"][str(case)].values())
+        field = list(found["field_uncertainty_mm"][str(case)].values())
+        np.testing.assert_allclose(force, 125.0 * left / (1.0 + left), rtol=5e-3)
+        np.testing.assert_allclose(field, 1.25 * 0.02 * left / np.sqrt(3.0), rtol=5e-3)
+
+
+def test_bounds_of_a_run_that_stopped_are_refused():
+    case = mesh_uncertainty.CASES[0]
+    meshes = [mesh_convergence.Mesh((n, n, 1), 0.05) for n in (2, 3, 4, 5)]
+    run = SimpleNamespace(force=np.array([1.0, np.nan]), reached=1.33)
+    with pytest.raises(ValueError, match=r"found 1\.33 mm of 2 x 2 x 1"):
+        mesh_uncertainty.bounds(case, meshes, [run] * 4, 0)
