@@ -11,7 +11,7 @@ import numpy.typing as npt
 from fe import contact, friction
 from fe.contact import Faces
 from fe.contact_memory import ContactMemory
-from fe.contact_slopes import contact_pull
+from fe.contact_slopes import add_to_nodes, contact_pull
 from fe.coupled_tangent import CoupledTangent
 from fe.directions import Directions
 from fe.discretisation import Pattern, add_entries, sum_to_nodes
@@ -164,7 +164,7 @@ class Potential:
         """
         problem = self.problem
         faces = problem.faces
-        pull = np.zeros(slopes.points.shape)
+        pull = np.empty(slopes.points.shape)
         on_pin = contact_pull(
             u,
             faces,
@@ -176,12 +176,8 @@ class Potential:
             slopes,
             pull,
         )
-        flat = pull.reshape(*pull.shape[:2], -1)
-        nodal = np.matmul(faces.shape.transpose(0, 2, 1), flat).reshape(
-            faces.nodes.size, *pull.shape[2:]
-        )
         total = np.zeros((len(u), *pull.shape[2:]))
-        np.add.at(total, faces.nodes.ravel(), nodal)
+        add_to_nodes(faces, pull, total)
         return self.restrict(total), on_pin
 
     def restrict(self, full: Array) -> Array:

@@ -64,7 +64,8 @@ def refusals(error: ValidationError, section_type: type) -> list[Refusal]:
 
 
 def _refusal(detail: Mapping[str, Any], section_type: type) -> Refusal:
-    path: Path = tuple(detail["loc"])
+    # <...> names an alternative of a union, which is no key of the file
+    path: Path = tuple(part for part in detail["loc"] if not str(part).startswith("<"))
     kind = detail["type"]
     found = detail["input"]
     cause = detail.get("ctx", {}).get("error")
@@ -134,6 +135,9 @@ def _key(name: str, field: FieldInfo) -> str:
 
 
 def _section_type(annotation: object) -> object:
-    """The dataclass within `Section`, `Section | None` or `tuple[Section, ...]`."""
-    inner = [part for part in get_args(annotation) if hasattr(part, "__pydantic_fields__")]
-    return inner[0] if inner else annotation
+    """The dataclass within `Section`, `Section | None`, `tuple[Section, ...]` or a union."""
+    for part in get_args(annotation):
+        inner = _section_type(part)
+        if hasattr(inner, "__pydantic_fields__"):
+            return inner
+    return annotation
