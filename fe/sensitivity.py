@@ -71,7 +71,7 @@ class Tangent:
             return self._solve(b, transposed)
         x = np.zeros(b.shape)
         if loaded.any():
-            x[:, loaded] = self._solve(b[:, loaded], transposed)
+            x[:, loaded] = self._solve(b.T[loaded].T, transposed)  # columns, as solvers take them
         return x
 
     def _solve(self, b: Array, transposed: bool) -> Array:

@@ -68,7 +68,7 @@ def residual_slopes(
     n_column = total.shape[2]
     element = _empty_element(n_quad, n_p, along.stretch.shape[2])
     point = _empty_point(along.rows.size)
-    stack = np.empty((3 * n_quad, 3 * n_column))
+    stack = np.empty((n_quad, 9, n_column))
     nodal = np.empty((n_a, 3))
     for e in range(n_elem):
         for a in range(n_a):
@@ -80,7 +80,7 @@ def residual_slopes(
         if along.rates.size > 0:
             _fill_pressure_slopes(H, elements, e, material, along, element)
         _fill_stack(H, elements, e, material, along, element, point, stack)
-        forces = np.dot(G.T, stack)
+        forces = np.dot(G.T, stack.reshape(3 * n_quad, 3 * n_column))
         for a in range(n_a):
             at = elements.nodes[e, a]
             for i in range(3):
@@ -116,7 +116,7 @@ def _fill_stack(
     point: _Point,
     stack: Array,
 ) -> None:
-    """Fill rows 3 q + j, columns [i, c] with the weighted slopes of the stress P_ij, MPa mm3."""
+    """Fill `stack` [q, 3 j + i, c] with the weighted slopes of the stress P_ij, MPa mm3."""
     n_c, n_v = along.laws.size, along.stretch.shape[2]
     separable = is_separable(material.law)
     for q in range(elements.weights.shape[1]):
@@ -128,11 +128,10 @@ def _fill_stack(
         invariants = (0.0, 0.0, 0.0)
         if not separable:
             invariants = invariant_slopes(F, cof, J, point.work)
-        rows = stack[3 * q : 3 * q + 3].reshape(9, n_c + 1 + n_v)
-        _stack_laws(F, J, w, invariants, along, point, rows)
+        _stack_laws(F, J, w, q, invariants, along, point, stack)
         for j in range(3):
             for i in range(3):
-                rows[3 * j + i, n_c] = w * dilating * cof[i, j]
+                stack[q, 3 * j + i, n_c] = w * dilating * cof[i, j]
         if n_v == 0:
             continue
         stress_slopes(
@@ -150,7 +149,7 @@ def _fill_stack(
             point.A,
             point.slopes,
         )
-        _stack_motions(elements.psi[q], w, e, q, cof, along, element, point, rows)
+        _stack_motions(elements.psi, w, e, q, along, element, point, stack)
 
 
 @njit(cache=True)
@@ -229,12 +228,13 @@ def _stack_laws(
     F: Array,
     J: float,
     w: float,
+    q: int,
     invariants: tuple[float, float, float],
     along: Directions,
     point: _Point,
-    rows: Array,
+    stack: Array,
 ) -> None:
-    """Fill columns c < n_c of rows 3 j + i with the weighted stresses dP_ij of the laws dW/dh.
+    """Fill columns c < n_c of `stack` [q, 3 j + i, c] with the weighted stresses dP_ij of dW/dh.
 
     The derivatives of the invariants are common to all laws of these.
     """
@@ -247,12 +247,12 @@ def _stack_laws(
             separable_stress(law, F, J, constants, P, point.A, False)
             for j in range(3):
                 for i in range(3):
-                    rows[3 * j + i, c] = w * P[i, j]
+                    stack[q, 3 * j + i, c] = w * P[i, j]
             continue
         _, W1, W2, _, _, _ = invariant_derivatives(law, j23 * i1, j23 * j23 * i2, constants)
         for j in range(3):
             for i in range(3):
-                rows[3 * j + i, c] = w * (W1 * by_i1[i, j] + W2 * by_i2[i, j])
+                stack[q, 3 * j + i, c] = w * (W1 * by_i1[i, j] + W2 * by_i2[i, j])
 
 
 @njit(cache=True)
@@ -261,24 +261,23 @@ def _stack_motions(
     w: float,
     e: int,
     q: int,
-    cof: Array,
     along: Directions,
     element: _Element,
     point: _Point,
-    rows: Array,
+    stack: Array,
 ) -> None:
-    """Fill the last n_v columns of rows 3 j + i with the weighted changes of the stress."""
+    """Fill the last n_v columns of `stack` [q, 3 j + i, c] with weighted changes of stress."""
     first = along.laws.size + 1
     for v in range(along.stretch.shape[2]):
         by_pressure = 0.0
-        for m in range(psi.size):
-            by_pressure += psi[m] * element.along[v, m]
+        for m in range(psi.shape[1]):
+            by_pressure += psi[q, m] * element.along[v, m]
         by_pressure *= w
         for j in range(3):
             for i in range(3):
-                rows[3 * j + i, first + v] = by_pressure * cof[i, j]
+                stack[q, 3 * j + i, first + v] = by_pressure * element.cof[q, i, j]
     for pair in range(along.motions.size):
         rate, m = w * along.rates[e, q, pair], along.entries[pair]
         c = first + along.motions[pair]
         for row in range(9):
-            rows[row, c] += rate * point.slopes[m, row]
+            stack[q, row, c] += rate * point.slopes[m, row]

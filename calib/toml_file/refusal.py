@@ -111,7 +111,8 @@ def _meaning(section_type: type, path: Path) -> str:
     """The docstring under the field that `path` leads to or into."""
     keys = [part for part in path if isinstance(part, str)]
     field = _fields_at(section_type, tuple(keys[:-1])).get(keys[-1]) if keys else None
-    return (field.description if field else None) or "a value"
+    said = field.description if field else None
+    return " ".join(said.split()) if said else "a value"  # on one line, however long
 
 
 def _fields_at(section_type: type, path: Path) -> dict[str, FieldInfo]:
