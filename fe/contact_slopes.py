@@ -75,7 +75,11 @@ def add_to_nodes(faces: Faces, pull: Array, total: Array) -> None:
     n_p = pull.shape[3]
     for c in range(pull.shape[0]):
         for q in range(pull.shape[1]):
-            if not pull[c, q].any():
+            touched = False
+            for i in range(3):
+                for j in range(n_p):
+                    touched |= pull[c, q, i, j] != 0.0
+            if not touched:
                 continue
             for a in range(faces.nodes.shape[1]):
                 node, share = faces.nodes[c, a], faces.shape[c, q, a]

@@ -79,6 +79,7 @@ class Potential:
         self._coupled: CoupledTangent | None = None
         if self.has_friction:
             self._coupled = CoupledTangent(problem.pattern, problem.faces.nodes)
+        self._pull = np.zeros((0, 0, 3, 0))
         self._upper = np.zeros(0)
         self._whole: GeneralMatrix | None = None
         self.n_unknowns = problem.pattern.n_free
@@ -164,7 +165,9 @@ class Potential:
         """
         problem = self.problem
         faces = problem.faces
-        pull = np.empty(slopes.points.shape)
+        if self._pull.shape != slopes.points.shape:
+            self._pull = np.empty(slopes.points.shape)
+        pull = self._pull
         on_pin = contact_pull(
             u,
             faces,

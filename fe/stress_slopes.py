@@ -45,7 +45,8 @@ def stress_slopes(
         _contract(A, H, rows, columns, slopes)
     else:
         law, constants = material.law, material.constants
-        _invariant_changes(law, F, work, invariants, constants, H, rows, columns, P, slopes)
+        _invariant_stress(law, work, invariants, constants, P)
+        _invariant_changes(law, F, work, invariants, constants, H, rows, columns, slopes)
     for i in range(3):
         for n in range(3):
             P[i, n] += pressure * cof[i, n]
@@ -77,6 +78,18 @@ def _contract(A: Array, H: Array, rows: IntArray, columns: IntArray, changes: Ar
 
 
 @njit(cache=True)
+def _invariant_stress(
+    law: int, work: Array, invariants: tuple[float, float, float], constants: Array, P: Array
+) -> None:
+    """Fill P (3, 3) = dW/dF."""
+    i1, i2, j23 = invariants
+    _, W1, W2, _, _, _ = invariant_derivatives(law, j23 * i1, j23 * j23 * i2, constants)
+    for i in range(3):
+        for n in range(3):
+            P[i, n] = W1 * work[4, i, n] + W2 * work[5, i, n]
+
+
+@njit(cache=True)
 def _invariant_changes(
     law: int,
     F: Array,
@@ -86,10 +99,9 @@ def _invariant_changes(
     H: Array,
     rows: IntArray,
     columns: IntArray,
-    P: Array,
     changes: Array,
 ) -> None:
-    """Fill P (3, 3) = dW/dF and `changes` (n_m, 9) with what it changes by along -h e_j'.
+    """Fill `changes` (n_m, 9) with what dW/dF changes by along -h e_j'.
 
     The tangent of `fe.materials.invariant` contracted with that dyad, term by term.
     """
@@ -97,9 +109,6 @@ def _invariant_changes(
     j43 = j23 * j23
     T, C, B, G2, D1, D2 = work[0], work[1], work[2], work[3], work[4], work[5]
     _, W1, W2, W11, W12, W22 = invariant_derivatives(law, j23 * i1, j43 * i2, constants)
-    for i in range(3):
-        for n in range(3):
-            P[i, n] = W1 * D1[i, n] + W2 * D2[i, n]
     c = 2.0 * W2 * j43
     identity = 2.0 * j23 * W1 + c * i1
     turned = 2.0 / 3.0 * (W1 * j23 * i1 + 2.0 * W2 * j43 * i2)
