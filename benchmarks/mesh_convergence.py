@@ -68,9 +68,9 @@ class Case(NamedTuple):
 
 GLUED = tuple(Mesh((4 * n, 4 * n, 2 * n), 0.05) for n in (2, 3, 4))
 SLIDING = tuple(Mesh((4 * n, 2 * n, n), 0.05) for n in (2, 3, 4))
-STUCK_TO_ROUND = tuple(Mesh(Rings(4 * n, 4 * n), 0.05) for n in (2, 3, 4))
-UNDER_ROUND = tuple(Mesh(Rings(3 * n, 2 * n), 0.05) for n in (2, 3, 4))
-"""coarse to fine, similar to each other; of rings the elements along the rim are the same"""
+STUCK_TO_ROUND = tuple(Mesh((2 * n, n, 2 * n), 0.05) for n in (3, 4, 6))
+UNDER_ROUND = tuple(Mesh((2 * n, n, 2 * n), 0.05) for n in (3, 4, 5))
+"""coarse to fine, similar to each other"""
 
 
 def similar(case: Case) -> tuple[Mesh, ...]:

@@ -120,7 +120,7 @@ def _free_pull(
     """Frictionless penalty of pin and floor; returns what of it is the pin's (n_p,)."""
     motion, w, dw = slopes.points[c, q], faces.weights[c, q], slopes.weights[c, q]
     _pin_pull(x, motion, travel, w, dw, pin, slopes, seen, pull)
-    on_pin = pull[1].copy()
+    on_pin: Array = pull[1].copy()
     if faces.floor[c] and x[1] < 0.0:
         _floor_pull(x, motion, w, dw, pin, slopes, pull)
     return on_pin
