@@ -217,4 +217,7 @@ def texts(tables: Sequence[Table | None]) -> list[str]:
 
 def _mesh(cells: Sequence[int] | Mapping[str, int]) -> str:
     """A mesh of mesh_error.json."""
-    return written(RingCells(**cells) if isinstance(cells, Mapping) else tuple(cells))
+    if isinstance(cells, Mapping):
+        return written(RingCells(**cells))
+    nx, ny, nz = cells
+    return written((nx, ny, nz))
