@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import functools
 import multiprocessing
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
@@ -17,9 +17,9 @@ import numpy as np
 import numpy.typing as npt
 from scipy.stats import qmc
 
-from benchmarks.meshes import FITTING_CELLS, SAMPLING_CELLS, Cells, Pin
+from benchmarks.meshes import FITTING_CELLS, SAMPLING_CELLS, Cells, Pin, name_of
 from benchmarks.run_key import run_key
-from fe import BlockPin, BlockPinModel, Contact, Response, load_response, save_response
+from fe import BlockPin, BlockPinModel, Contact, Response, Rings, load_response, save_response
 
 Array = npt.NDArray[np.float64]
 Touch = Literal["stick", "friction", "frictionless"]
@@ -83,7 +83,7 @@ def draws(n: int) -> list[Draw]:
     ]
 
 
-def model_of(draw: Draw, cells: Cells, travel: tuple[float, ...]) -> BlockPinModel:
+def model_of(draw: Draw, cells: Cells | Rings, travel: tuple[float, ...]) -> BlockPinModel:
     """The model of one draw."""
     specimen = BlockPin(height=draw.height, pin_fillet=draw.fillet, pin=draw.pin)
     return BlockPinModel(
@@ -96,8 +96,8 @@ def figures(
     n: int,
     workers: int,
     *,
-    sampling: dict[str, Cells] = SAMPLING_CELLS,
-    fitting: dict[str, Cells] = FITTING_CELLS,
+    sampling: Mapping[str, Cells | Rings] = SAMPLING_CELLS,
+    fitting: Mapping[str, Cells | Rings] = FITTING_CELLS,
     travel: tuple[float, ...] = TRAVEL,
     reached: tuple[float, ...] = REACHED,
 ) -> dict[str, Any]:
@@ -113,7 +113,10 @@ def figures(
         found |= {
             f"converged_fraction{suffix}": fractions(part, responses, reached),
             f"not_converged{suffix}": stopped(part, responses, reached[-1]),
-            f"converged_cells{suffix}": {case: list(mesh) for case, mesh in cells.items()},
+            f"converged_cells{suffix}": {
+                case: name_of(mesh) if isinstance(mesh, Rings) else list(mesh)
+                for case, mesh in cells.items()
+            },
         }
     return found
 
@@ -122,7 +125,7 @@ def run(
     folder: Path,
     drawn: Sequence[Draw],
     workers: int,
-    cells: dict[str, Cells],
+    cells: Mapping[str, Cells | Rings],
     travel: tuple[float, ...],
 ) -> list[Response]:
     """The draws' responses; those of the same model and code are taken from the folder."""
@@ -165,11 +168,15 @@ def stopped(
 
 
 def _stored(
-    folder: Path, cells: dict[str, Cells], travel: tuple[float, ...], number: int, draw: Draw
+    folder: Path,
+    cells: Mapping[str, Cells | Rings],
+    travel: tuple[float, ...],
+    number: int,
+    draw: Draw,
 ) -> Response:
     mesh = cells[draw.case]
     model = model_of(draw, mesh, travel)
-    path = folder / "x".join(map(str, mesh)) / f"{number:04d}-{run_key(model)}.npz"
+    path = folder / name_of(mesh) / f"{number:04d}-{run_key(model)}.npz"
     if path.exists():
         return load_response(path)
     response = model(np.array([draw.r, draw.s]))

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import astuple
 from typing import Literal
+
+from fe import Rings
 
 Cells = tuple[int, int, int]
 Pin = Literal["bar", "round"]
@@ -16,12 +19,20 @@ SAMPLING_CELLS: dict[str, Cells] = {
     "round, frictionless": (6, 4, 6),
 }
 """of a design sample: Q2 elements of a quarter along x, y, z"""
-FITTING_CELLS: dict[str, Cells] = {
+FITTING_CELLS: dict[str, Cells | Rings] = {
     "bar, stick": (15, 14, 5),
     "bar, friction": (16, 8, 4),
     "bar, frictionless": (16, 5, 2),
-    "round, stick": (12, 6, 12),
+    "round, stick": Rings(16, 16, 2),
     "round, friction": (10, 5, 10),
-    "round, frictionless": (10, 5, 10),
+    "round, frictionless": Rings(12, 8, 2),
 }
-"""of the runs that a fit is checked or corrected with"""
+"""of the runs that a fit is checked or corrected with; rings, layers, sectors where they follow the
+rim of a round pin"""
+
+
+def name_of(cells: Cells | Rings) -> str:
+    """12x4x2 elements, or r12x8x2 rings, layers and sectors."""
+    if isinstance(cells, Rings):
+        return "r" + "x".join(map(str, astuple(cells)))
+    return "x".join(map(str, cells))

@@ -24,8 +24,8 @@ from calib.inference import (
     build_likelihood,
     integrate,
 )
+from calib.study.block_cells import refinement
 from calib.study.mesh_error import MeshError, mesh_error
-from calib.study.sections import refinement
 from calib.study.training_runs import training_set
 from fe import BlockPin, BlockPinModel, Contact, run_campaign
 from fe.campaign_result import Campaign

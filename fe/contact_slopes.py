@@ -11,9 +11,9 @@ import numpy.typing as npt
 from numba import njit
 
 from fe.contact import FREE, TIED_TO_PIN, Faces, penalty, position
-from fe.friction import slip_potential
+from fe.friction_slopes import empty_work, friction_pull
 from fe.pin_surface import RigidPin, pin_point
-from fe.slip_anchors import SlipAnchors, place_slopes
+from fe.slip_anchors import SlipAnchors
 from fe.surface_slopes import (
     SurfaceSlopes,
     gap_slope,
@@ -22,7 +22,7 @@ from fe.surface_slopes import (
     relative_motion,
 )
 from fe.ties import Ties
-from fe.touch import PIN, Chart, FrictionLaw, empty_chart, touch
+from fe.touch import FrictionLaw
 
 Array = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -47,58 +47,82 @@ def contact_pull(
     n_p = pull.shape[3]
     on_pin = np.zeros(n_p)
     x = np.empty(3)
-    seen, there = np.empty((3, n_p)), np.empty((2, n_p))
-    chart = empty_chart()
+    work = empty_work(n_p)
+    pull[...] = 0.0
+    rubs = law.pin > 0.0 or law.base > 0.0
     for c in range(faces.weights.shape[0]):
         for q in range(faces.weights.shape[1]):
             position(u, faces, c, q, x)
-            at, motion, w = pull[c, q], slopes.points[c, q], faces.weights[c, q]
-            dw = slopes.weights[c, q]
-            at[:, :] = 0.0
             if ties.kind[c, q] != FREE and not faces.base[c]:
-                on_pin += _held_pull(x, ties, c, q, faces, travel, pin, slopes, seen, at)
+                at = pull[c, q]
+                on_pin += _held_pull(x, ties, c, q, faces, travel, pin, slopes, work.seen, at)
                 continue
             if faces.base[c]:
+                _base_pull(x, c, q, faces, pin, slopes, pull)
+            elif _touches(x, faces.floor[c], travel, pin):
+                on_pin += _free_pull(x, c, q, faces, travel, pin, slopes, work.seen, pull[c, q])
+            else:
+                continue
+            if rubs:
+                at = pull[c, q]
+                on_pin += friction_pull(x, c, q, faces, slip, travel, pin, law, slopes, work, at)
+    return on_pin
+
+
+@njit(cache=True)
+def add_to_nodes(faces: Faces, pull: Array, total: Array) -> None:
+    """Add the forces of the points (n_face, n_q, 3, n_p) to those of the nodes (n_node, 3, n_p)."""
+    n_p = pull.shape[3]
+    for c in range(pull.shape[0]):
+        for q in range(pull.shape[1]):
+            touched = False
+            for i in range(3):
                 for j in range(n_p):
-                    k, dk = pin.base_stiffness, slopes.base_stiffness[j]
-                    at[1, j] += w * (k * motion[1, j] + dk * x[1]) + dw[j] * k * x[1]
-            else:
-                _pin_pull(x, motion, travel, w, dw, pin, slopes, seen, at)
-                on_pin += at[1]
-                if faces.floor[c] and x[1] < 0.0:
-                    _floor_pull(x, motion, w, dw, pin, slopes, at)
-            if law.pin <= 0.0 and law.base <= 0.0:
+                    touched |= pull[c, q, i, j] != 0.0
+            if not touched:
                 continue
-            surface, limit, steep = touch(x, faces.base[c], faces.floor[c], travel, pin, law, chart)
-            if limit <= 0.0:
-                continue
-            if surface == PIN:
-                relative_motion(x, motion, pin, slopes, seen)
-            else:
-                seen[:, :] = motion
-            place_slopes(x, seen, chart, surface, pin, slopes, there)
-            there -= slip.gradient[c, q, surface]
-            before = at[1].copy()
-            _friction_pull(
-                x,
-                seen,
-                faces.base[c],
-                surface,
-                limit,
-                steep,
-                chart,
-                slip.place[c, q, surface],
-                there,
-                travel,
-                w,
-                dw,
-                pin,
-                law,
-                slopes,
-                at,
-            )
-            if surface == PIN:
-                on_pin += at[1] - before
+            for a in range(faces.nodes.shape[1]):
+                node, share = faces.nodes[c, a], faces.shape[c, q, a]
+                for i in range(3):
+                    for j in range(n_p):
+                        total[node, i, j] += share * pull[c, q, i, j]
+
+
+@njit(cache=True)
+def _touches(x: Array, on_side: bool, travel: float, pin: RigidPin) -> bool:
+    """Whether the point x (3,) mm presses on the pin or, on a side face, on the floor."""
+    return (on_side and x[1] < 0.0) or pin_point(x, travel, pin).gap < 0.0
+
+
+@njit(cache=True)
+def _base_pull(
+    x: Array, c: int, q: int, faces: Faces, pin: RigidPin, slopes: SurfaceSlopes, pull: Array
+) -> None:
+    """What the spring under a base point adds."""
+    w, k = faces.weights[c, q], pin.base_stiffness
+    for j in range(pull.shape[3]):
+        dw, dk, moved = slopes.weights[c, q, j], slopes.base_stiffness[j], slopes.points[c, q, 1, j]
+        pull[c, q, 1, j] += w * (k * moved + dk * x[1]) + dw * k * x[1]
+
+
+@njit(cache=True)
+def _free_pull(
+    x: Array,
+    c: int,
+    q: int,
+    faces: Faces,
+    travel: float,
+    pin: RigidPin,
+    slopes: SurfaceSlopes,
+    seen: Array,
+    pull: Array,
+) -> Array:
+    """Frictionless penalty of pin and floor; returns what of it is the pin's (n_p,)."""
+    motion, w, dw = slopes.points[c, q], faces.weights[c, q], slopes.weights[c, q]
+    _pin_pull(x, motion, travel, w, dw, pin, slopes, seen, pull)
+    on_pin: Array = pull[1].copy()
+    if faces.floor[c] and x[1] < 0.0:
+        _floor_pull(x, motion, w, dw, pin, slopes, pull)
     return on_pin
 
 
@@ -200,79 +224,3 @@ def _floor_pull(
         change = curvature * motion[1, j]
         change += penalty_slope(x[1], pin.stiffness, pin.ramp, slopes.stiffness[j], slopes.ramp[j])
         pull[1, j] += w * change + dw[j] * slope
-
-
-@njit(cache=True)
-def _friction_pull(
-    x: Array,
-    seen: Array,
-    on_base: bool,
-    surface: int,
-    limit: float,
-    steep: float,
-    chart: Chart,
-    place: Array,
-    slides: Array,
-    travel: float,
-    w: float,
-    dw: Array,
-    pin: RigidPin,
-    law: FrictionLaw,
-    slopes: SurfaceSlopes,
-    pull: Array,
-) -> None:
-    """Friction where the limit (MPa, `steep` its slope in the distance) is above 0.
-
-    `seen` (3, n_p) is the point's motion, `slides` (2, n_p) that of its slip, mm.
-    """
-    s0, s1 = chart.place[0] - place[0], chart.place[1] - place[1]
-    size2 = s0 * s0 + s1 * s1
-    _, secant, fall = slip_potential(s0, s1, law.slip)
-    a = law.slip
-    by_slip = 1.5 * (size2 / a**4 - 1.0 / a**2) if size2 < a * a else 0.0
-    gap = pin_point(x, travel, pin).gap if surface == PIN else x[1]
-    for j in range(dw.size):
-        d0, d1 = slides[0, j], slides[1, j]
-        d_limit = _limit_slope(
-            seen, on_base, surface, limit, steep, gap, chart, pin, law, slopes, j
-        )
-        d_secant = by_slip * slopes.slip[j] - fall * (s0 * d0 + s1 * d1)
-        g = w * (limit * d_secant + d_limit * secant) + dw[j] * limit * secant
-        g0 = g * s0 + w * limit * secant * d0
-        g1 = g * s1 + w * limit * secant * d1
-        for i in range(3):
-            pull[i, j] += g0 * chart.tangent[0, i] + g1 * chart.tangent[1, i]
-            for k in range(3):
-                bend = s0 * chart.bend[0, i, k] + s1 * chart.bend[1, i, k]
-                pull[i, j] += w * limit * secant * bend * seen[k, j]
-
-
-@njit(cache=True)
-def _limit_slope(
-    seen: Array,
-    on_base: bool,
-    surface: int,
-    limit: float,
-    steep: float,
-    gap: float,
-    chart: Chart,
-    pin: RigidPin,
-    law: FrictionLaw,
-    slopes: SurfaceSlopes,
-    j: int,
-) -> float:
-    """Derivative of the largest traction mu p in one parameter, MPa."""
-    n = chart.normal
-    d_gap = n[0] * seen[0, j] + n[1] * seen[1, j] + n[2] * seen[2, j]
-    if surface == PIN:
-        coefficient, d_coefficient = law.pin, slopes.friction_pin[j]
-        d_gap -= slopes.fillet[j]
-    else:
-        coefficient, d_coefficient = law.base, slopes.friction_base[j]
-    change: float = steep * d_gap + limit * d_coefficient / coefficient
-    if on_base:
-        change += limit * slopes.base_stiffness[j] / pin.base_stiffness
-    else:
-        dk, dr = slopes.stiffness[j], slopes.ramp[j]
-        change -= coefficient * penalty_slope(gap, pin.stiffness, pin.ramp, dk, dr)
-    return change

@@ -1,8 +1,8 @@
 """What the nodal forces of a solid are differentiated along: changes of law, bulk and mesh.
 
 Nodes that move by V carry the velocity gradient L = dV/dX to the quadrature points.  On a grid of
-planes along the axes only its diagonal is not zero, so the entries that are never there are left
-out.
+planes along the axes only its diagonal is not zero, and of that each dimension changes one entry,
+so the entries that are never there are left out.
 """
 
 from __future__ import annotations
@@ -35,8 +35,12 @@ class Directions(NamedTuple):
     """(n_m,) k of the entries L_kj = dV_k/dX_j"""
     columns: IntArray
     """(n_m,) j of them"""
+    motions: IntArray
+    """(n_k,) the motions that have an entry, each as often as it has"""
+    entries: IntArray
+    """(n_k,) which of the n_m entries it is"""
     rates: Array
-    """(n_elem, n_q, n_v, n_m) the entries, 1/mm per unit of the motion"""
+    """(n_elem, n_q, n_k) those entries, 1/mm per unit of the motion"""
     stretch: Array
     """(n_elem, n_q, n_v) tr L"""
     masses: Array
@@ -52,15 +56,26 @@ def directions(material: Material, elements: Elements, changes: Array, motion: A
         row[: slope.constants.size] = slope.constants
     codes = np.array([s.law for s in slopes], dtype=np.int64)
     L = _velocity_gradients(elements, motion)
-    largest = np.abs(L).max(axis=(0, 1, 2), initial=0.0)
-    rows, columns = np.nonzero(largest > ROUNDING * largest.max())
+    largest = np.abs(L).max(axis=(0, 1), initial=0.0)
+    there = largest > ROUNDING * largest.max(initial=0.0)
+    rows, columns = np.nonzero(there.any(axis=0))
+    motions, entries = np.nonzero(there[:, rows, columns])
     stretch = np.ascontiguousarray(np.einsum("eqvkk->eqv", L))
     masses = np.einsum(
         "eq,eqv,qm,qn->evmn", elements.weights, stretch, elements.psi, elements.psi, optimize=True
     )
-    rates = np.ascontiguousarray(L[..., rows, columns])
+    rates = np.ascontiguousarray(L[:, :, motions, rows[entries], columns[entries]])
     return Directions(
-        codes, constants, sizes, rows, columns, rates, stretch, np.ascontiguousarray(masses)
+        codes,
+        constants,
+        sizes,
+        rows,
+        columns,
+        motions,
+        entries,
+        rates,
+        stretch,
+        np.ascontiguousarray(masses),
     )
 
 

@@ -61,7 +61,7 @@ class Pattern:
         """
         free = self.equation >= 0
         full = np.zeros((free.size, *values.shape[1:]))
-        full[free] = values[self.equation[free]]
+        full[free] = values if self.equation is self.number else values[self.equation[free]]
         return full.reshape(-1, 3, *values.shape[1:])
 
 

@@ -123,40 +123,64 @@ def equilibrate(
                 recent.clear()
                 continue
             negative = solver.factorise(assembly.data)
-        du = potential.expand(
-            descent_direction(potential, solver, assembly.gradient, options, negative)
-        )
-        if not np.isfinite(du).all():
-            return Equilibrium(u, p, assembly, False, "the tangent is singular", iteration)
-        recent.append(assembly.energy)
-        slope = float(np.sum(du.ravel()[potential.problem.pattern.number >= 0] * assembly.gradient))
-        reference = max(recent) if negative == 0 else assembly.energy
-        fraction = _line_search(
-            potential,
-            u,
-            du,
-            travel,
-            memory,
-            assembly.frame,
-            reference,
-            slope,
-            negative > 0,
-            options,
-        )
-        if fraction == 0.0:
-            return Equilibrium(u, p, assembly, False, "no descent along the step", iteration)
-        dp = potential.pressure_step(du)
-        u = u + fraction * du
-        ordinary = 0.2 <= fraction <= 1.0
-        p = p + fraction * dp if ordinary else potential.consistent_pressure(u)
-        before = assembly.frame
-        assembly = potential.assemble(u, p, travel, memory)
-        if before is not None:  # energies looked back on: as if frozen where we are now
-            shift = assembly.energy - potential.energy(u, travel, memory, before)
-            recent = deque((e + shift for e in recent), maxlen=options.memory)
+        here = u, p, assembly
+        moved = _descend(potential, solver, here, travel, memory, recent, negative, options)
+        if isinstance(moved, str):
+            return Equilibrium(u, p, assembly, False, moved, iteration)
+        u, p, assembly = moved
     return Equilibrium(
         u, p, assembly, False, "the iteration did not settle", options.max_iterations
     )
+
+
+def _descend(
+    potential: NewtonProblem[Memory],
+    solver: SymmetricSolver,
+    here: tuple[Array, Array, Assembly],
+    travel: float,
+    memory: Memory,
+    recent: deque[float],
+    negative: int,
+    options: NewtonOptions,
+) -> tuple[Array, Array, Assembly] | str:
+    """One step with a line search from (u, p, assembly) to the next, or why there is none.
+
+    `recent` are the energies looked back on, to which that of here is added.
+    """
+    u, p, assembly = here
+    du = potential.expand(
+        descent_direction(potential, solver, assembly.gradient, options, negative)
+    )
+    if not np.isfinite(du).all():
+        return "the tangent is singular"
+    recent.append(assembly.energy)
+    slope = float(np.sum(du.ravel()[potential.problem.pattern.number >= 0] * assembly.gradient))
+    reference = max(recent) if negative == 0 else assembly.energy
+    fraction = _line_search(
+        potential,
+        u,
+        du,
+        travel,
+        memory,
+        assembly.frame,
+        reference,
+        slope,
+        negative > 0,
+        options,
+    )
+    if fraction == 0.0:
+        return "no descent along the step"
+    dp = potential.pressure_step(du)
+    u = u + fraction * du
+    ordinary = 0.2 <= fraction <= 1.0
+    p = p + fraction * dp if ordinary else potential.consistent_pressure(u)
+    before = assembly.frame
+    assembly = potential.assemble(u, p, travel, memory)
+    if before is not None:  # energies looked back on: as if frozen where we are now
+        shift = assembly.energy - potential.energy(u, travel, memory, before)
+        for i, energy in enumerate(recent):
+            recent[i] = energy + shift
+    return u, p, assembly
 
 
 def _nearer(

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from fe import contact, friction
 from fe.contact import Faces
 from fe.contact_memory import ContactMemory
-from fe.contact_slopes import contact_pull
+from fe.contact_slopes import add_to_nodes, contact_pull
 from fe.coupled_tangent import CoupledTangent
 from fe.directions import Directions
 from fe.discretisation import Pattern, add_entries, sum_to_nodes
@@ -79,6 +79,7 @@ class Potential:
         self._coupled: CoupledTangent | None = None
         if self.has_friction:
             self._coupled = CoupledTangent(problem.pattern, problem.faces.nodes)
+        self._pull = np.zeros((0, 0, 3, 0))
         self._upper = np.zeros(0)
         self._whole: GeneralMatrix | None = None
         self.n_unknowns = problem.pattern.n_free
@@ -164,7 +165,9 @@ class Potential:
         """
         problem = self.problem
         faces = problem.faces
-        pull = np.zeros(slopes.points.shape)
+        if self._pull.shape != slopes.points.shape:
+            self._pull = np.empty(slopes.points.shape)
+        pull = self._pull
         on_pin = contact_pull(
             u,
             faces,
@@ -176,12 +179,8 @@ class Potential:
             slopes,
             pull,
         )
-        flat = pull.reshape(*pull.shape[:2], -1)
-        nodal = np.matmul(faces.shape.transpose(0, 2, 1), flat).reshape(
-            faces.nodes.size, *pull.shape[2:]
-        )
         total = np.zeros((len(u), *pull.shape[2:]))
-        np.add.at(total, faces.nodes.ravel(), nodal)
+        add_to_nodes(faces, pull, total)
         return self.restrict(total), on_pin
 
     def restrict(self, full: Array) -> Array:

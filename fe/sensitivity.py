@@ -62,8 +62,19 @@ class Tangent:
         """Solution for b (n_free,) or (n_free, k) N, mm.
 
         Without friction the solver must hold the tangent's factor.  With it NaN where the residual
-        of one mix of the columns is above `ACCURACY`, relative.
+        of one mix of the columns is above `ACCURACY`, relative.  Columns of zeros cost nothing.
         """
+        if b.ndim == 1:
+            return self._solve(b, transposed)
+        loaded = b.any(axis=0)
+        if loaded.all():
+            return self._solve(b, transposed)
+        x = np.zeros(b.shape)
+        if loaded.any():
+            x[:, loaded] = self._solve(b.T[loaded].T, transposed)  # columns, as solvers take them
+        return x
+
+    def _solve(self, b: Array, transposed: bool) -> Array:
         if not self._potential.has_friction:
             return self._solver.solve(b)
         matrix = self._potential.coupled_tangent()
@@ -89,6 +100,8 @@ def partials(
 
     `along` is what the parameters take the inner forces along.
     """
+    if not parameters.names:
+        return Partials(np.zeros((potential.n_unknowns, 0)), np.zeros(0))
     residual, force = potential.contact_partials(u, travel, memory, parameters.surface)
     parameters.add_inner(residual, potential.inner_partials(u, along))
     return Partials(residual, force)

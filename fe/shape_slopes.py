@@ -16,11 +16,12 @@ from numba import njit
 
 from fe.directions import Directions
 from fe.materials.invariant import cofactor, invariant_slopes
-from fe.materials.isochoric import isochoric_stress
 from fe.materials.law_codes import invariant_derivatives, is_separable
 from fe.materials.material import KernelMaterial
+from fe.materials.stretch import separable_stress
 from fe.materials.volumetric import QUADRATIC, deviation
-from fe.volume_condensation import add_pressure_tangent, dilation
+from fe.stress_slopes import stress_slopes
+from fe.volume_condensation import dilation
 from fe.weak_form import Elements
 
 Array = npt.NDArray[np.float64]
@@ -51,7 +52,7 @@ class _Point(NamedTuple):
     work: Array
     """(9, 3, 3) see `fe.materials.invariant.invariant_slopes`"""
     slopes: Array
-    """(n_m, 3, 3) derivative of the stress, times volume, along each entry of L"""
+    """(n_m, 9) [3 j + i] derivative of the stress P_ij, times volume, along each entry of L"""
 
 
 @njit(cache=True)
@@ -64,43 +65,91 @@ def residual_slopes(
     """
     n_elem, n_quad = elements.weights.shape
     n_a, n_p = elements.nodes.shape[1], elements.psi.shape[1]
-    n_v, n_m = along.rates.shape[2:]
-    first = along.laws.size + 1
-    element = _Element(
+    n_column = total.shape[2]
+    element = _empty_element(n_quad, n_p, along.stretch.shape[2])
+    point = _empty_point(along.rows.size)
+    stack = np.empty((n_quad, 9, n_column))
+    nodal = np.empty((n_a, 3))
+    for e in range(n_elem):
+        for a in range(n_a):
+            for i in range(3):
+                nodal[a, i] = u[elements.nodes[e, a], i]
+        G = elements.gradients[e].reshape(3 * n_quad, n_a)
+        H = np.dot(G, nodal)
+        _fill_volume(H, elements, e, material, element)
+        if along.rates.size > 0:
+            _fill_pressure_slopes(H, elements, e, material, along, element)
+        _fill_stack(H, elements, e, material, along, element, point, stack)
+        forces = np.dot(G.T, stack.reshape(3 * n_quad, 3 * n_column))
+        for a in range(n_a):
+            at = elements.nodes[e, a]
+            for i in range(3):
+                for c in range(n_column):
+                    total[at, i, c] += forces[a, i * n_column + c]
+
+
+@njit(cache=True)
+def _empty_element(n_quad: int, n_p: int, n_v: int) -> _Element:
+    return _Element(
         np.empty(n_quad),
         np.empty((n_quad, 3, 3)),
         np.empty((n_quad, 3, 3)),
         np.empty(n_p),
         np.empty(n_p),
-        np.empty((n_v, n_p)),
+        np.zeros((n_v, n_p)),
     )
-    point = _Point(
-        np.empty((3, 3)), np.empty((3, 3, 3, 3)), np.empty((9, 3, 3)), np.empty((n_m, 3, 3))
-    )
-    stack = np.empty((3 * n_quad, 3, first + n_v))
-    nodal = np.empty((n_a, 3))
-    for e in range(n_elem):
-        for a in range(n_a):
-            nodal[a] = u[elements.nodes[e, a]]
-        G = elements.gradients[e].reshape(3 * n_quad, n_a)
-        H = np.dot(G, nodal)
-        _fill_volume(H, elements, e, material, element)
-        if n_v > 0:
-            _fill_pressure_slopes(H, elements, e, material, along, element)
-        for q in range(n_quad):
-            rows, w = stack[3 * q : 3 * q + 3], elements.weights[e, q]
-            dilating = np.dot(elements.psi[q], element.pressure)
-            _stack_laws(element, q, w, dilating, along, point, rows[:, :, :first])
-            if n_v > 0:
-                pressure = material.bulk * dilating
-                _stress_slopes(H[3 * q : 3 * q + 3], element, q, pressure, material, along, point)
-                by_pressure = np.dot(element.along, elements.psi[q])
-                _stack_motions(
-                    along.rates[e, q], w, by_pressure, element.cof[q], point, rows[:, :, first:]
-                )
-        forces = np.dot(G.T, stack.reshape(3 * n_quad, -1))
-        for a in range(n_a):
-            total[elements.nodes[e, a]] += forces[a].reshape(3, -1)
+
+
+@njit(cache=True)
+def _empty_point(n_m: int) -> _Point:
+    return _Point(np.empty((3, 3)), np.empty((3, 3, 3, 3)), np.empty((9, 3, 3)), np.empty((n_m, 9)))
+
+
+@njit(cache=True)
+def _fill_stack(
+    H: Array,
+    elements: Elements,
+    e: int,
+    material: KernelMaterial,
+    along: Directions,
+    element: _Element,
+    point: _Point,
+    stack: Array,
+) -> None:
+    """Fill `stack` [q, 3 j + i, c] with the weighted slopes of the stress P_ij, MPa mm3."""
+    n_c, n_v = along.laws.size, along.stretch.shape[2]
+    separable = is_separable(material.law)
+    for q in range(elements.weights.shape[1]):
+        w = elements.weights[e, q]
+        dilating = 0.0
+        for m in range(elements.psi.shape[1]):
+            dilating += elements.psi[q, m] * element.pressure[m]
+        F, cof, J = element.F[q], element.cof[q], element.J[q]
+        invariants = (0.0, 0.0, 0.0)
+        if not separable:
+            invariants = invariant_slopes(F, cof, J, point.work)
+        _stack_laws(F, J, w, q, invariants, along, point, stack)
+        for j in range(3):
+            for i in range(3):
+                stack[q, 3 * j + i, n_c] = w * dilating * cof[i, j]
+        if n_v == 0:
+            continue
+        stress_slopes(
+            material,
+            F,
+            cof,
+            J,
+            material.bulk * dilating,
+            H[3 * q : 3 * q + 3],
+            along.rows,
+            along.columns,
+            point.work,
+            invariants,
+            point.P,
+            point.A,
+            point.slopes,
+        )
+        _stack_motions(elements.psi, w, e, q, along, element, point, stack)
 
 
 @njit(cache=True)
@@ -139,117 +188,96 @@ def _fill_pressure_slopes(
 ) -> None:
     """Fill `along` of the element: how the pressure's coefficients depend on the mesh."""
     n_quad, n_p = elements.psi.shape
-    n_v, n_m = along.rates.shape[2:]
+    n_v = along.stretch.shape[2]
     mass_inverse, psi = elements.mass_inverse[e], elements.psi
     db = np.zeros((n_v, n_p))
-    by_entry = np.empty(n_m)
+    by_entry = np.empty(along.rows.size)
     for q in range(n_quad):
         cof = element.cof[q]
-        for m in range(n_m):
+        for m in range(by_entry.size):
             k, j = along.rows[m], along.columns[m]
             by_entry[m] = element.J[q] - 1.0 if k == j else 0.0
             for i in range(3):
                 by_entry[m] -= cof[i, j] * H[3 * q + k, i]
-        for v in range(n_v):
-            change = 0.0
-            for m in range(n_m):
-                change += along.rates[e, q, v, m] * by_entry[m]
+        for pair in range(along.motions.size):
+            change = along.rates[e, q, pair] * by_entry[along.entries[pair]]
             for n in range(n_p):
-                db[v, n] += elements.weights[e, q] * psi[q, n] * change
-    theta_b = np.dot(mass_inverse, element.b)
-    for v in range(n_v):
-        d_mass = along.masses[e, v]
-        whole = db[v] - np.dot(d_mass, element.pressure)
-        if material.volumetric != QUADRATIC:
-            d_theta = np.dot(mass_inverse, db[v] - np.dot(d_mass, theta_b))
-            for q in range(n_quad):
-                _, v1, v2 = deviation(material.volumetric, np.dot(psi[q], theta_b))
-                change = along.stretch[e, q, v] * v1 + v2 * np.dot(psi[q], d_theta)
-                whole += elements.weights[e, q] * change * psi[q]
-        element.along[v] = material.bulk * np.dot(mass_inverse, whole)
+                db[along.motions[pair], n] += elements.weights[e, q] * psi[q, n] * change
+    whole = db - _times(along.masses[e], element.pressure)
+    if material.volumetric != QUADRATIC:
+        theta_b = np.dot(mass_inverse, element.b)
+        d_theta = np.dot(db - _times(along.masses[e], theta_b), mass_inverse)
+        for q in range(n_quad):
+            _, v1, v2 = deviation(material.volumetric, np.dot(psi[q], theta_b))
+            for v in range(n_v):
+                change = along.stretch[e, q, v] * v1 + v2 * np.dot(psi[q], d_theta[v])
+                whole[v] += elements.weights[e, q] * change * psi[q]
+    element.along[:, :] = material.bulk * np.dot(whole, mass_inverse)
+
+
+@njit(cache=True)
+def _times(matrices: Array, x: Array) -> Array:
+    """(n, k) products of symmetric matrices (n, k, k) and one vector (k,)."""
+    n, k, _ = matrices.shape
+    found: Array = np.dot(matrices.reshape(n * k, k), x).reshape(n, k)
+    return found
 
 
 @njit(cache=True)
 def _stack_laws(
-    element: _Element,
-    q: int,
+    F: Array,
+    J: float,
     w: float,
-    dilating: float,
+    q: int,
+    invariants: tuple[float, float, float],
     along: Directions,
     point: _Point,
-    rows: Array,
+    stack: Array,
 ) -> None:
-    """Fill rows [j, i, c] (3, 3, n_c + 1) with the weighted stresses dP_ij of laws and bulk.
+    """Fill columns c < n_c of `stack` [q, 3 j + i, c] with the weighted stresses dP_ij of dW/dh.
 
     The derivatives of the invariants are common to all laws of these.
     """
-    n_c = along.laws.size
-    F, cof, J, P = element.F[q], element.cof[q], element.J[q], point.P
-    i1 = i2 = j23 = 0.0
-    if n_c > 0:
-        i1, i2, j23 = invariant_slopes(F, cof, J, point.work)
+    P = point.P
+    i1, i2, j23 = invariants
     by_i1, by_i2 = point.work[4], point.work[5]
-    for c in range(n_c):
+    for c in range(along.laws.size):
         law, constants = along.laws[c], along.constants[c, : along.sizes[c]]
         if is_separable(law):
-            isochoric_stress(law, F, cof, J, constants, P, point.A, False)
+            separable_stress(law, F, J, constants, P, point.A, False)
             for j in range(3):
                 for i in range(3):
-                    rows[j, i, c] = w * P[i, j]
+                    stack[q, 3 * j + i, c] = w * P[i, j]
             continue
         _, W1, W2, _, _, _ = invariant_derivatives(law, j23 * i1, j23 * j23 * i2, constants)
         for j in range(3):
             for i in range(3):
-                rows[j, i, c] = w * (W1 * by_i1[i, j] + W2 * by_i2[i, j])
-    for j in range(3):
-        for i in range(3):
-            rows[j, i, n_c] = w * dilating * cof[i, j]
-
-
-@njit(cache=True)
-def _stress_slopes(
-    H: Array,
-    element: _Element,
-    q: int,
-    pressure: float,
-    material: KernelMaterial,
-    along: Directions,
-    point: _Point,
-) -> None:
-    """Fill the slopes of `point`: d(S_ij dN/dX_j dV) / (dN/dX_j dV) along each entry of L.
-
-    At fixed coefficients of the pressure; H (3, 3) of the point, rows j of du_i/dX_j.
-    """
-    F, cof, S, A = element.F[q], element.cof[q], point.P, point.A
-    isochoric_stress(material.law, F, cof, element.J[q], material.constants, S, A, True)
-    add_pressure_tangent(A, F, pressure)
-    for i in range(3):
-        for j in range(3):
-            S[i, j] += pressure * cof[i, j]
-    for m in range(along.rows.size):
-        k, j = along.rows[m], along.columns[m]
-        slope = point.slopes[m]
-        for i in range(3):
-            for n in range(3):
-                value = S[i, n] if k == j else 0.0
-                for p in range(3):
-                    value -= A[i, n, p, j] * H[k, p]
-                slope[i, n] = value
-            slope[i, k] -= S[i, j]
+                stack[q, 3 * j + i, c] = w * (W1 * by_i1[i, j] + W2 * by_i2[i, j])
 
 
 @njit(cache=True)
 def _stack_motions(
-    rates: Array, w: float, by_pressure: Array, cof: Array, point: _Point, rows: Array
+    psi: Array,
+    w: float,
+    e: int,
+    q: int,
+    along: Directions,
+    element: _Element,
+    point: _Point,
+    stack: Array,
 ) -> None:
-    """Fill rows [j, i, v] (3, 3, n_v) with the weighted changes of the stress in each motion.
-
-    `rates` (n_v, n_m) of the point, `by_pressure` (n_v,) MPa what the pressure changes by.
-    """
-    for j in range(3):
-        for i in range(3):
-            for v in range(by_pressure.size):
-                value = by_pressure[v] * cof[i, j]
-                for m in range(rates.shape[1]):
-                    value += rates[v, m] * point.slopes[m, i, j]
-                rows[j, i, v] = w * value
+    """Fill the last n_v columns of `stack` [q, 3 j + i, c] with weighted changes of stress."""
+    first = along.laws.size + 1
+    for v in range(along.stretch.shape[2]):
+        by_pressure = 0.0
+        for m in range(psi.shape[1]):
+            by_pressure += psi[q, m] * element.along[v, m]
+        by_pressure *= w
+        for j in range(3):
+            for i in range(3):
+                stack[q, 3 * j + i, first + v] = by_pressure * element.cof[q, i, j]
+    for pair in range(along.motions.size):
+        rate, m = w * along.rates[e, q, pair], along.entries[pair]
+        c = first + along.motions[pair]
+        for row in range(9):
+            stack[q, row, c] += rate * point.slopes[m, row]

@@ -100,6 +100,6 @@ class Solid:
 
         Along changes of the law, in the bulk modulus and along motions of the mesh.
         """
-        total = np.zeros((*u.shape, along.laws.size + 1 + along.rates.shape[2]))
+        total = np.zeros((*u.shape, along.laws.size + 1 + along.stretch.shape[2]))
         residual_slopes(u, self.elements, self._kernel, along, total)
         return total

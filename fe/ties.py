@@ -120,20 +120,19 @@ def tie(
             if faces.base[c] or ties.hold[c, q] >= 1.0:
                 continue
             position(step.u, faces, c, q, x)
-            for surface in (PIN, FLOOR):
-                place[surface] = x
-                moved[surface] = step.motion[c, q]
+            place[PIN], place[FLOOR] = x, x
             place[PIN, 1] += step.travel
-            moved[PIN, 1] += step.travel_gradient
-            if ties.kind[c, q] == FREE:
-                if stick.floor and faces.floor[c] and x[1] < 0.0:
-                    ties.kind[c, q] = TIED_TO_FLOOR
-                elif stick.pin and pin_point(place[PIN], 0.0, pin).gap < 0.0:
-                    ties.kind[c, q] = TIED_TO_PIN
-                if ties.kind[c, q] != FREE:
+            kind = ties.kind[c, q]
+            is_new = kind == FREE
+            if is_new:
+                kind = _touched(place, faces.floor[c], pin, stick)
+            if kind != FREE:
+                moved[PIN], moved[FLOOR] = step.motion[c, q], step.motion[c, q]
+                moved[PIN, 1] += step.travel_gradient
+                ties.kind[c, q] = kind
+                if is_new:
                     found += 1
                     _meet(ties, c, q, place, moved, pin, slopes, d_gap, seen)
-            if ties.kind[c, q] != FREE:
                 surface = PIN if ties.kind[c, q] == TIED_TO_PIN else FLOOR
                 gap = _gap(place[surface], moved[surface], surface, pin, slopes, d_gap[0], seen)
                 held, tighter = share(-gap)
@@ -144,8 +143,20 @@ def tie(
                     ties.hold[c, q] = held
                     ties.hold_gradient[c, q] = d_held
             ties.before[c, q] = place
-            ties.before_gradient[c, q] = moved
+            for surface in (PIN, FLOOR):
+                ties.before_gradient[c, q, surface] = step.motion[c, q]
+            ties.before_gradient[c, q, PIN, 1] += step.travel_gradient
     return found
+
+
+@njit(cache=True)
+def _touched(place: Array, on_side: bool, pin: RigidPin, stick: Stick) -> int:
+    """Which surface that sticks a free point is in, FREE if none; place (2, 3) mm."""
+    if stick.floor and on_side and place[FLOOR, 1] < 0.0:
+        return TIED_TO_FLOOR
+    if stick.pin and pin_point(place[PIN], 0.0, pin).gap < 0.0:
+        return TIED_TO_PIN
+    return FREE
 
 
 @njit(cache=True)

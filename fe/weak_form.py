@@ -172,34 +172,23 @@ def element_system(
     for e in range(n_elem):
         H = _displacement_gradient(u, elements, e)
         G = elements.gradients[e].reshape(n_quad * 3, n_a)
-        system.constraint[e, :] = 0.0
-        for q in range(n_quad):
-            w = elements.weights[e, q]
-            _deformation_gradient(H, q, point.F)
-            J = cofactor(point.F, point.cof)
-            smallest = min(smallest, J)
-            if not J > 0.0:
-                return np.inf, smallest
-            pressure = 0.0
-            for m in range(n_p):
-                pressure += elements.psi[q, m] * p[e, m]
-            energy += w * isochoric_stress(
-                material.law,
-                point.F,
-                point.cof,
-                J,
-                material.constants,
-                point.P,
-                point.A,
-                with_tangent,
-            )
-            for m in range(n_p):
-                gap = J - 1.0 - pressure / bulk
-                system.constraint[e, m] += w * elements.psi[q, m] * gap
-            _stack_forces(stack, q, w, pressure, point, elements.psi[q])
-            if with_tangent:
-                add_pressure_tangent(point.A, point.F, pressure)
-                weighted_tangent(left, G, q, w, point.A)
+        energy, smallest = _stack_element(
+            energy,
+            smallest,
+            H,
+            G,
+            p[e],
+            elements,
+            e,
+            material,
+            with_tangent,
+            point,
+            stack,
+            left,
+            system.constraint[e],
+        )
+        if energy == np.inf:
+            return energy, smallest
         energy += _condensed_residual(np.dot(G.T, stack), p[e], elements, e, material, system)
         if energy == np.inf:
             return energy, smallest
@@ -207,6 +196,58 @@ def element_system(
             right[: 3 * n_quad] = G
             stiffness = bulk * elements.mass_inverse[e] + system.volume_stiffness[e]
             element_tangent(left, right, system.coupling[e], stiffness, system.tangent[e])
+    return energy, smallest
+
+
+@njit(cache=True)
+def _stack_element(
+    energy: float,
+    smallest: float,
+    H: Array,
+    G: Array,
+    p: Array,
+    elements: Elements,
+    e: int,
+    material: KernelMaterial,
+    with_tangent: bool,
+    point: _Point,
+    stack: Array,
+    left: tuple[Array, Array, Array],
+    constraint: Array,
+) -> tuple[float, float]:
+    """Fill stack, constraint (n_p,) and, if asked, left factors of element e at its points.
+
+    Returns the energy so far with that of the law added, inf where det F <= 0, and the smallest
+    det F so far.
+    """
+    constraint[:] = 0.0
+    for q in range(elements.weights.shape[1]):
+        w = elements.weights[e, q]
+        _deformation_gradient(H, q, point.F)
+        J = cofactor(point.F, point.cof)
+        smallest = min(smallest, J)
+        if not J > 0.0:
+            return np.inf, smallest
+        pressure = 0.0
+        for m in range(p.size):
+            pressure += elements.psi[q, m] * p[m]
+        energy += w * isochoric_stress(
+            material.law,
+            point.F,
+            point.cof,
+            J,
+            material.constants,
+            point.P,
+            point.A,
+            with_tangent,
+        )
+        for m in range(p.size):
+            gap = J - 1.0 - pressure / material.bulk
+            constraint[m] += w * elements.psi[q, m] * gap
+        _stack_forces(stack, q, w, pressure, point, elements.psi[q])
+        if with_tangent:
+            add_pressure_tangent(point.A, point.F, pressure)
+            weighted_tangent(left, G, q, w, point.A)
     return energy, smallest
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from calib.inference.field_noise import FLOOR_LENGTH, FLOOR_NUGGET
 from calib.inference.laws import RATIOS
+from calib.study.block_cells import written
 from calib.study.config import Study
 from calib.study.data_source import measured_dataset
 from calib.study.mesh_error import left_share
@@ -47,10 +48,10 @@ def assumptions_table(study: Study) -> Table:
         rows += [
             (
                 f"mesh of the emulator's runs, {hypothesis.name} (quarter)",
-                _cells(sampling),
+                written(sampling),
                 "elements",
             ),
-            (f"mesh of the check under {hypothesis.name}", _cells(check), "elements"),
+            (f"mesh of the check under {hypothesis.name}", written(check), "elements"),
             (
                 "mesh error left after the correction, SD over the measured difference",
                 f"{share:.2f}, half of its square common to all increments",
@@ -154,7 +155,3 @@ def _prior(prior: ParameterPrior) -> str:
     if prior.mean is None:
         return text
     return f"{text}, mean {prior.mean:g}, SD {prior.sd:g}"
-
-
-def _cells(cells: tuple[int, int, int]) -> str:
-    return " x ".join(str(count) for count in cells)

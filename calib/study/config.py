@@ -14,14 +14,14 @@ import numpy as np
 from pydantic import AliasChoices, Field
 from pydantic.dataclasses import dataclass
 
+from calib.study.block_cells import Cells, RingCells, refinement
 from calib.study.data_source import measured_dataset
+from calib.study.mesh_checks import check_meshes
 from calib.study.population_checks import check_level, check_population
 from calib.study.prior_sections import Prior
 from calib.study.sections import (
-    MIN_REFINEMENT,
     STRICT,
     VIRTUAL,
-    Cells,
     DataSource,
     Geometry,
     Hypothesis,
@@ -29,13 +29,10 @@ from calib.study.sections import (
     Mesh,
     Name,
     Noise,
+    PinShape,
     Population,
     Positive,
     Virtual,
-    finer_than,
-    is_finer,
-    refinement,
-    shows_error,
 )
 from calib.study.unknown_checks import check_unknowns, section_of
 from calib.study.unknowns import least_height
@@ -105,14 +102,15 @@ class Study:
         self._check_increments()
         self._check_hypotheses()
         self._check_virtual()
+        check_meshes(self)
         check_unknowns(self)
         check_population(self)
 
-    def sampling_cells(self, hypothesis: Hypothesis) -> Cells:
+    def sampling_cells(self, hypothesis: Hypothesis) -> Cells | RingCells:
         """Mesh of the runs that train the emulator under a hypothesis."""
         return hypothesis.sampling or self.mesh.sampling
 
-    def check_cells(self, hypothesis: Hypothesis) -> Cells:
+    def check_cells(self, hypothesis: Hypothesis) -> Cells | RingCells:
         """Mesh that measures the discretisation error under a hypothesis."""
         return hypothesis.check or self.mesh.check
 
@@ -123,6 +121,10 @@ class Study:
     def height(self, hypothesis: Hypothesis) -> float:
         """Height of the sample under a hypothesis, mm."""
         return self.geometry.height if hypothesis.height is None else hypothesis.height
+
+    def pin_shape(self, hypothesis: Hypothesis) -> PinShape:
+        """Shape of the pin under a hypothesis."""
+        return hypothesis.pin_shape or self.geometry.pin_shape
 
     def _check_increments(self) -> None:
         previous = 0.0
@@ -149,16 +151,6 @@ class Study:
                 expected = f"within a factor {FAR_HEIGHT:g} of geometry.height"
                 expected += f" ({self.geometry.height:g} mm): hypotheses are about one sample"
                 raise Contradiction(key, hypothesis.height, expected)
-            self._check_meshes(index, hypothesis)
-
-    def _check_meshes(self, index: int, hypothesis: Hypothesis) -> None:
-        check, sampling = self.check_cells(hypothesis), self.sampling_cells(hypothesis)
-        if shows_error(check, sampling):
-            return
-        if hypothesis.check is not None:
-            raise Contradiction(f"hypothesis.{index}.check", check, finer_than(sampling))
-        expected = f"a mesh that mesh.check {list(check)} is {MIN_REFINEMENT} times finer than"
-        raise Contradiction(f"hypothesis.{index}.sampling", sampling, expected)
 
     def _check_virtual(self) -> None:
         virtual = self.virtual
@@ -172,11 +164,6 @@ class Study:
         if virtual.hypothesis not in names:
             expected = "one of the hypotheses " + ", ".join(names)
             raise Contradiction("virtual.hypothesis", virtual.hypothesis, expected)
-        for hypothesis in self.hypotheses:
-            cells = self.sampling_cells(hypothesis)
-            if not is_finer(virtual.cells, cells):
-                expected = f"a mesh finer than the sampling mesh {list(cells)}"
-                raise Contradiction("virtual.cells", virtual.cells, expected)
 
 
 def embedded_studies() -> dict[str, str]:

@@ -11,9 +11,10 @@ from typing import Protocol
 import numpy as np
 
 from calib.inference.laws import DEFAULT_LAW
+from calib.study.block_cells import Cells, RingCells, model_cells
 from calib.study.config import Study
 from calib.study.data_source import measured_dataset
-from calib.study.sections import Cells, Hypothesis
+from calib.study.sections import Hypothesis
 from calib.study.unknowns import inputs_of, law_of, least_height
 from calib.study.varied_block import VariedBlock
 from fe.executors import MapFn
@@ -34,7 +35,7 @@ class Simulate(Protocol):
         ...
 
 
-SimulateFactory = Callable[[Study, Hypothesis, Cells], Simulate]
+SimulateFactory = Callable[[Study, Hypothesis, Cells | RingCells], Simulate]
 
 
 @dataclass(frozen=True)
@@ -50,7 +51,7 @@ class Context:
     echo: Callable[[str], None]
     show_progress: bool
 
-    def model(self, hypothesis: Hypothesis, cells: Cells) -> Simulate:
+    def model(self, hypothesis: Hypothesis, cells: Cells | RingCells) -> Simulate:
         """Forward model of a hypothesis on a mesh."""
         return self.simulate_factory(self.study, hypothesis, cells)
 
@@ -59,8 +60,8 @@ class Context:
         return self.model(hypothesis, self.study.sampling_cells(hypothesis))
 
 
-def block_pin_model(study: Study, hypothesis: Hypothesis, cells: Cells) -> Simulate:
-    """The FE model of the study's block under its bar pin, for one hypothesis."""
+def block_pin_model(study: Study, hypothesis: Hypothesis, cells: Cells | RingCells) -> Simulate:
+    """The FE model of the study's block under its pin, for one hypothesis."""
     geometry, inputs = study.geometry, inputs_of(study, hypothesis)
     law = law_of(study, hypothesis).name
     specimen = BlockPin(
@@ -69,11 +70,12 @@ def block_pin_model(study: Study, hypothesis: Hypothesis, cells: Cells) -> Simul
         height=study.height(hypothesis),
         pin_width=geometry.pin_width,
         pin_fillet=geometry.pin_fillet,
+        pin=study.pin_shape(hypothesis),
     )
     model = BlockPinModel(
         specimen=specimen,
         contact=Contact(pin=hypothesis.pin, base=hypothesis.base),
-        cells=cells,
+        cells=model_cells(cells),
         travel=study.increments,
         bulk_ratio=study.material.bulk_ratio,
         field_grid=_field_grid(study),

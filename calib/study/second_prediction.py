@@ -9,10 +9,10 @@ import numpy as np
 from scipy.interpolate import LinearNDInterpolator, NearestNDInterpolator
 
 from calib.inference.field_noise import field_covariance
+from calib.study.block_cells import refinement
 from calib.study.mesh_error import left_share
 from calib.study.second_data import Rubbers, SecondData, answer_of, plate_model, solve
 from calib.study.second_test import SecondTest
-from calib.study.sections import refinement
 from fe.response import Array, Response, Status
 
 N_REPLICATES = 480

@@ -12,6 +12,16 @@ from pydantic import Field, SkipValidation
 from pydantic.dataclasses import dataclass
 
 from calib.inference.laws import RATIOS
+from calib.study.block_cells import (
+    MIN_REFINEMENT,
+    BlockCells,
+    Cells,
+    Count,
+    as_found,
+    finer_than,
+    is_finer,
+    shows_error,
+)
 from calib.study.data_sections import (
     EXPERIMENT,
     THESIS_TABLE,
@@ -24,13 +34,18 @@ from calib.toml_file.refusal import Contradiction
 
 __all__ = [
     "EXPERIMENT",
+    "MIN_REFINEMENT",
     "STRICT",
     "THESIS_TABLE",
     "VIRTUAL",
+    "Cells",
+    "Count",
     "DataSource",
     "ParameterPrior",
     "Population",
     "Prior",
+    "finer_than",
+    "is_finer",
 ]
 
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]*$", max_length=60)]
@@ -38,10 +53,9 @@ Positive = Annotated[float, Field(gt=0)]
 NotNegative = Annotated[float, Field(ge=0)]
 Share = Annotated[float, Field(ge=0, lt=1)]
 Correlation = Annotated[float, Field(ge=0, lt=1)]
-Count = Annotated[int, Field(ge=1)]
-Cells = tuple[Count, Count, Count]
 Interface = SkipValidation[Literal["stick", "slide"] | float]
 """checked by `Hypothesis` as a whole, whose message names all that is possible"""
+PinShape = Literal["bar", "round"]
 
 SHARPEST = 0.05  # mm; the strain at a sharp edge is singular, so that no mesh resolves it
 
@@ -58,8 +72,8 @@ class Virtual:
     """true C01, MPa"""
     C11: NotNegative
     """true C11, MPa"""
-    cells: Cells
-    """three numbers of elements (x, y, z), at least those of mesh.sampling"""
+    cells: BlockCells
+    """three numbers of elements (x, y, z), at least those of mesh.sampling, or rings as there"""
     n_samples: Annotated[int, Field(ge=2)]
     """number of samples tested"""
     force_sd_share: Positive
@@ -74,18 +88,20 @@ class Virtual:
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
 class Geometry:
-    """[geometry] The block and the bar pin that is pressed into its top centre."""
+    """[geometry] The block and the pin that is pressed into its top centre."""
 
     width: Positive
     """width of the sample (x), mm"""
     depth: Positive
-    """depth of the sample (z, along the bar pin), mm"""
+    """depth of the sample (z, along a bar pin), mm"""
     height: Positive
     """height of the sample (y), mm"""
     pin_width: Positive
     """width of the pin, less than the width of the sample, mm"""
     pin_fillet: Positive
     """radius of the pin's edges, less than half its width, mm"""
+    pin_shape: PinShape = "bar"
+    """"bar" (through the whole depth) or "round" (pin_width is its diameter)"""
 
     def __post_init__(self) -> None:
         if self.pin_width >= self.width:
@@ -118,45 +134,20 @@ def check_law(key: str, law: str) -> None:
         raise Contradiction(key, law, f"one of {', '.join(RATIOS)}")
 
 
-MIN_REFINEMENT = 1.3
-"""less says too little of the error: it is read off a difference that gets small by itself"""
-
-
 @dataclass(frozen=True, kw_only=True, config=STRICT)
 class Mesh:
-    """[mesh] Elements of the quarter model in x, y, z."""
+    """[mesh] Elements of the quarter model in x, y, z; or rings about a round pin."""
 
-    sampling: Cells = (12, 6, 2)
-    """three numbers of elements (x, y, z) for the runs that train the emulator"""
-    check: Cells = (20, 8, 3)
-    """three numbers of elements (x, y, z) for the runs that measure the discretisation error"""
+    sampling: BlockCells = (12, 6, 2)
+    """three numbers of elements (x, y, z) for the runs that train the emulator, or of a mesh whose
+    lines follow a round pin { rings, layers, sectors }"""
+    check: BlockCells = (20, 8, 3)
+    """three numbers of elements (x, y, z) for the runs that measure the discretisation error, or
+    { rings, layers, sectors } where sampling has these"""
 
     def __post_init__(self) -> None:
         if not shows_error(self.check, self.sampling):
-            raise Contradiction("check", self.check, finer_than(self.sampling))
-
-
-def refinement(check: Cells, sampling: Cells) -> float:
-    """Edge of the sampling mesh's elements over that of `check`'s, mean of directions."""
-    return math.cbrt(math.prod(check) / math.prod(sampling))
-
-
-def shows_error(check: Cells, sampling: Cells) -> bool:
-    """Whether the difference of the two meshes says enough about the sampling mesh's error."""
-    return is_finer(check, sampling) and refinement(check, sampling) >= MIN_REFINEMENT
-
-
-def finer_than(sampling: Cells) -> str:
-    """What a checking mesh is expected to be, in words."""
-    return (
-        f"a mesh finer than the sampling mesh {list(sampling)}, with elements at least "
-        f"{MIN_REFINEMENT} times smaller (cube root of the ratio of their numbers)"
-    )
-
-
-def is_finer(fine: Cells, coarse: Cells) -> bool:
-    """No direction has fewer elements and at least one has more."""
-    return fine != coarse and all(f >= c for f, c in zip(fine, coarse, strict=True))
+            raise Contradiction("check", as_found(self.check), finer_than(self.sampling))
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
@@ -175,12 +166,14 @@ class Hypothesis:
     """sections [hypothesis.prior.<parameter>], in place of or beside those of [prior]"""
     height: Positive | None = None
     """height of the sample under this hypothesis, mm; without it geometry.height"""
-    sampling: Cells | None = None
-    """numbers of elements (x, y, z) for the runs that train the emulator under this hypothesis;
-    without it mesh.sampling"""
-    check: Cells | None = None
-    """numbers of elements (x, y, z) that measure the discretisation error under this hypothesis;
-    without it mesh.check"""
+    pin_shape: PinShape | None = None
+    """"bar" or "round" under this hypothesis; without it geometry.pin_shape"""
+    sampling: BlockCells | None = None
+    """numbers of elements (x, y, z), or { rings, layers, sectors }, for the runs that train the
+    emulator under this hypothesis; without it mesh.sampling"""
+    check: BlockCells | None = None
+    """numbers of elements (x, y, z), or { rings, layers, sectors }, that measure the discretisation
+    error under this hypothesis; without it mesh.check"""
 
     def __post_init__(self) -> None:
         for key in ("pin", "base"):

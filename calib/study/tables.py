@@ -16,6 +16,7 @@ import numpy as np
 from calib.data import PUBLISHED_CONSTANTS
 from calib.data.thesis import optimization_runs, stated_average
 from calib.inference.coordinates import CONSTANTS
+from calib.study.block_cells import RingCells, written
 
 NOTE_WIDTH = 100
 
@@ -96,8 +97,8 @@ def mesh_table(errors: Mapping[str, Any]) -> Table:
         rows.append((f"{name}, SD of force left [%]", "", *left))
         floors = (number(max(value), 2) for value in error["field_floor"])
         rows.append((f"{name}, SD of field left [mm]", "", *floors))
-    coarse = " x ".join(map(str, first["coarse_cells"]))
-    fine = (f"{n}: {' x '.join(map(str, e['fine_cells']))}" for n, e in errors.items())
+    coarse = _mesh(first["coarse_cells"])
+    fine = (f"{n}: {_mesh(e['fine_cells'])}" for n, e in errors.items())
     shares = (f"{error['left_share']:.2f} ({name})" for name, error in errors.items())
     return Table(
         f"Discretisation error: mesh {coarse} of the emulator's runs against {', '.join(fine)}",
@@ -212,3 +213,11 @@ def comparison_table(comparison: Mapping[str, Any]) -> Table:
 def texts(tables: Sequence[Table | None]) -> list[str]:
     """The tables that there are, for a terminal."""
     return [table.text() for table in tables if table is not None]
+
+
+def _mesh(cells: Sequence[int] | Mapping[str, int]) -> str:
+    """A mesh of mesh_error.json."""
+    if isinstance(cells, Mapping):
+        return written(RingCells(**cells))
+    nx, ny, nz = cells
+    return written((nx, ny, nz))

@@ -8,12 +8,13 @@ from pathlib import Path
 import numpy as np
 
 from calib.inference.coordinates import theta_of_constants
+from calib.study.block_cells import is_finer, shown
 from calib.study.config import Study, StudyError
 from calib.study.context import Context, Simulate, stream
 from calib.study.data_source import at_level
 from calib.study.data_stage import StudyData, load_data, measured, save_data, with_mu
 from calib.study.progress import progress_bar
-from calib.study.sections import Hypothesis, Virtual, is_finer
+from calib.study.sections import Hypothesis, Virtual
 from calib.study.simulate_stage import manifest_files
 from calib.study.unknowns import fixed_values, law_of, parameters_of
 from calib.virtual import VirtualNoise, virtual_experiment
@@ -119,7 +120,7 @@ def _virtual(study: Study) -> Virtual:
         cells = study.sampling_cells(hypothesis)
         if not is_finer(virtual.cells, cells):
             raise StudyError(
-                f"virtual.cells: found {list(virtual.cells)}, expected a mesh finer than "
-                f"the sampling mesh {list(cells)}"
+                f"virtual.cells: found {shown(virtual.cells)}, expected a mesh finer than "
+                f"the sampling mesh {shown(cells)}"
             )
     return virtual

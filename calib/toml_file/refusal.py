@@ -64,7 +64,8 @@ def refusals(error: ValidationError, section_type: type) -> list[Refusal]:
 
 
 def _refusal(detail: Mapping[str, Any], section_type: type) -> Refusal:
-    path: Path = tuple(detail["loc"])
+    # <...> names an alternative of a union, which is no key of the file
+    path: Path = tuple(part for part in detail["loc"] if not str(part).startswith("<"))
     kind = detail["type"]
     found = detail["input"]
     cause = detail.get("ctx", {}).get("error")
@@ -110,7 +111,8 @@ def _meaning(section_type: type, path: Path) -> str:
     """The docstring under the field that `path` leads to or into."""
     keys = [part for part in path if isinstance(part, str)]
     field = _fields_at(section_type, tuple(keys[:-1])).get(keys[-1]) if keys else None
-    return (field.description if field else None) or "a value"
+    said = field.description if field else None
+    return " ".join(said.split()) if said else "a value"  # on one line, however long
 
 
 def _fields_at(section_type: type, path: Path) -> dict[str, FieldInfo]:
@@ -134,6 +136,9 @@ def _key(name: str, field: FieldInfo) -> str:
 
 
 def _section_type(annotation: object) -> object:
-    """The dataclass within `Section`, `Section | None` or `tuple[Section, ...]`."""
-    inner = [part for part in get_args(annotation) if hasattr(part, "__pydantic_fields__")]
-    return inner[0] if inner else annotation
+    """The dataclass within `Section`, `Section | None`, `tuple[Section, ...]` or a union."""
+    for part in get_args(annotation):
+        inner = _section_type(part)
+        if hasattr(inner, "__pydantic_fields__"):
+            return inner
+    return annotation

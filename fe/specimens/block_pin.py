@@ -8,7 +8,9 @@ symmetry, a half or the whole is.
 
 from __future__ import annotations
 
+import functools
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Literal, NamedTuple
 
@@ -67,6 +69,8 @@ class _Run(NamedTuple):
     """modulus that the contact stiffness goes with, MPa"""
     known: MaterialParameters
     names: tuple[str, ...]
+    lines: Callable[[BlockPin], MeshHex]
+    """the mesh of a specimen, made once of each"""
 
 
 @dataclass(frozen=True)
@@ -74,15 +78,15 @@ class BlockPinModel:
     """Simulation of the specimen as a function of its material; picklable, one thread.
 
     `cells` are the numbers of Q2 elements along x, y, z of a quarter, or `Rings` that follow the
-    rim of a round pin; `travel` the pin travels
-    (mm, increasing) at which the response is asked, or `force` the forces of the whole sample (N,
-    increasing; at kappa = 1 MPa for ratios); `bulk_ratio` the bulk modulus over the shear
-    modulus mu = 2 kappa where ratios (r, s) are asked; `field_grid` the numbers of field points
-    along x and y of half the front face, at the centres of equal rectangles (thesis, section
-    4.4.2: 35 x 24 = 840 points).  `symmetry` "auto" models the smallest part that stands for the
-    whole; a half has both sides of the plane x = 0, and its field too.  In `plane_strain` nothing
-    moves along z: one element along it does (cells (nx, ny, 1)), and forces are those of a block of
-    the depth whose ends are held; much faster, and good for what does not depend on the ends.
+    rim of a round pin; `travel` the pin travels (mm, increasing) at which the response is asked, or
+    `force` the forces of the whole sample (N, increasing; at kappa = 1 MPa for ratios);
+    `bulk_ratio` the bulk modulus over the shear modulus mu = 2 kappa where ratios (r, s) are asked;
+    `field_grid` the numbers of field points along x and y of half the front face, at the centres of
+    equal rectangles (thesis, section 4.4.2: 35 x 24 = 840 points). `symmetry` "auto" models the
+    smallest part that stands for the whole; a half has both sides of the plane x = 0, and its field
+    too. In `plane_strain` nothing moves along z: one element along it does (cells (nx, ny, 1)), and
+    forces are those of a block of the depth whose ends are held; much faster, and good for what
+    does not depend on the ends.
     `sensitivities` names the
     parameters of the response's gradients (`parameter_names` lists all there are), by default
     those that it is a function of.  Field points keep their places as fractions of width and
@@ -179,7 +183,7 @@ class BlockPinModel:
             return self._march(run, discrete, of_state)[0]
 
         with threadpool_limits(limits=1):
-            return objective_gradients(states, self._seen(run.names, discrete), objective)
+            return objective_gradients(states, self._seen(run, discrete), objective)
 
     def solve_for(
         self, material: Material, progress: Progress | None = None
@@ -207,7 +211,7 @@ class BlockPinModel:
     ) -> _Run:
         others = known_names(self.specimen, self.contact, self.part)
         check_names(names, (*known.names, *others))
-        return _Run(material, shear, known, names)
+        return _Run(material, shear, known, names, functools.cache(self._mesh_of))
 
     def _respond(self, run: _Run, progress: Progress | None = None) -> Response:
         started = time.perf_counter()
@@ -215,7 +219,7 @@ class BlockPinModel:
             discrete = self.discretise()
             states, outcome, n_factorisations = self._march(run, discrete, progress=progress)
         seconds = time.perf_counter() - started
-        seen = self._seen(run.names, discrete)
+        seen = self._seen(run, discrete)
         return response(states, outcome, seen, n_factorisations, seconds)
 
     def _march(
@@ -227,24 +231,32 @@ class BlockPinModel:
     ) -> tuple[list[TravelState], March, int]:
         """States at the targets reached, outcome, number of factorisations."""
         problem = self._problem(discrete, run.material, run.shear)
-        along = self.parameters(run.names, run.known, problem, run.shear)
+        along = self.parameters(run.names, run.known, problem, run.shear, run.lines)
         factor = SYMMETRY_FACTOR[self.part]
         pressed = pressed_of(self, problem, discrete, factor)
         return press(pressed, along, objective, listener(progress, factor))
 
     def parameters(
-        self, names: tuple[str, ...], known: MaterialParameters, problem: Problem, shear: float
+        self,
+        names: tuple[str, ...],
+        known: MaterialParameters,
+        problem: Problem,
+        shear: float,
+        lines: Callable[[BlockPin], MeshHex] | None = None,
     ) -> Parameters[SurfaceSlopes]:
-        """How the discrete problem depends on the named parameters; `shear` as in the contact."""
-        return parameters(
-            names,
-            known,
-            problem,
-            self.specimen,
-            shear,
-            self._mesh_of,
-            area=self._contact_areas if isinstance(self.cells, Rings) else None,
-        )
+        """How the discrete problem depends on the named parameters.
+
+        `shear` is as in the contact; `lines` makes the mesh of a specimen, if that is kept.
+        """
+        mesh = lines or self._mesh_of
+        rubs = self.contact.friction(1.0).base > 0.0
+
+        def area(of: BlockPin) -> Array:
+            return contact_faces(mesh(of), of, rubs, ends=True)[0].weights
+
+        rings = isinstance(self.cells, Rings)
+        args = (names, known, problem, self.specimen, shear, mesh)
+        return parameters(*args, area=area if rings else None)
 
     def problem(self, discrete: Discretisation, ratios: Array, kappa: float = 1.0) -> Problem:
         """The discrete problem at ratios (r, s) and kappa (MPa)."""
@@ -262,29 +274,17 @@ class BlockPinModel:
     def _mesh_of(self, specimen: BlockPin) -> MeshHex:
         return block_mesh(specimen, self.part, self.cells, self.contact)
 
-    def _contact_areas(self, specimen: BlockPin) -> Array:
-        """(n_face, n_q) of the contact points, mm2."""
-        rubs = self.contact.friction(1.0).base > 0.0
-        return contact_faces(self._mesh_of(specimen), specimen, rubs, ends=True)[0].weights
-
     def discretise(self) -> Discretisation:
         """Tables of the mesh, contact faces, constraints and field points."""
         pin = self.specimen.rigid_pin(1.0, 1.0, 1.0)  # where it is, not how stiff
-        return discretise(
-            self.specimen,
-            self.contact,
-            self.part,
-            self.mesh(),
-            pin,
-            self.points(),
-            plane_strain=self.plane_strain,
-        )
+        of = (self.specimen, self.contact, self.part, self.mesh(), pin, self.points())
+        return discretise(*of, plane_strain=self.plane_strain)
 
-    def _seen(self, names: tuple[str, ...], discrete: Discretisation) -> Seen:
+    def _seen(self, run: _Run, discrete: Discretisation) -> Seen:
         motion = field_motion(
-            names,
+            run.names,
             self.specimen,
-            self._mesh_of,
+            run.lines,
             lambda specimen: front_points(specimen, self.part, self.field_grid),
         )
         return Seen(
@@ -294,5 +294,5 @@ class BlockPinModel:
             discrete.probe,
             motion,
             SYMMETRY_FACTOR[self.part],
-            names,
+            run.names,
         )

@@ -1,0 +1,94 @@
+"""What is refused of the meshes of a study, each in one sentence."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+from calib.study.block_cells import (
+    MIN_REFINEMENT,
+    Cells,
+    RingCells,
+    as_found,
+    finer_than,
+    is_finer,
+    shown,
+    shows_error,
+)
+from calib.study.unknowns import given
+from calib.toml_file.refusal import Contradiction
+from fe.specimens.ring_mesh import LONGEST, WIDEST
+
+if TYPE_CHECKING:
+    from calib.study.config import Study
+    from calib.study.sections import Hypothesis
+
+
+def check_meshes(study: Study) -> None:
+    """Raise Contradiction for meshes that show no error, and rings that no pin has."""
+    for index, hypothesis in enumerate(study.hypotheses):
+        for key, cells in _meshes(study, index, hypothesis):
+            if isinstance(cells, RingCells):
+                _check_rings(study, hypothesis, key, cells)
+        _check_refinement(study, index, hypothesis)
+    if study.virtual is None:
+        return
+    for hypothesis in study.hypotheses:
+        cells = study.sampling_cells(hypothesis)
+        if not is_finer(study.virtual.cells, cells):
+            expected = f"a mesh finer than the sampling mesh {shown(cells)}"
+            raise Contradiction("virtual.cells", as_found(study.virtual.cells), expected)
+
+
+def _meshes(
+    study: Study, index: int, hypothesis: Hypothesis
+) -> Iterator[tuple[str, Cells | RingCells]]:
+    """Key in the file and mesh of all that is solved under a hypothesis."""
+    for name, own, common in (
+        ("sampling", hypothesis.sampling, study.mesh.sampling),
+        ("check", hypothesis.check, study.mesh.check),
+    ):
+        if own is None:
+            yield f"mesh.{name}", common
+        else:
+            yield f"hypothesis.{index}.{name}", own
+    if study.virtual is not None and study.virtual.hypothesis == hypothesis.name:
+        yield "virtual.cells", study.virtual.cells
+
+
+def _check_refinement(study: Study, index: int, hypothesis: Hypothesis) -> None:
+    check, sampling = study.check_cells(hypothesis), study.sampling_cells(hypothesis)
+    if shows_error(check, sampling):
+        return
+    if hypothesis.check is not None:
+        key = f"hypothesis.{index}.check"
+        raise Contradiction(key, as_found(check), finer_than(sampling))
+    expected = f"a mesh that mesh.check {shown(check)} is {MIN_REFINEMENT} times finer than"
+    raise Contradiction(f"hypothesis.{index}.sampling", as_found(sampling), expected)
+
+
+def _check_rings(study: Study, hypothesis: Hypothesis, key: str, cells: RingCells) -> None:
+    """Rings follow the rim of a round pin in the middle, with room around it."""
+    found, geometry = as_found(cells), study.geometry
+    if study.pin_shape(hypothesis) != "round":
+        expected = (
+            f"three numbers of elements under {hypothesis.name}: rings follow the rim of a pin of "
+            'pin_shape = "round", and this one is a bar'
+        )
+        raise Contradiction(key, found, expected)
+    if given(study, hypothesis, "pin_shift") is not None:
+        expected = (
+            f"three numbers of elements under {hypothesis.name}: [prior.pin_shift] takes the pin "
+            "off the middle, and rings are about a pin in the middle"
+        )
+        raise Contradiction(key, found, expected)
+    widths = given(study, hypothesis, "pin_width")
+    widest = geometry.pin_width if widths is None else widths.high
+    narrow, wide = sorted((geometry.width, geometry.depth))
+    if widest > WIDEST * narrow or wide > LONGEST * narrow:
+        expected = (
+            f"three numbers of elements: rings need a pin at most {WIDEST:g} times as wide as the "
+            f"sample ({WIDEST * narrow:g} mm, here up to {widest:g} mm) and sides of a ratio up to "
+            f"{LONGEST:g} (here {wide / narrow:.3g})"
+        )
+        raise Contradiction(key, found, expected)
