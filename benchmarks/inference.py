@@ -151,6 +151,16 @@ def _dynesty(posterior: Posterior) -> dict[str, Any]:
     }
 
 
+def _check_same(posterior: Posterior, density: Any) -> None:
+    """Raise RuntimeError where another density of x (m, 3) is not that of the product."""
+    x = posterior.prior.sample(np.random.default_rng(2), 64)
+    own, theirs = posterior.log_prob(x), np.asarray(density(x))
+    # Up to the constant of the prior, which is flat in x.
+    spread = float(np.ptp(own - theirs) / np.abs(own).max())
+    if not spread < 1e-8:
+        raise RuntimeError(f"density_jax: differs from the product's by {spread:.2g}")
+
+
 def _numpyro(posterior: Posterior, store: Path) -> dict[str, Any]:
     import arviz as az
     import jax
@@ -160,12 +170,7 @@ def _numpyro(posterior: Posterior, store: Path) -> dict[str, Any]:
     from benchmarks.density_jax import log_density
 
     density = log_density(posterior, emulator(store, "sliding", 20, True))
-    x = posterior.prior.sample(np.random.default_rng(2), 64)
-    own, theirs = posterior.log_prob(x), np.asarray(jax.vmap(density)(x))
-    # Up to the constant of the prior, which is flat in x.
-    spread = float(np.ptp(own - theirs) / np.abs(own).max())
-    if not spread < 1e-8:
-        raise RuntimeError(f"density_jax: differs from the product's by {spread:.2g}")
+    _check_same(posterior, jax.vmap(density))
     low, high = posterior.prior.bounds.T
 
     def potential(y: Any) -> Any:

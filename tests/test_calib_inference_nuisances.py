@@ -93,7 +93,7 @@ def dense(
     spatial = spatial_correlation(POINTS, FIELD.correlation_length)
     variance = sizes.get("field_noise", 1.0) ** 2 * FIELD.noise_std**2
     own = np.einsum("ij,pq,cd->ipcjqd", near, spatial, np.diag(variance))
-    smooth = spatial_correlation(POINTS, FLOOR_LENGTH, "squared_exponential", FLOOR_NUGGET)
+    smooth = spatial_correlation(POINTS, FLOOR_LENGTH, nugget=FLOOR_NUGGET)
     half = 0.5 * np.eye(5) + 0.5
     floor = np.einsum("ic,jc,ij->cij", FLOOR, FLOOR, half)
     own = own + np.einsum("cij,pq,cd->ipcjqd", floor, smooth, np.eye(3))
