@@ -203,14 +203,25 @@ def finer_arms(store: Path, n: int, name: str) -> tuple[Arm, Arm]:
     it.
     """
     case = runs.MESH_CASES[name]
-    known, truths, seeds = _finer(store, case.hypothesis)
+    known, truths, seeds = finer_case(store, case.hypothesis)
     bare = likelihood_of(known, points())
     drawn = by_runs(bare, sbc_prior(), truths, n, runs.SEED + seeds[0])
     without = Arm(f"{name}-without-mesh-error", drawn, lambda _: bare, seeds[1])
     first = placed(store, without).mean[:, 1:]
+    likelihoods = with_mesh_error(store, case, known, first)
+    return Arm(name, drawn, lambda i: likelihoods[i], seeds[2]), without
+
+
+def with_mesh_error(
+    store: Path, case: runs.MeshCase, known: ScaledEmulator, places: Array
+) -> list[Likelihood]:
+    """Likelihoods with the error of the mesh at the two checks nearest to places (m, 2).
+
+    One and the same object for the same two.
+    """
     fine, coarse = runs.checks(store, case)
     low, high = sbc_prior().bounds[1:].T
-    off = np.sum(((first[:, None] - fine.theta) / (high - low)) ** 2, axis=2)
+    off = np.sum(((places[:, None] - fine.theta) / (high - low)) ** 2, axis=2)
     nearest = np.sort(np.argsort(off, axis=1)[:, :2], axis=1)
 
     @cache
@@ -219,10 +230,12 @@ def finer_arms(store: Path, n: int, name: str) -> tuple[Arm, Arm]:
         error: MeshError = mesh_error(both[0], both[1], case.refinement, case.hypothesis)
         return likelihood_of(known, points(), mesh=error)
 
-    return Arm(name, drawn, lambda i: likelihood(tuple(nearest[i].tolist())), seeds[2]), without
+    return [likelihood(tuple(pair)) for pair in nearest.tolist()]
 
 
-def _finer(store: Path, hypothesis: str) -> tuple[ScaledEmulator, Campaign, tuple[int, int, int]]:
+def finer_case(
+    store: Path, hypothesis: str
+) -> tuple[ScaledEmulator, Campaign, tuple[int, int, int]]:
     """Emulator on a mesh, truths on a finer one, and seeds."""
     if hypothesis == "sliding":
         return dense_emulator(store), runs.finer_truths(store), (2, 3, 4)

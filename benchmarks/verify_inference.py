@@ -3,7 +3,7 @@
     python -m benchmarks.verify_inference [--only PART ...] [--n 300] [--store DIR] [--out FILE]
 
 Parts: sbc and power (virtual experiments drawn from the prior), refined (the same with emulators
-refined as a study's are), emcee (some of their posteriors by a chain), misspecified (truths of
+refined as a study's are), mesh (whether its stated error covers finer truths), emcee (some of their posteriors by a chain), misspecified (truths of
 another law and contact, with and without a discrepancy), direct (posterior by FE at every node of a
 quadrature, and the two maxima).  FE runs and posteriors are kept in --store, so that an
 interrupted part goes on where it was.  Each part replaces its own figures in FILE and leaves the
@@ -27,6 +27,7 @@ from benchmarks import (
     calibration_figures,
     calibration_misspecified,
     calibration_refined,
+    mesh_statement,
 )
 from benchmarks.calibration_runs import ROOT, STORE
 from benchmarks.verify_fe import merge
@@ -36,6 +37,7 @@ OUT = ROOT / "docs" / "verification" / "inference.json"
 PARTS: dict[str, Callable[[Path, int], dict[str, Any]]] = {
     "sbc": calibration_figures.sbc,
     "refined": calibration_refined.figures,
+    "mesh": lambda store, n: mesh_statement.figures(store),
     "emcee": calibration_figures.against_emcee,
     "power": calibration_figures.power,
     "misspecified": lambda store, n: calibration_misspecified.figures(store, max(n // 3, 1)),
