@@ -3,11 +3,11 @@
     python -m benchmarks.verify_inference [--only PART ...] [--n 300] [--store DIR] [--out FILE]
 
 Parts: sbc and power (virtual experiments drawn from the prior), refined (the same with emulators
-refined as a study's are), mesh (whether its stated error covers finer truths), emcee (some of their posteriors by a chain), misspecified (truths of
-another law and contact, with and without a discrepancy), direct (posterior by FE at every node of a
-quadrature, and the two maxima).  FE runs and posteriors are kept in --store, so that an
-interrupted part goes on where it was.  Each part replaces its own figures in FILE and leaves the
-others.
+refined as a study's are), mesh (whether its stated error covers finer truths), emcee (some of their
+posteriors by a chain), misspecified (truths of another law and contact, with and without a
+discrepancy), direct (posterior by FE at every node of a quadrature, and the two maxima).  FE runs
+and posteriors are kept in --store, so that an interrupted part goes on where it was.  Each part
+replaces its own figures in FILE and leaves the others.
 """
 
 from __future__ import annotations
