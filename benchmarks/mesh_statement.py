@@ -47,10 +47,10 @@ def _figures(store: Path, name: str) -> dict[str, Any]:
     z = np.array([one.off / one.sd for one in found])
     told = {
         "n_truths": len(found),
-        "z_rms": np.sqrt(np.mean(z**2, axis=0)),
-        "within_1.96": np.mean(np.abs(z) < WITHIN, axis=0),
-        "mean_off": np.mean([one.off for one in found], axis=0),
-        "mean_sd": np.mean([one.sd for one in found], axis=0),
+        "z_rms": np.sqrt(np.mean(z**2, axis=0)).tolist(),
+        "within_1.96": np.mean(np.abs(z) < WITHIN, axis=0).tolist(),
+        "mean_off": np.mean([one.off for one in found], axis=0).tolist(),
+        "mean_sd": np.mean([one.sd for one in found], axis=0).tolist(),
         "mean_misfit": float(np.mean([one.misfit for one in found])),
     }
     print(f"{name}: {told}", flush=True)

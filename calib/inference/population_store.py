@@ -58,7 +58,7 @@ class PopulationStore:
             return
         store = BlockStore(self.folder, self.key)
         random = json.dumps(self.moves.rng.bit_generator.state).encode()
-        state = {
+        state: Arrays = {
             "walkers_y": walkers.y,
             "walkers_v": walkers.v,
             "walkers_z": walkers.z,
