@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -23,9 +23,6 @@ from benchmarks.calibration_experiments import (
 from calib.inference import (
     PARAMETERS,
     Likelihood,
-    Posterior,
-    SamplerSettings,
-    sample_posterior,
 )
 from calib.inference.rank_uniformity import LEVELS, clustered_error, coverage, uniformity
 from calib.study.context import block_pin_model
@@ -40,8 +37,6 @@ CHUNK = 50
 SPARSE = 8
 """training runs, of values alone, of the emulator whose error matters"""
 FALSE_ALARM = 0.01
-N_BY_EMCEE = 4
-"""experiments whose weighted draws are held to a chain"""
 
 
 @dataclass(frozen=True)
@@ -289,23 +284,3 @@ def power(store: Path, n: int) -> dict[str, Any]:
         finer_arms(store, n, "finer-stuck")[1],
     ]
     return {"power": {arm.name: arm_figures(store, arm) for arm in arms}}
-
-
-def against_emcee(store: Path, n: int) -> dict[str, Any]:
-    """Some experiments by emcee: the mean in SDs and the SD as a ratio, the worst of each."""
-    arm = emulator_arm(store, n)
-    known, likelihood = placed(store, arm), arm.likelihood(0)
-    assert likelihood.field is not None
-    settings = SamplerSettings(n_ensembles=2, n_walkers=200, n_autocorrelation=20)
-    shifts, ratios = [], []
-    for index, field in enumerate(likelihood.field.of_fields(arm.experiments.field[:N_BY_EMCEE])):
-        one = replace(likelihood, force=arm.experiments.force[index], field=field)
-        posterior = Posterior(sbc_prior(), one)
-        draws = sample_posterior(posterior, settings, np.random.default_rng(index)).draws
-        shifts.append((known.mean[index] - draws.mean(axis=0)) / draws.std(axis=0))
-        ratios.append(known.sd[index] / draws.std(axis=0))
-    return {
-        "emcee_n": N_BY_EMCEE,
-        "emcee_mean_sd_worst": float(np.abs(shifts).max()),
-        "emcee_sd_ratio_worst": float(np.exp(np.abs(np.log(ratios)).max())),
-    }

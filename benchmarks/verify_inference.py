@@ -24,6 +24,7 @@ from typing import Any
 
 from benchmarks import (
     calibration_direct,
+    calibration_emcee,
     calibration_figures,
     calibration_misspecified,
     calibration_refined,
@@ -38,7 +39,7 @@ PARTS: dict[str, Callable[[Path, int], dict[str, Any]]] = {
     "sbc": calibration_figures.sbc,
     "refined": calibration_refined.figures,
     "mesh": lambda store, n: mesh_statement.figures(store),
-    "emcee": calibration_figures.against_emcee,
+    "emcee": calibration_emcee.against_emcee,
     "power": calibration_figures.power,
     "misspecified": lambda store, n: calibration_misspecified.figures(store, max(n // 3, 1)),
     "direct": lambda store, n: calibration_direct.figures(store),

@@ -228,6 +228,10 @@ def test_the_varied_block_is_the_block_where_nothing_varies() -> None:
             text_of(more=DISCREPANCY).replace("[noise]", "[noise]\nforce_freedom = 4.0"),
             "prior.discrepancy: found a table, expected none beside noise.force_freedom",
         ),
+        (
+            TEXT.replace("[noise]", "[noise]\ndiscrepancy = 0.1\nforce_freedom = 4.0"),
+            "noise.discrepancy: found 0.1, expected 0 beside noise.force_freedom",
+        ),
         (text_of(more=uniform("prior.c20", 0.0, 0.3)), "prior.c20: found a table, expected none"),
         (
             text_of(HYPOTHESES.replace('"sliding"\n', '"sliding"\nlaw = "gent"\n')),

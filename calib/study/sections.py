@@ -231,3 +231,8 @@ class Noise:
     """distance over the front face over which a discrepancy is correlated, mm"""
     discrepancy_travel_length: Positive = 0.8
     """travel over which a discrepancy is correlated, mm"""
+
+    def __post_init__(self) -> None:
+        if self.discrepancy > 0 and self.force_freedom is not None:
+            expected = "0 beside noise.force_freedom: both explain forces that are off"
+            raise Contradiction("discrepancy", self.discrepancy, expected)

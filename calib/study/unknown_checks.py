@@ -191,9 +191,6 @@ def _check_inputs(study: Study, index: int, hypothesis: Hypothesis) -> None:
 
 def _check_errors(study: Study, index: int, hypothesis: Hypothesis) -> None:
     """Sizes of errors are positive and not spread over more than a table of them can hold."""
-    if study.noise.discrepancy > 0 and study.noise.force_freedom is not None:
-        expected = "0 beside noise.force_freedom: both explain forces that are off"
-        raise Contradiction("noise.discrepancy", study.noise.discrepancy, expected)
     for name in ERRORS:
         prior = given(study, hypothesis, name)
         if prior is None:
@@ -208,15 +205,12 @@ def _check_errors(study: Study, index: int, hypothesis: Hypothesis) -> None:
         if name == "discrepancy" and study.noise.force_freedom is not None:
             expected = "none beside noise.force_freedom: both explain forces that are off"
             raise Contradiction(key, {}, expected)
-        if name == "discrepancy_of_force" and not _has_discrepancy(study, hypothesis):
+        unknown = given(study, hypothesis, "discrepancy") is not None
+        if name == "discrepancy_of_force" and not (unknown or study.noise.discrepancy > 0):
             expected = "none without [prior.discrepancy] or noise.discrepancy, which it multiplies"
             raise Contradiction(key, {}, expected)
         if name in OF_FIELD and not study.data.has_field:
             raise Contradiction(key, {}, "none: the data of this study have no field")
-
-
-def _has_discrepancy(study: Study, hypothesis: Hypothesis) -> bool:
-    return study.noise.discrepancy > 0 or given(study, hypothesis, "discrepancy") is not None
 
 
 def _limits(study: Study, hypothesis: Hypothesis, name: str) -> tuple[float, float, str]:
