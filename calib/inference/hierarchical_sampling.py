@@ -86,16 +86,14 @@ def sample_population(
         kept.keep(0, places, walkers, ())
     while not (verdict := _judged(places, settings)).ended:
         done = len(places)
-        if progress is not None:
-            progress(done, max(verdict.expected, done))
         for _ in range(min(settings.check_every, settings.max_steps - done)):
             for _ in range(ROUNDS):
                 walkers = moves.round(walkers)
             places.append(moves.place(walkers))
+            if progress is not None:
+                progress(len(places), max(verdict.expected, len(places)))
         before = places[max(0, done - settings.check_every) : done]
         kept.keep(1 + done // settings.check_every, places[done:], walkers, before)
-    if progress is not None:
-        progress(len(places), len(places))
     acceptance = moves.accepted[:, 0] / moves.accepted[:, 1]
     alone = moves.alone(walkers, ALONE, ALONE)
     burn = len(places) // BURN_SHARE
