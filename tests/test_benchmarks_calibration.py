@@ -57,7 +57,8 @@ def _likelihood(
         forward,
         NoiseSettings(sample_correlation=rho),
         force_discretisation=0.02,
-        field_floor=0.1 * noise,
+        # far below the emulator's error, which is to be seen if it is left out
+        field_floor=0.01 * noise,
     )
 
 
