@@ -57,8 +57,7 @@ def _likelihood(
         forward,
         NoiseSettings(sample_correlation=rho),
         force_discretisation=0.02,
-        # far below the emulator's error, which is to be seen if it is left out
-        field_floor=0.01 * noise,
+        field_floor=0.1 * noise,
     )
 
 
@@ -98,9 +97,10 @@ def test_noise_taken_as_independent_is_noticed() -> None:
 
 
 def test_emulator_error_left_out_is_noticed() -> None:
-    stated = likelihood()
-    certain = build_certain(stated)
-    below = place(certain, PRIOR, experiments(), 5).below
+    """Of a tenth and more of the force, so that 40 experiments tell whatever their errors are."""
+    stated = _likelihood(AnalyticForward(BLOCK, 0.1, field=True), 0.005, 1.0, 0.5, 0.9)
+    drawn = by_emulator(stated, PRIOR, N, 3)
+    below = place(build_certain(stated), PRIOR, drawn, 5).below
     assert least_p(below) < 1e-3
 
 
