@@ -128,11 +128,22 @@ def likelihood_of(
     mesh: MeshError | None = None,
     independent: bool = False,
     certain: bool = False,
+    discrepancy: tuple[float, float] | None = None,
 ) -> Likelihood:
-    """Likelihood of such experiments; `certain` leaves the emulator's error out."""
+    """Likelihood of such experiments; `certain` leaves the emulator's error out.
+
+    `discrepancy` is the share by which the model errs and that of the force over it; it is of the
+    field that the emulator has in the middle.
+    """
     correction: MeshCorrection | None = None if mesh is None else mesh.correction
     forward: ForwardModel = EmulatorForward(emulator, with_field=True, correction=correction)
     dataset, settings = template(points, independent=independent)
+    if discrepancy is not None:
+        assert dataset.field is not None and forward.field_basis is not None
+        typical = replace(dataset.field, displacement=forward.field_basis.offset)
+        dataset = replace(dataset, field=typical)
+        share, common = discrepancy
+        settings = replace(settings, discrepancy=share, discrepancy_of_force=common)
     errors = (
         {}
         if mesh is None

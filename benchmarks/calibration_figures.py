@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -23,9 +23,6 @@ from benchmarks.calibration_experiments import (
 from calib.inference import (
     PARAMETERS,
     Likelihood,
-    Posterior,
-    SamplerSettings,
-    sample_posterior,
 )
 from calib.inference.rank_uniformity import LEVELS, clustered_error, coverage, uniformity
 from calib.study.context import block_pin_model
@@ -40,8 +37,6 @@ CHUNK = 50
 SPARSE = 8
 """training runs, of values alone, of the emulator whose error matters"""
 FALSE_ALARM = 0.01
-N_BY_EMCEE = 4
-"""experiments whose weighted draws are held to a chain"""
 
 
 @dataclass(frozen=True)
@@ -203,14 +198,25 @@ def finer_arms(store: Path, n: int, name: str) -> tuple[Arm, Arm]:
     it.
     """
     case = runs.MESH_CASES[name]
-    known, truths, seeds = _finer(store, case.hypothesis)
+    known, truths, seeds = finer_case(store, case.hypothesis)
     bare = likelihood_of(known, points())
     drawn = by_runs(bare, sbc_prior(), truths, n, runs.SEED + seeds[0])
     without = Arm(f"{name}-without-mesh-error", drawn, lambda _: bare, seeds[1])
     first = placed(store, without).mean[:, 1:]
+    likelihoods = with_mesh_error(store, case, known, first)
+    return Arm(name, drawn, lambda i: likelihoods[i], seeds[2]), without
+
+
+def with_mesh_error(
+    store: Path, case: runs.MeshCase, known: ScaledEmulator, places: Array
+) -> list[Likelihood]:
+    """Likelihoods with the error of the mesh at the two checks nearest to places (m, 2).
+
+    One and the same object for the same two.
+    """
     fine, coarse = runs.checks(store, case)
     low, high = sbc_prior().bounds[1:].T
-    off = np.sum(((first[:, None] - fine.theta) / (high - low)) ** 2, axis=2)
+    off = np.sum(((places[:, None] - fine.theta) / (high - low)) ** 2, axis=2)
     nearest = np.sort(np.argsort(off, axis=1)[:, :2], axis=1)
 
     @cache
@@ -219,10 +225,12 @@ def finer_arms(store: Path, n: int, name: str) -> tuple[Arm, Arm]:
         error: MeshError = mesh_error(both[0], both[1], case.refinement, case.hypothesis)
         return likelihood_of(known, points(), mesh=error)
 
-    return Arm(name, drawn, lambda i: likelihood(tuple(nearest[i].tolist())), seeds[2]), without
+    return [likelihood(tuple(pair)) for pair in nearest.tolist()]
 
 
-def _finer(store: Path, hypothesis: str) -> tuple[ScaledEmulator, Campaign, tuple[int, int, int]]:
+def finer_case(
+    store: Path, hypothesis: str
+) -> tuple[ScaledEmulator, Campaign, tuple[int, int, int]]:
     """Emulator on a mesh, truths on a finer one, and seeds."""
     if hypothesis == "sliding":
         return dense_emulator(store), runs.finer_truths(store), (2, 3, 4)
@@ -276,23 +284,3 @@ def power(store: Path, n: int) -> dict[str, Any]:
         finer_arms(store, n, "finer-stuck")[1],
     ]
     return {"power": {arm.name: arm_figures(store, arm) for arm in arms}}
-
-
-def against_emcee(store: Path, n: int) -> dict[str, Any]:
-    """Some experiments by emcee: the mean in SDs and the SD as a ratio, the worst of each."""
-    arm = emulator_arm(store, n)
-    known, likelihood = placed(store, arm), arm.likelihood(0)
-    assert likelihood.field is not None
-    settings = SamplerSettings(n_ensembles=2, n_walkers=200, n_autocorrelation=20)
-    shifts, ratios = [], []
-    for index, field in enumerate(likelihood.field.of_fields(arm.experiments.field[:N_BY_EMCEE])):
-        one = replace(likelihood, force=arm.experiments.force[index], field=field)
-        posterior = Posterior(sbc_prior(), one)
-        draws = sample_posterior(posterior, settings, np.random.default_rng(index)).draws
-        shifts.append((known.mean[index] - draws.mean(axis=0)) / draws.std(axis=0))
-        ratios.append(known.sd[index] / draws.std(axis=0))
-    return {
-        "emcee_n": N_BY_EMCEE,
-        "emcee_mean_sd_worst": float(np.abs(shifts).max()),
-        "emcee_sd_ratio_worst": float(np.exp(np.abs(np.log(ratios)).max())),
-    }

@@ -19,18 +19,19 @@ from scipy.special import logsumexp
 from benchmarks import calibration_runs as runs
 from benchmarks.calibration_experiments import Experiments, by_runs, likelihood_of, sbc_prior
 from benchmarks.calibration_figures import points, stuck_emulator
-from calib.data import thesis_forces
-from calib.inference import Likelihood, Posterior, integrate
-from calib.inference.discrepancy import COMMON, log_prior_of_share, with_discrepancy
+from calib.inference import Likelihood, Marginal, Posterior, integrate
+from calib.inference.discrepancy import COMMON, TYPICAL, size_of
 from calib.inference.field_likelihood import FieldLikelihood
 from calib.inference.rank_uniformity import clustered_error
 from calib.inference.weighted_draws import WeightedDraws, draw_weighted
 from fe.campaign_result import Campaign
 from fe.response import Array
+from surrogate import ScaledEmulator
 
 SPACING = 2.0 ** (1.0 / 3.0)
 SHARES = 0.00125 * SPACING ** np.arange(31)
 """relative SDs of the model's error that are summed over, to 1.28: further than a model can err"""
+PRIOR = Marginal("half_cauchy", 0.0, 2.0, median=TYPICAL)
 COARSE = 3
 """every which share is looked at first"""
 DEPTH = 12.0
@@ -60,7 +61,7 @@ class Form:
     """One likelihood for each share of the model's error, or the only one of a model without."""
 
     name: str
-    without: Likelihood
+    emulator: ScaledEmulator
     common: float | None
     """error of the force common to all travels, over the share; None without a discrepancy"""
 
@@ -73,10 +74,9 @@ class Form:
     def rivals(self) -> list[Likelihood]:
         """The likelihood at each share."""
         if self.common is None:
-            return [self.without]
-        travel = thesis_forces().travel
+            return [likelihood_of(self.emulator, points())]
         return [
-            with_discrepancy(self.without, travel, points(), share, common=self.common)
+            likelihood_of(self.emulator, points(), discrepancy=(share, self.common))
             for share in SHARES
         ]
 
@@ -89,9 +89,10 @@ def figures(store: Path, n: int) -> dict[str, Any]:
     times as wide on either side as what moduli are drawn from: an interval is narrow or wide by the
     data.
     """
-    without = likelihood_of(stuck_emulator(store), points())
-    forms = [Form("without", without, None), Form("with", without, COMMON)]
-    rival = Form("with_rival", without, RIVAL)
+    emulator = stuck_emulator(store)
+    without = likelihood_of(emulator, points())
+    forms = [Form("without", emulator, None), Form("with", emulator, COMMON)]
+    rival = Form("with_rival", emulator, RIVAL)
     told: dict[str, Any] = {
         "misspecified_n": n,
         "misspecified_level": LEVEL,
@@ -118,8 +119,7 @@ def rivals(store: Path) -> dict[str, float]:
     stuck, sliding = (runs.further_training(store, name) for name in ("stuck", "sliding"))
     force = np.log(stuck.force / sliding.force)
     common = force.mean(axis=1)
-    offset = stuck.displacement.mean(axis=0)
-    size = np.sqrt(np.mean(offset**2, axis=1)).max(axis=1)
+    size = size_of(stuck.displacement.mean(axis=0))
     off = (stuck.displacement - sliding.displacement) / size[:, None, None]
     return {
         "rivals_field_share": float(np.sqrt(np.mean(off**2))),
@@ -183,7 +183,8 @@ def _chunk(form: Form, drawn: Experiments, index: Array) -> list[tuple[float, ..
 def _of(posteriors: list[Posterior], shares: Array, truth: float, index: int) -> tuple[float, ...]:
     """Average over the shares by their posterior probability."""
     rng = [np.random.default_rng([7, index, k]) for k in range(len(shares))]
-    log_prior = log_prior_of_share(shares) if len(shares) > 1 else np.zeros(1)
+    # A share of ln share: they are equally far apart on that scale.
+    log_prior = PRIOR.log_density(shares) + np.log(shares) if len(shares) > 1 else np.zeros(1)
     kept = np.arange(len(shares))
     if len(kept) > 1:
         look = kept[::COARSE]

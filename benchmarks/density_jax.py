@@ -159,3 +159,13 @@ def _warped(u: Any, strength: Array) -> Any:
     )
     stretched = jnp.where(strength < 0.0, 1.0 - stretched, stretched)
     return jnp.where(strength != 0.0, stretched, u)
+
+
+def check_same(posterior: Posterior, density: Any) -> None:
+    """Raise RuntimeError where another density of x (m, 3) is not that of the product."""
+    x = posterior.prior.sample(np.random.default_rng(2), 64)
+    own, theirs = posterior.log_prob(x), np.asarray(density(x))
+    # Up to the constant of the prior, which is flat in x.
+    spread = float(np.ptp(own - theirs) / np.abs(own).max())
+    if not spread < 1e-8:
+        raise RuntimeError(f"density_jax: differs from the product's by {spread:.2g}")

@@ -24,7 +24,7 @@ BATCH = 1024
 NUISANCES = NoiseSettings(
     compliance_sd=0.01, gain_sd=0.01, field_scale_sd=0.002, translation_sd=0.002, rotation_sd=0.05
 )
-NOISE, DISCREPANCY = {"field_noise": (0.5, 2.0)}, {"field_discrepancy": (1e-3, 0.05)}
+NOISE, DISCREPANCY = {"field_noise": (0.5, 2.0)}, {"discrepancy": (1e-3, 0.05)}
 CASES: dict[str, tuple[NoiseSettings, dict[str, tuple[float, float]]]] = {
     "none": (NoiseSettings(), {}),
     "all nuisances": (NUISANCES, {}),

@@ -157,15 +157,10 @@ def _numpyro(posterior: Posterior, store: Path) -> dict[str, Any]:
     import jax.numpy as jnp
     from numpyro.infer import MCMC, NUTS
 
-    from benchmarks.density_jax import log_density
+    from benchmarks.density_jax import check_same, log_density
 
     density = log_density(posterior, emulator(store, "sliding", 20, True))
-    x = posterior.prior.sample(np.random.default_rng(2), 64)
-    own, theirs = posterior.log_prob(x), np.asarray(jax.vmap(density)(x))
-    # Up to the constant of the prior, which is flat in x.
-    spread = float(np.ptp(own - theirs) / np.abs(own).max())
-    if not spread < 1e-8:
-        raise RuntimeError(f"density_jax: differs from the product's by {spread:.2g}")
+    check_same(posterior, jax.vmap(density))
     low, high = posterior.prior.bounds.T
 
     def potential(y: Any) -> Any:

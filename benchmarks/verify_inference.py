@@ -3,11 +3,11 @@
     python -m benchmarks.verify_inference [--only PART ...] [--n 300] [--store DIR] [--out FILE]
 
 Parts: sbc and power (virtual experiments drawn from the prior), refined (the same with emulators
-refined as a study's are), emcee (some of their posteriors by a chain), misspecified (truths of
-another law and contact, with and without a discrepancy), direct (posterior by FE at every node of a
-quadrature, and the two maxima).  FE runs and posteriors are kept in --store, so that an
-interrupted part goes on where it was.  Each part replaces its own figures in FILE and leaves the
-others.
+refined as a study's are), mesh (whether its stated error covers finer truths), emcee (some of their
+posteriors by a chain), misspecified (truths of another law and contact, with and without a
+discrepancy), direct (posterior by FE at every node of a quadrature, and the two maxima).  FE runs
+and posteriors are kept in --store, so that an interrupted part goes on where it was.  Each part
+replaces its own figures in FILE and leaves the others.
 """
 
 from __future__ import annotations
@@ -24,9 +24,11 @@ from typing import Any
 
 from benchmarks import (
     calibration_direct,
+    calibration_emcee,
     calibration_figures,
     calibration_misspecified,
     calibration_refined,
+    mesh_statement,
 )
 from benchmarks.calibration_runs import ROOT, STORE
 from benchmarks.verify_fe import merge
@@ -36,7 +38,8 @@ OUT = ROOT / "docs" / "verification" / "inference.json"
 PARTS: dict[str, Callable[[Path, int], dict[str, Any]]] = {
     "sbc": calibration_figures.sbc,
     "refined": calibration_refined.figures,
-    "emcee": calibration_figures.against_emcee,
+    "mesh": lambda store, n: mesh_statement.figures(store),
+    "emcee": calibration_emcee.against_emcee,
     "power": calibration_figures.power,
     "misspecified": lambda store, n: calibration_misspecified.figures(store, max(n // 3, 1)),
     "direct": lambda store, n: calibration_direct.figures(store),

@@ -23,6 +23,7 @@ from benchmarks.calibration_experiments import (
     sbc_prior,
 )
 from benchmarks.calibration_misspecified import COARSE, SHARES, _worth
+from benchmarks.mesh_statement import fitted
 from calib.data import FieldData, thesis_forces
 from calib.inference import Likelihood, NoiseSettings, build_likelihood, theta_of
 from calib.inference.rank_uniformity import coverage, uniformity
@@ -96,9 +97,10 @@ def test_noise_taken_as_independent_is_noticed() -> None:
 
 
 def test_emulator_error_left_out_is_noticed() -> None:
-    stated = likelihood()
-    certain = build_certain(stated)
-    below = place(certain, PRIOR, experiments(), 5).below
+    """Of a tenth and more of the force, so that 40 experiments tell whatever their errors are."""
+    stated = _likelihood(AnalyticForward(BLOCK, 0.1, field=True), 0.005, 1.0, 0.5, 0.9)
+    drawn = by_emulator(stated, PRIOR, N, 3)
+    below = place(build_certain(stated), PRIOR, drawn, 5).below
     assert least_p(below) < 1e-3
 
 
@@ -141,3 +143,14 @@ def test_shares_that_count_are_looked_at_closely() -> None:
     value = np.where(look == 3 * COARSE, 0.0, -50.0)
     expected = np.arange(2 * COARSE + 1, 4 * COARSE)
     assert np.array_equal(_worth(value, look, len(SHARES)), expected)
+
+
+def test_a_field_off_along_a_ratio_is_fitted_as_that_ratio() -> None:
+    own, ratios = likelihood(), np.array([0.4, 0.2])
+    theta, basis = np.array([[1.0, *ratios]]), own.forward.field_basis
+    weights, slope = own.forward.predict(theta).weights, own.forward.jacobian(theta).weights
+    assert basis is not None and weights is not None and slope is not None
+    moved = weights + slope[0][:, 1:] @ np.array([0.03, -0.01])
+    found = fitted(own, ratios, basis.fields(moved)[0])
+    assert found.off == pytest.approx([0.03, -0.01], rel=1e-8)
+    assert np.all(found.sd > 0.0) and found.misfit < 1.0

@@ -27,9 +27,11 @@ from calib.study.config import Study, StudyError, load_study
 from calib.study.context import Context, block_pin_model
 from calib.study.data_stage import load_data
 from calib.study.experiment_data import experiment_dataset
+from calib.study.hierarchical_stage import population_posterior
 from calib.study.posterior_setup import noise_of
 from calib.study.sections import Cells, Hypothesis
 from calib.study.stages import run_stages, run_study
+from calib.study.summary import load_summary
 from fe.executors import serial_map
 from fe.response import Array
 
@@ -383,6 +385,37 @@ def test_a_study_of_an_experiment_runs_to_its_report(lab, result, tmp_path):
     report = (out / "report.html").read_text()
     assert "a model made the instruments" in report
     assert "measured between the samples" in report
+
+
+@pytest.mark.slow  # an emulator, samples, a population and figures: half a minute and more
+def test_a_study_of_an_experiment_takes_its_samples_one_by_one(lab, result, tmp_path):
+    text = {
+        "n_runs = 20": "n_runs = 8",
+        "n_held_out = 4": "n_held_out = 2",
+        "n_refine = 8": "n_refine = 4",
+        "n_ensembles = 4": "n_ensembles = 2",
+        "n_walkers = 32": "n_walkers = 16",
+        "max_steps = 20000": "max_steps = 100",
+        "[geometry]": 'level = "samples"\n\n[population]\nscatter = { kappa = 0.3 }\n\n[geometry]',
+    }
+    study = load_study(study_file(tmp_path, lab, **text))
+    blocks = Blocks(tuple(map(tuple, result.dataset.field.points.tolist())))
+    out = tmp_path / "out"
+    run_study(
+        study, out, simulate_factory=blocks, map_fn=serial_map, echo=[].append, show_progress=False
+    )
+    [kept, *_] = load_summary(out / "posterior.nc")
+    assert kept.population.sample_names == tuple(sorted(GOOD))
+    posterior = population_posterior(
+        Context(study, out, blocks, serial_map, lambda _: None, False), study.hypotheses[0]
+    )
+    assert len(posterior.samples.field) == len(GOOD), "the fields are used, not the forces alone"
+    # One sample is stiffer than another as it was made; the fields know nothing of stiffness.
+    seen = [np.log(one.mean) for one in kept.population.samples["kappa"]]
+    made = np.log([GOOD[name].stiffness for name in kept.population.sample_names])
+    assert np.corrcoef(seen, made)[0, 1] > 0.9
+    assert "Population under" in (out / "report.html").read_text()
+    assert not list((out / "chains").glob("*.population"))
 
 
 def test_a_study_that_does_not_fit_the_experiment_is_refused_by_line(lab, tmp_path):

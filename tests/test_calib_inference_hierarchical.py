@@ -73,6 +73,26 @@ def samples_of(n: int, rng: np.random.Generator, lost: int = 0) -> Dataset:
     )
 
 
+def estimator(covariance: Array, directions: Array, seen: Array) -> Array:
+    """(k, size) generalised least squares of directions (k, size), of the numbers that are seen."""
+    weighed = np.linalg.solve(covariance[np.ix_(seen, seen)], directions[:, seen].T)
+    found = np.zeros(directions.shape)
+    found[:, seen] = np.linalg.solve(directions[:, seen] @ weighed, weighed.T)
+    return found
+
+
+def common_columns(force: Array, field: Array, slope: Array, model_field: Array) -> Array:
+    """(5 + size, 5 + size + 3) factor of the errors that all samples share, of one of them."""
+    e, size = np.sqrt(0.5) * 0.03 * force, field.size
+    columns = np.zeros((5 + size, 5 + size + 3))
+    columns[:5, :5] = np.linalg.cholesky(np.outer(e, e) + np.diag(e**2))
+    columns[5:, 5:-3] = np.linalg.cholesky(model_field)
+    moved = np.concatenate([slope @ force, np.tensordot(slope, field, 1).ravel()])
+    columns[:, -3] = NOISE.travel_zero_sd * moved
+    columns[:5, -2], columns[5:, -1] = NOISE.gain_sd * force, NOISE.field_scale_sd * field.ravel()
+    return columns
+
+
 def dense_log_prob(data: Dataset, theta: Array, forward: AnalyticForward) -> float:
     """Ln density of forces and of what least squares make of the fields, by dense matrices.
 
@@ -104,10 +124,7 @@ def dense_log_prob(data: Dataset, theta: Array, forward: AnalyticForward) -> flo
     k = len(directions)
     residual, blocks, root, condensing = [], [], [], []
     for i in range(n):
-        seen = np.isfinite(data.samples.displacement[i]).ravel()
-        weighed = np.linalg.solve(mean_field[np.ix_(seen, seen)], directions[:, seen].T)
-        h = np.zeros((k, size))
-        h[:, seen] = np.linalg.solve(directions[:, seen] @ weighed, weighed.T)
+        h = estimator(mean_field, directions, np.isfinite(data.samples.displacement[i]).ravel())
         force, field = found.force[i], fields[i].ravel()
         measured = np.nan_to_num(data.samples.displacement[i]).ravel()
         fitted = ((h @ measured)[: len(modes)] @ modes).reshape(fields[0].shape)
@@ -120,14 +137,7 @@ def dense_log_prob(data: Dataset, theta: Array, forward: AnalyticForward) -> flo
         zero = np.concatenate([slope @ smooth, np.tensordot(slope, fitted, 1).ravel()])
         blocks.append(both + OWN.travel_zero_sd**2 * np.outer(zero, zero))
         residual.append(np.concatenate([data.samples.force[i] - force, measured - field]))
-        e = np.sqrt(0.5) * 0.03 * force
-        columns = np.zeros((5 + size, 5 + size + 3))
-        columns[:5, :5] = np.linalg.cholesky(np.outer(e, e) + np.diag(e**2))
-        columns[5:, 5:-3] = np.linalg.cholesky(model_field)
-        moved = np.concatenate([slope @ force, np.tensordot(slope, fields[i], 1).ravel()])
-        columns[:, -3] = NOISE.travel_zero_sd * moved
-        columns[:5, -2], columns[5:, -1] = NOISE.gain_sd * force, NOISE.field_scale_sd * field
-        root.append(columns)
+        root.append(common_columns(force, fields[i], slope, model_field))
     common = np.concatenate(root)
     matrix = block_diag(*condensing)
     total = matrix @ (block_diag(*blocks) + common @ common.T) @ matrix.T

@@ -45,7 +45,7 @@ def dataset(with_field: bool) -> Dataset:
 def dense_field(covariance: FieldCovariance) -> Array:
     """The definition, element by element of the Kronecker product."""
     n_step, n_point, _ = covariance.shape
-    smooth = spatial_correlation(POINTS, FLOOR_LENGTH, "squared_exponential", FLOOR_NUGGET)
+    smooth = spatial_correlation(POINTS, FLOOR_LENGTH, nugget=FLOOR_NUGGET)
     noise = np.einsum(
         "ij,pq,cd->ipcjqd",
         covariance.step,

@@ -12,12 +12,13 @@ from scipy.stats import multivariate_normal
 
 from calib.data import Dataset, FieldData, thesis_forces
 from calib.inference import Likelihood, NoiseSettings, build_likelihood
+from calib.inference.discrepancy import discrepancy_patterns, size_of, smooth_over
 from calib.inference.field_noise import FLOOR_LENGTH, FLOOR_NUGGET, spatial_correlation
-from calib.inference.field_scales import discrepancy_patterns, rigid_patterns
+from calib.inference.field_scales import rigid_patterns
 from calib.inference.forward import DirectForward
 from calib.inference.forward_errors import DirectWithErrors
 from calib.inference.likelihood import SIZES
-from calib.inference.noise import mean_covariance, slope_matrix, smooth_over
+from calib.inference.noise import mean_covariance, slope_matrix
 from fe.response import Array
 
 RNG = np.random.default_rng(31)
@@ -43,8 +44,8 @@ NOISE = NoiseSettings(
 BOUNDS = {
     "force_noise": (0.3, 3.0),
     "field_noise": (0.2, 4.0),
-    "force_discrepancy": (1e-3, 0.3),
-    "field_discrepancy": (1e-4, 0.05),
+    "discrepancy": (1e-3, 0.3),
+    "discrepancy_of_force": (0.5, 4.0),
 }
 THETA = np.array([[0.012, 0.1, 0.05], [0.02, 0.6, 0.3]])
 RELATIVE = np.array([0.01, 0.02, 0.03, 0.04, 0.06])
@@ -75,33 +76,41 @@ def dense(
     n = 5 + u.size
     total = np.zeros((n, n))
     force, field = slice(0, 5), slice(5, n)
-    total[force, force] = sizes.get("force_noise", 1.0) ** 2 * mean_covariance(DATA, noise)
     e = RELATIVE * f
-    total[force, force] += np.outer(e, e) * (0.5 + 0.5 * np.eye(5))
+    model = np.outer(e, e) * (0.5 + 0.5 * np.eye(5))
     if prediction.force_covariance is not None:
-        total[force, force] += prediction.force_covariance[0]
-    amplitude = sizes.get("force_discrepancy", 0.0)
-    over = smooth_over(TRAVEL, noise.force_discrepancy_length)
-    total[force, force] += amplitude**2 * np.outer(f, f) * over
+        model = model + prediction.force_covariance[0]
+    share = sizes.get("discrepancy", noise.discrepancy)
+    common = sizes.get("discrepancy_of_force", noise.discrepancy_of_force)
+    over = smooth_over(TRAVEL, noise.discrepancy_travel_length)
+    y = DATA.force_mean
+    # With a factor the normal is of y ln(y / f), to which errors of f come as y / f of them.
+    scale = y / f if share > 0 else np.ones(5)
+    total[force, force] = sizes.get("force_noise", 1.0) ** 2 * mean_covariance(DATA, noise)
+    total[force, force] += np.outer(scale, scale) * model
+    total[force, force] += share**2 * np.outer(y, y) * (common**2 + over)
     near = 0.6 * np.eye(5) + 0.4
     spatial = spatial_correlation(POINTS, FIELD.correlation_length)
     variance = sizes.get("field_noise", 1.0) ** 2 * FIELD.noise_std**2
     own = np.einsum("ij,pq,cd->ipcjqd", near, spatial, np.diag(variance))
-    smooth = spatial_correlation(POINTS, FLOOR_LENGTH, "squared_exponential", FLOOR_NUGGET)
+    smooth = spatial_correlation(POINTS, FLOOR_LENGTH, nugget=FLOOR_NUGGET)
     half = 0.5 * np.eye(5) + 0.5
     floor = np.einsum("ic,jc,ij->cij", FLOOR, FLOOR, half)
     own = own + np.einsum("cij,pq,cd->ipcjqd", floor, smooth, np.eye(3))
     shapes = [basis.truncation, rigid(noise)]
-    patterns = discrepancy_patterns(POINTS, over, noise.field_discrepancy_length)
-    shapes.append(sizes.get("field_discrepancy", 0.0) * patterns)
+    size = np.sqrt(np.mean(FIELD.displacement**2, axis=1)).max(axis=1)
+    lengths = noise.discrepancy_length, noise.discrepancy_travel_length
+    shapes.append(share * discrepancy_patterns(POINTS, TRAVEL, size, *lengths))
     if prediction.weight_variance is not None:
         root = np.sqrt(prediction.weight_variance[0])
         shapes.append(root[:, None, None, None] * basis.modes)
     flat = np.concatenate(shapes).reshape(-1, u.size)
     total[field, field] = own.reshape(u.size, u.size) + flat.T @ flat
     for vector in shared(noise, f, u):
+        vector[force] *= scale
         total += np.outer(vector, vector)
-    residual = np.concatenate([DATA.force_mean - f, (FIELD.displacement - u).ravel()])
+    off = y * np.log(y / f) if share > 0 else y - f
+    residual = np.concatenate([off, (FIELD.displacement - u).ravel()])
     return residual, total
 
 
@@ -145,9 +154,7 @@ def test_all_nuisances_together_equal_the_dense_normal(error: float) -> None:
         assert like.log_prob(theta[None])[0] == pytest.approx(expected, rel=1e-8)
 
 
-@pytest.mark.parametrize(
-    "names", [("force_noise",), ("field_noise",), ("field_discrepancy",), SIZES]
-)
+@pytest.mark.parametrize("names", [("force_noise",), ("field_noise",), ("discrepancy",), SIZES])
 def test_unknown_sizes_of_errors_equal_the_dense_normal(names: tuple[str, ...]) -> None:
     like = build(NOISE, {name: BOUNDS[name] for name in names}, 0.02)
     rng = np.random.default_rng(7)
@@ -165,7 +172,7 @@ def test_unknown_sizes_of_errors_equal_the_dense_normal(names: tuple[str, ...]) 
 
 
 def test_the_direct_model_has_the_same_density_at_unknown_sizes() -> None:
-    names = ("field_noise", "field_discrepancy")
+    names = ("field_noise", "discrepancy")
     like = build(NOISE, {name: BOUNDS[name] for name in names}, 0.02)
     direct = DirectWithErrors(DirectForward(BLOCK, with_field=True), like.forward)
     theta = np.array([[*THETA[0], np.log(1.7), np.log(0.004)]])
@@ -176,9 +183,9 @@ def test_the_direct_model_has_the_same_density_at_unknown_sizes() -> None:
 
 
 def test_scores_by_increment_are_conditional_densities_of_the_dense_normal() -> None:
-    names = ("force_noise", "field_noise")
+    names = ("force_noise", "field_noise", "discrepancy")
     like = build(NOISE, {name: BOUNDS[name] for name in names}, 0.0)
-    logs = np.log([1.4, 0.7])
+    logs = np.log([1.4, 0.7, 0.1])
     theta = np.concatenate([THETA[0], logs])[None]
     residual, covariance = dense(like, THETA[0], NOISE, dict(zip(names, np.exp(logs), strict=True)))
     index = np.arange(5)
@@ -204,16 +211,31 @@ def test_nuisances_have_the_posterior_of_linear_regression() -> None:
     assert found.covariance[0] == pytest.approx(left, rel=1e-6, abs=1e-9)
 
 
-def test_the_discrepancy_of_the_force_is_its_conditional_mean() -> None:
-    like = build(NOISE, {"force_discrepancy": (1e-3, 0.3)}, 0.02)
+def test_a_discrepancy_of_known_size_equals_the_dense_normal() -> None:
+    noise = replace(NOISE, discrepancy=0.07, discrepancy_of_force=1.3, discrepancy_length=0.9)
+    like = build(noise, {"field_noise": BOUNDS["field_noise"]}, 0.02)
+    residual, covariance = dense(like, THETA[0], noise, {"field_noise": 1.2})
+    expected = multivariate_normal.logpdf(residual, cov=covariance)
+    theta = np.array([[*THETA[0], np.log(1.2)]])
+    assert like.log_prob(theta)[0] == pytest.approx(expected, rel=1e-8)
+    unknown = {name: BOUNDS[name] for name in SIZES}
+    same = np.concatenate([THETA[0], np.log([1.0, 1.2, 0.07, 1.3])])[None]
+    wide = build(replace(NOISE, discrepancy_length=0.9), unknown, 0.02)
+    assert wide.log_prob(same)[0] == pytest.approx(expected, rel=1e-8)
+
+
+def test_the_factor_of_the_forces_is_its_conditional_mean() -> None:
+    like = build(NOISE, {"discrepancy": (1e-3, 0.3)}, 0.02)
     theta = np.array([[*THETA[0], np.log(0.08)]])
-    without = replace(like, field=None)
-    prediction = like.predict(theta)
-    f = prediction.force[0]
-    part = 0.08**2 * np.outer(f, f) * smooth_over(TRAVEL, NOISE.force_discrepancy_length)
-    total = without.force_covariance(prediction, theta)[0]
-    expected = part @ np.linalg.solve(total, DATA.force_mean - f)
-    assert without.force_discrepancy(theta)[0] == pytest.approx(expected, rel=1e-9)
+    y = DATA.force_mean
+    part = 0.08**2 * (2.0**2 + smooth_over(TRAVEL, NOISE.discrepancy_travel_length))
+    residual, total = (
+        each[..., :5] for each in dense(like, THETA[0], NOISE, {"discrepancy": 0.08})
+    )
+    expected = part @ (y * np.linalg.solve(total[:5], residual))
+    assert like.force_factor(theta)[0] == pytest.approx(expected, rel=1e-9)
+    found = like.force_misfit(theta)[0]
+    assert found == pytest.approx(residual @ np.linalg.solve(total[:5], residual), rel=1e-9)
 
 
 def test_a_rigid_motion_of_the_field_changes_the_fit_little_where_it_is_allowed_for() -> None:
@@ -232,15 +254,17 @@ def test_a_rigid_motion_of_the_field_changes_the_fit_little_where_it_is_allowed_
     assert abs(change["free"]) < 0.1 * abs(change["fixed"])
 
 
-def test_patterns_of_a_discrepancy_have_unit_variance() -> None:
-    over = smooth_over(TRAVEL, 0.8)
-    patterns = discrepancy_patterns(POINTS, over, 1.5).reshape(-1, 5, len(POINTS), 3)
-    variance = np.sum(patterns**2, axis=0)
+def test_patterns_of_a_discrepancy_have_the_size_of_the_field() -> None:
+    size = size_of(FIELD.displacement)
+    patterns = discrepancy_patterns(POINTS, TRAVEL, size, 1.5, 0.8).reshape(-1, 5, len(POINTS), 3)
+    variance = np.sum(patterns**2, axis=0) / size[:, None, None] ** 2
     assert variance == pytest.approx(np.ones_like(variance), abs=2e-3)
-    covariance = np.einsum("qpc,qrd->pcrd", patterns[:, 0], patterns[:, 0])
+    covariance = np.einsum("qpc,qrd->pcrd", patterns[:, 0], patterns[:, 0]) / size[0] ** 2
     expected = np.exp(-0.5 * (cdist(POINTS, POINTS) / 1.5) ** 2)
     assert covariance[:, 0, :, 0] == pytest.approx(expected, abs=2e-3)
     assert covariance[:, 0, :, 1] == pytest.approx(np.zeros((6, 6)), abs=1e-12)
+    over = np.einsum("qi,qj->ij", patterns[:, :, 0, 0], patterns[:, :, 0, 0])
+    assert over / np.outer(size, size) == pytest.approx(smooth_over(TRAVEL, 0.8), abs=3e-3)
 
 
 def test_no_rigid_motion_is_no_pattern() -> None:

@@ -122,4 +122,4 @@ def test_degrees_below_one_are_refused_and_a_discrepancy_beside_them() -> None:
     with pytest.raises(ValueError, match="force_freedom: expected 1 or more"):
         NoiseSettings(force_freedom=0.5)
     with pytest.raises(ValueError, match="expected one of the two"):
-        replace(likelihood(4.0, 0.0), unknown=("force_discrepancy",))
+        replace(likelihood(4.0, 0.0), unknown=("discrepancy",))

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import csv
+from dataclasses import replace
+from io import StringIO
 from pathlib import Path
 
 import numpy as np
 import pytest
+from test_calib_study_summary import _summary
 
 from benchmarks.linear_population import NOISE, OWN, condensed, dataset, forces, population
 from calib.inference.hierarchical import HierarchicalPosterior
@@ -18,6 +22,7 @@ from calib.study.figure_style import png_bytes
 from calib.study.population_figures import new_sample_forces, shrinkage
 from calib.study.population_summary import PopulationSummary, load_population
 from calib.study.population_tables import population_tables
+from calib.study.summary_files import to_csv
 
 N = 5
 FORCE = forces(
@@ -84,3 +89,22 @@ def test_figures_are_drawn(found: tuple[PopulationSummary, PopulationDraws]) -> 
     summary, _ = found
     for figure in (shrinkage(summary), new_sample_forces(summary, FORCE)):
         assert len(png_bytes(figure, dpi=50)) > 2000
+
+
+def test_csv_has_a_line_for_population_new_sample_and_every_sample(
+    found: tuple[PopulationSummary, PopulationDraws],
+) -> None:
+    summary, _ = found
+    averaged = _summary()
+    lines = list(csv.DictReader(StringIO(to_csv([replace(averaged, population=summary)]))))
+    by_place = {(line["of"], line["constant"]): line for line in lines}
+    assert len(by_place) == len(lines)
+    assert ("averaged sample", "mu") in by_place
+    scatter = by_place["population", "sd_kappa"]
+    assert float(scatter["mean"]) == summary.population["sd_kappa"].mean
+    assert float(scatter["r_hat"]) == summary.convergence["sd_kappa"].r_hat
+    assert float(by_place["new sample", "mu"]["sd"]) == summary.new["mu"].sd
+    for index, name in enumerate(summary.sample_names):
+        assert float(by_place[name, "kappa"]["mean"]) == summary.samples["kappa"][index].mean
+        alone = by_place[f"{name} by itself", "kappa"]
+        assert float(alone["mean"]) == summary.alone["kappa"][index].mean

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from varied_block import varied_stand_in
+from varied_block import VariedStandIn, varied_stand_in
 
 from calib.cli import main
 from calib.inference.inference_data import load_inference_data
@@ -17,6 +18,7 @@ from calib.study.config import Study, StudyError, load_study, read_study
 from calib.study.context import block_pin_model
 from calib.study.design_next import design_next
 from calib.study.finished import check_constants
+from calib.study.sections import Cells, Hypothesis
 from calib.study.stages import run_study
 from calib.study.study_file import study_text
 from calib.study.summary import load_summary
@@ -30,11 +32,21 @@ from calib.study.unknowns import (
 from calib.study.varied_block import VariedBlock
 from fe.campaign_parameters import RATIOS
 from fe.executors import serial_map
+from fe.response import Array, Response
 from fe.specimens.block_pin import BlockPin, BlockPinModel, Contact
 
 TEXT = (Path(__file__).parents[1] / "calib/study/embedded/virtual.toml").read_text()
 HYPOTHESES = TEXT[TEXT.index("[[hypothesis]]") : TEXT.index("[noise]")]
 RUBS = '[[hypothesis]]\nname = "rubs"\npin = 0.3\nbase = 0.3\n'
+
+
+DISCREPANCY = """
+[prior.discrepancy]
+distribution = "half_cauchy"
+median = 0.1
+low = 0.001
+high = 2.0
+"""
 
 
 def uniform(section: str, low: float, high: float) -> str:
@@ -204,6 +216,22 @@ def test_the_varied_block_is_the_block_where_nothing_varies() -> None:
             "prior.fillet.low: found 0.01, expected",
         ),
         (text_of(more=uniform("prior.bulk_ratio", 0.5, 9.0)), "prior.bulk_ratio.low: found 0.5"),
+        (
+            text_of(more=uniform("prior.discrepancy_of_force", 0.5, 9.0)),
+            "none without [prior.discrepancy] or noise.discrepancy",
+        ),
+        (
+            text_of(more=DISCREPANCY.replace("median = 0.1\n", "")),
+            "prior.discrepancy.median: found nothing, expected a number with the distribution",
+        ),
+        (
+            text_of(more=DISCREPANCY).replace("[noise]", "[noise]\nforce_freedom = 4.0"),
+            "prior.discrepancy: found a table, expected none beside noise.force_freedom",
+        ),
+        (
+            TEXT.replace("[noise]", "[noise]\ndiscrepancy = 0.1\nforce_freedom = 4.0"),
+            "noise.discrepancy: found 0.1, expected 0 beside noise.force_freedom",
+        ),
         (text_of(more=uniform("prior.c20", 0.0, 0.3)), "prior.c20: found a table, expected none"),
         (
             text_of(HYPOTHESES.replace('"sliding"\n', '"sliding"\nlaw = "gent"\n')),
@@ -287,13 +315,13 @@ def test_the_range_of_a_ratio_may_be_narrower_than_the_priors_of_constants_leave
     assert prior.log_mass < 0.0
 
 
-def _run(text: str, out: Path) -> Any:
+def _run(text: str, out: Path, factory: Any = varied_stand_in) -> Any:
     short = text.replace("max_steps = 20000", "max_steps = 3000")
     study = study_of(short.replace("n_ensembles = 4", "n_ensembles = 2"))
     return run_study(
         study,
         out,
-        simulate_factory=varied_stand_in,
+        simulate_factory=factory,
         map_fn=serial_map,
         show_progress=False,
         echo=lambda _: None,
@@ -355,6 +383,62 @@ def test_priors_of_constants_with_unknown_noise_go_from_data_to_report(tmp_path:
     assert all(entry["sd"] <= entry["prior_sd"] * 1.001 for entry in found["nuisances"])
     assert (tmp_path / "prior" / "prior_predictive.png").is_file()
     assert "Nuisances of the test" in (tmp_path / "report.html").read_text()
+
+
+@dataclass(frozen=True)
+class Rubbing:
+    """What the ratios say is not asked: an Ogden block of the same shear modulus that rubs."""
+
+    block: VariedStandIn
+
+    def points(self) -> Array:
+        """Those of the block."""
+        return self.block.points()
+
+    def __call__(self, ratios: Array) -> Response:
+        found = self.block(np.array([OGDEN]))
+        by_force = np.zeros((len(found.force), len(ratios)))
+        by_field = np.zeros((*found.displacement.shape, len(ratios)))
+        return replace(
+            found,
+            force_gradient=by_force,
+            displacement_gradient=by_field,
+            parameters=("r", "s"),
+        )
+
+
+OGDEN = 6.0
+"""exponent: at the largest compression 1.6 times as stiff as a neo-Hookean block"""
+
+
+def wrong_truth(study: Study, hypothesis: Hypothesis, cells: Cells) -> Any:
+    """The stand-in of the study; on the mesh of the truth a block that no constants explain."""
+    block = varied_stand_in(study, hypothesis, cells)
+    assert study.virtual is not None
+    if cells != study.virtual.cells:
+        return block
+    return Rubbing(replace(block, law="ogden-1", columns=("alpha1",), friction=0.6))
+
+
+@pytest.mark.slow  # two studies: a minute or two
+def test_with_a_discrepancy_a_wrong_law_does_not_hide_the_shear_modulus(tmp_path: Path) -> None:
+    text = TEXT.replace(HYPOTHESES, HYPOTHESES[HYPOTHESES.index("[[hypothesis]]", 5) :])
+    found = {}
+    for name, more in (("without", ""), ("with", DISCREPANCY)):
+        result = _run(text + more, tmp_path / name, wrong_truth)
+        [summary] = load_summary(result.posterior)
+        assert summary.truth is not None
+        found[name] = summary.constants["mu"]
+    mu = summary.truth["mu"]
+    assert not found["without"].hdi_low < mu < found["without"].hdi_high
+    assert found["with"].hdi_low < mu < found["with"].hdi_high
+    # The field says how wrong the model is, and the prior of mu does not decide.
+    assert 0.03 < summary.further["discrepancy"].mean < 0.5
+    assert found["with"].sd < 0.6 * mu
+    [compared] = read_json(tmp_path / "with" / "comparison.json")["hypotheses"].values()
+    assert len(compared["ln_force_factor"]["mean"]) == 5
+    report = (tmp_path / "with" / "report.html").read_text()
+    assert "share by which the model errs" in report and "factor of the predicted forces" in report
 
 
 @pytest.mark.slow  # some fifty runs of the FE model on a tiny mesh

@@ -16,7 +16,7 @@ SMALL = float(np.exp(-2.0))
 
 UNITS = {
     "kappa": "MPa",
-    **dict.fromkeys(("height", "fillet", "pin_width", "pin_shift", "field_discrepancy"), "mm"),
+    **dict.fromkeys(("height", "fillet", "pin_width", "pin_shift"), "mm"),
 }
 """units of the parameters that have one"""
 CONVENTIONS = {

@@ -1,21 +1,13 @@
-"""Chains on disk, block by block, so that a killed run goes on and ends with the same chains.
-
-emcee's own HDF5 backend writes into one open file, which a kill in the middle of a write can leave
-unreadable. Here a block is one HDF5 file that appears whole or not at all.
-"""
+"""Chains of emcee as blocks of steps, each with what it takes to go on from there."""
 
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass
-from pathlib import Path
 from typing import NamedTuple
 
 import emcee
-import h5py
 import numpy as np
 
-from fe.atomic_file import replacing
 from fe.response import Array
 
 FORMAT = 1
@@ -77,38 +69,3 @@ def run_key(settings: object, starts: list[emcee.State], log_prob: Array) -> str
         digest.update(np.ascontiguousarray(state.random_state[1]).tobytes())
     digest.update(np.ascontiguousarray(log_prob).tobytes())
     return digest.hexdigest()
-
-
-@dataclass(frozen=True)
-class ChainStore:
-    """Blocks of one run in a folder; those of another run are thrown away."""
-
-    folder: Path
-    key: str
-
-    def load(self) -> list[Block]:
-        """The blocks of this run in their order, up to the first that is missing."""
-        found: list[Block] = []
-        while (path := self._path(len(found))).exists():
-            with h5py.File(path, "r") as file:
-                if file.attrs.get("key") != self.key:
-                    break
-                found.append(Block(*(np.array(file[name]) for name in Block._fields)))
-        self._forget(len(found))
-        return found
-
-    def keep(self, index: int, block: Block) -> None:
-        """Write block number `index`; raises OSError when the folder cannot be written."""
-        self.folder.mkdir(parents=True, exist_ok=True)
-        with replacing(self._path(index)) as path, h5py.File(path, "w") as file:
-            file.attrs["key"] = self.key
-            for name, values in block._asdict().items():
-                file.create_dataset(name, data=values)
-
-    def _path(self, index: int) -> Path:
-        return self.folder / f"block_{index:05d}.h5"
-
-    def _forget(self, first: int) -> None:
-        while (path := self._path(first)).exists():
-            path.unlink()
-            first += 1

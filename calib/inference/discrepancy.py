@@ -1,7 +1,7 @@
 """What a forward model may err by beyond its mesh: another law, another contact.
 
 Kennedy & O'Hagan, J. R. Stat. Soc. B 63 (2001) 425: a Gaussian error of the model, smooth over the
-increments and the front face, apart from the parameters. Its size is relative, one number for
+increments and the front face, apart from the parameters. Its size is relative, one share for
 forces and field: the field, of many values, tells by its misfit how wrong the model is, and the
 forces, which carry the stiffness, are believed that much less. Were the two sizes free of each
 other, a wrong model that fits five forces by a wrong stiffness would be taken for right.
@@ -15,86 +15,78 @@ over the travel.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial.distance import cdist
 
-from calib.inference.likelihood import Likelihood
-from calib.inference.noise import smooth_over
 from fe.response import Array
 
 LENGTH = 1.5
 """mm over the front face, over which a model's error is correlated: parts of the pin's width"""
 TRAVEL_LENGTH = 0.8
 """mm of travel, likewise: the range of the increments"""
-KEPT = 0.99
-"""share of the variance over the front face that the patterns hold"""
 COMMON = 2.0
 """SD of the logarithm of the force's factor common to all travels, over the share"""
 TYPICAL = 0.1
 """share that a model is as likely to exceed as not, before any data"""
+KEPT = 1e-4
+"""share of a discrepancy's variance over the front face that its patterns may leave out"""
 
 
-def log_prior_of_share(share: Array) -> Array:
-    """Log density of ln share: half-Cauchy of the median `TYPICAL`, which cuts nothing off.
+def smooth_over(travel: Array, length: float) -> Array:
+    """(n_step, n_step) squared exponential over travels (n_step,) mm."""
+    off = (travel[:, None] - travel[None, :]) / length
+    correlation: Array = np.exp(-0.5 * off**2)
+    return correlation
 
-    Gelman, Bayesian Anal. 1 (2006) 515.
+
+@dataclass(frozen=True)
+class ForceDiscrepancy:
+    """A factor exp(d) of the predicted forces, d normal with a part common to all travels."""
+
+    smoothness: Array
+    """(n_step, n_step) correlation over the travels of the part that is not common"""
+    share: float
+    """SD of that part, where it is known"""
+    of_force: float = COMMON
+    """SD of the common part over it, where that is known"""
+
+    def covariance(self, share: Array | None = None, of_force: Array | None = None) -> Array:
+        """(n_step, n_step, 1 or m) of d; at shares and ratios (m,) where these are unknown."""
+        own = np.array([self.share]) if share is None else share
+        common = np.array([self.of_force]) if of_force is None else of_force
+        found: Array = own**2 * (common**2 + self.smoothness[:, :, None])
+        return found
+
+
+def discrepancy_patterns(
+    points: Array, travel: Array, size: Array, length: float, travel_length: float
+) -> Array:
+    """(q, n_step, n_point, 3) patterns of the field's error at a share of 1, each of one SD, mm.
+
+    `size` (n_step,) is the SD at each increment, mm, of every component: a wrong contact moves
+    material sideways where the model has it move down. Squared exponential over the points
+    (n_point, 2) and the travels (n_step,) mm, each component by itself. Leading directions over
+    both, the rest left out.
     """
-    scaled = share / TYPICAL
-    density: Array = np.log(2.0 / np.pi * scaled / (1.0 + scaled**2))
-    return density
-
-
-def factor_covariance(travel: Array, share: float, common: float = COMMON) -> Array:
-    """(n_step, n_step) covariance of the logarithm of the force's factor at travels (n_step,)."""
-    covariance: Array = share**2 * (common**2 + smooth_over(travel, TRAVEL_LENGTH))
-    return covariance
-
-
-def field_discrepancy(points: Array, travel: Array, size: Array, length: float = LENGTH) -> Array:
-    """(q, n_step, n_point, 3) patterns of a field's error, each of one SD, mm.
-
-    `size` (n_step, 3) is the SD of each component at each increment, mm. Squared exponential over
-    the points (n_point, 2) and the travels (n_step,) mm, each component by itself; patterns are the
-    products of the leading directions over points and all over travels.
-    """
-    space = np.exp(-0.5 * (cdist(points, points) / length) ** 2)
-    values, vectors = np.linalg.eigh(space)
-    values, vectors = values[::-1], vectors[:, ::-1]
-    n = int(np.searchsorted(np.cumsum(values) / values.sum(), KEPT)) + 1
-    over_points = vectors[:, :n] * np.sqrt(values[:n])
-    over_travel = _root(smooth_over(travel, TRAVEL_LENGTH))
-    parts = np.einsum("it,pn,ic,cd->tncipd", over_travel, over_points, size, np.eye(3))
+    over_points = _leading(np.exp(-0.5 * (cdist(points, points) / length) ** 2))
+    over_steps = size[:, None] * _leading(smooth_over(travel, travel_length))
+    parts = np.einsum("it,pn,cd->tncipd", over_steps, over_points, np.eye(3))
     patterns: Array = parts.reshape(-1, len(travel), len(points), 3)
     return patterns
 
 
-def _root(matrix: Array) -> Array:
-    """Symmetric square root: of a smooth correlation a Cholesky factor may not exist."""
-    values, vectors = np.linalg.eigh(matrix)
-    root: Array = (vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T
-    return root
+def size_of(displacement: Array) -> Array:
+    """(n_step,) root mean square over the points of the larger component of a field, mm."""
+    size: Array = np.sqrt(np.mean(displacement**2, axis=1)).max(axis=1)
+    return size
 
 
-def with_discrepancy(
-    likelihood: Likelihood, travel: Array, points: Array, share: float, *, common: float = COMMON
-) -> Likelihood:
-    """The likelihood of a model that errs by a relative SD of `share`, forces by `common` times it.
-
-    In the field it is that share of the root mean square over the points of the predicted
-    displacement's offset, at each increment; the larger of the components counts for all, since a
-    wrong contact moves material sideways where the model has it move down.
-    Raises ValueError for a share that is not positive.
-    """
-    if not share > 0:
-        raise ValueError(f"share: expected a positive relative SD, got {share}")
-    errors = replace(likelihood.errors, factor=factor_covariance(travel, share, common))
-    field = likelihood.field
-    if field is None:
-        return replace(likelihood, errors=errors)
-    rms = np.sqrt(np.mean(field.basis.offset**2, axis=1))
-    size = share * np.repeat(rms.max(axis=1)[:, None], 3, axis=1)
-    patterns = field_discrepancy(points, travel, size)
-    covariance = field.covariance.with_patterns(patterns)
-    return replace(likelihood, errors=errors, field=replace(field, covariance=covariance))
+def _leading(correlation: Array) -> Array:
+    """(n, k) factor of the leading part of a correlation."""
+    values, vectors = np.linalg.eigh(correlation)
+    left = np.cumsum(np.maximum(values, 0.0)) / len(values)
+    kept = left > KEPT
+    factor: Array = vectors[:, kept] * np.sqrt(values[kept])
+    return factor

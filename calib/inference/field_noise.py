@@ -223,10 +223,11 @@ def field_covariance(
 
     `patterns` (q, n_step, n_point, 3) are model errors of known shape [mm], to which come those of
     the field itself; `floor`, one SD [mm] or
-    (n_step, 3) of them, is for model errors of unknown shape, correlated over the points as a
-    squared exponential of `FLOOR_LENGTH` and half common to all increments: errors of a mesh
-    are smooth and grow with the travel. Taken as independent they would average away, as they do
-    not in truth.
+    (n_step, 3) of them, is for model errors of unknown shape, correlated over the points as
+    exp(-d / `FLOOR_LENGTH`) and half common to all increments. Errors of a mesh are no smooth
+    functions: rows of nodes that pass the pin's edge move it within one element. A squared
+    exponential, which has nothing below its length, would take the constants from what is finer
+    as if no mesh erred there; taken as independent the errors would average away.
     With `freedom` the noise is, approximately, Student-t of so many degrees: see
     `calib.inference.point_weights`.
     Raises ValueError when shapes disagree or a floor is negative.
@@ -249,9 +250,7 @@ def field_covariance(
         step = step_correlation(n_step, field.reference_share)
         scale = point_weights(field, correlation, step, freedom) ** -0.5
         correlation = scale[:, None] * correlation * scale
-    smooth = spatial_correlation(
-        field.points, FLOOR_LENGTH, "squared_exponential", nugget=FLOOR_NUGGET
-    )
+    smooth = spatial_correlation(field.points, FLOOR_LENGTH, "exponential", nugget=FLOOR_NUGGET)
     values, vectors = eigh(smooth, correlation)
     shared = step_correlation(n_step, FLOOR_SHARED)
     return FieldCovariance(

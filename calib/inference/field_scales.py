@@ -18,7 +18,6 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 from scipy.linalg import cho_factor, cho_solve
-from scipy.spatial.distance import cdist
 
 from calib.inference.field_noise import FieldCovariance
 from calib.inference.gaussian import LOG_2PI, gram_and_logdet
@@ -29,8 +28,6 @@ Range = tuple[float, float]
 
 DIGITS = 11
 """decimal digits to which the polynomials meet the products, relative to the largest"""
-KEPT = 1e-4
-"""share of a discrepancy's variance over the front face that its patterns may leave out"""
 
 
 class FieldSizes(NamedTuple):
@@ -39,7 +36,7 @@ class FieldSizes(NamedTuple):
     noise: Array | None
     """factor of the SD of the noise"""
     discrepancy: Array | None
-    """SD of what no constants explain, mm"""
+    """share by which the model errs"""
 
 
 @dataclass(frozen=True)
@@ -49,9 +46,9 @@ class FieldScales:
     noise: Range | None
     """of the factor of the noise's SD; None where it is 1"""
     discrepancy: Range | None
-    """of the discrepancy's SD, mm; None where there is none"""
+    """of the share by which the model errs; None where it is known"""
     patterns: Array
-    """(q, n_step, n_point, 3) shapes of the discrepancy at an SD of 1 mm"""
+    """(q, n_step, n_point, 3) shapes of the discrepancy at a share of 1, mm"""
 
     def without_step(self, index: int | None) -> FieldScales:
         """The same of all increments but one."""
@@ -67,30 +64,6 @@ class FieldScales:
         if sizes.discrepancy is not None:
             found = found.with_patterns(sizes.discrepancy[row] * self.patterns)
         return found
-
-
-def discrepancy_patterns(points: Array, over_travel: Array, length: float) -> Array:
-    """(q, n_step, n_point, 3) patterns of a discrepancy of unit SD, smooth over points and travels.
-
-    Squared exponential of `length` mm over the points (n_point, 2); `over_travel`
-    (n_step, n_step) is the correlation over the increments; components are independent. Leading
-    directions over the points, the rest left out (Kennedy & O'Hagan, J. R. Stat. Soc. B 63 (2001)
-    425, for such a term).
-    """
-    over_points = _leading(np.exp(-0.5 * (cdist(points, points) / length) ** 2))
-    over_steps = _leading(over_travel)
-    parts = np.einsum("it,pn,cd->tncipd", over_steps, over_points, np.eye(3))
-    patterns: Array = parts.reshape(-1, len(over_travel), len(points), 3)
-    return patterns
-
-
-def _leading(correlation: Array) -> Array:
-    """(n, k) factor of the leading part of a correlation."""
-    values, vectors = np.linalg.eigh(correlation)
-    left = np.cumsum(np.maximum(values, 0.0)) / len(values)
-    kept = left > KEPT
-    factor: Array = vectors[:, kept] * np.sqrt(values[kept])
-    return factor
 
 
 def rigid_patterns(points: Array, n_step: int, translation: float, rotation: float) -> Array:

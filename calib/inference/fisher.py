@@ -117,7 +117,7 @@ def spectrum(information: Array, prior_sd: Array) -> Spectrum:
 
 def _of_force(likelihood: Likelihood, prediction: Prediction, slope: Jacobian) -> Information:
     force = np.ascontiguousarray(prediction.force.T)
-    covariance = likelihood.errors.covariance(force, prediction.force_covariance)[:, :, 0]
+    covariance = likelihood.errors.to_first_order(force, prediction.force_covariance)[:, :, 0]
     covariance = covariance / information_share(likelihood.errors.freedom, len(force))
     shifts = likelihood.errors.shifts(force)[:, :, 0].T
     jacobian = slope.force[0]

@@ -17,12 +17,14 @@ unknowns and constants. All moves are exact: nothing but the length of the chain
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
 from calib.inference.chain_verdict import BURN_SHARE, ChainVerdict, judge
 from calib.inference.hierarchical import HierarchicalPosterior
-from calib.inference.population_moves import Moves, Place
+from calib.inference.population_moves import Moves, Place, Walkers
+from calib.inference.population_store import store_of
 from calib.inference.sampling import Progress, SamplerSettings, SamplingStatus
 from fe.response import Array
 
@@ -64,28 +66,34 @@ def sample_population(
     settings: SamplerSettings,
     rng: np.random.Generator,
     progress: Progress | None = None,
+    store: Path | None = None,
 ) -> PopulationDraws:
     """Run the ensembles until they are long enough and agree, by the rules of `sample_posterior`.
 
     A first `check_every` rounds only settle the walkers. The result depends on `rng`'s seed and on
-    nothing else. Reaching `max_steps` is a status, not an error.
+    nothing else. With a folder `store` every block of `check_every` steps is kept there: a run that
+    was killed goes on where it was and ends with the same bits; blocks of another run are thrown
+    away. Reaching `max_steps` is a status, not an error.
     Raises ValueError when too few prior draws have a finite density.
     """
     moves = Moves(posterior, settings.n_ensembles, settings.n_walkers, rng)
     walkers = moves.start()
-    for _ in range(settings.check_every):
-        walkers = moves.round(walkers)
-    moves.accepted[:] = 0
-    places: list[Place] = []
-    verdict = _judged(places, settings)
-    while not verdict.ended:
-        for _ in range(min(settings.check_every, settings.max_steps - len(places))):
+    kept = store_of(store, settings, moves, walkers)
+    if (found := kept.load()) is not None:
+        places, walkers = found
+    else:
+        places, walkers = list[Place](), _settled(moves, walkers, settings.check_every)
+        kept.keep(0, places, walkers, ())
+    while not (verdict := _judged(places, settings)).ended:
+        done = len(places)
+        for _ in range(min(settings.check_every, settings.max_steps - done)):
             for _ in range(ROUNDS):
                 walkers = moves.round(walkers)
             places.append(moves.place(walkers))
-        verdict = _judged(places, settings)
-        if progress is not None:
-            progress(len(places), max(verdict.expected, len(places)))
+            if progress is not None:
+                progress(len(places), max(verdict.expected, len(places)))
+        before = places[max(0, done - settings.check_every) : done]
+        kept.keep(1 + done // settings.check_every, places[done:], walkers, before)
     acceptance = moves.accepted[:, 0] / moves.accepted[:, 1]
     alone = moves.alone(walkers, ALONE, ALONE)
     burn = len(places) // BURN_SHARE
@@ -105,6 +113,14 @@ def sample_population(
         status=SamplingStatus.CONVERGED if verdict.converged else SamplingStatus.MAX_STEPS,
         message=_message(verdict, settings, len(places), burn),
     )
+
+
+def _settled(moves: Moves, walkers: Walkers, n_rounds: int) -> Walkers:
+    """After rounds that do not count."""
+    for _ in range(n_rounds):
+        walkers = moves.round(walkers)
+    moves.accepted[:] = 0
+    return walkers
 
 
 def _judged(places: list[Place], settings: SamplerSettings) -> ChainVerdict:

@@ -11,22 +11,12 @@ import numpy.typing as npt
 from calib.data.dataset import Dataset
 from calib.inference.field_likelihood import FieldLikelihood
 from calib.inference.field_noise import Kernel, field_covariance
-from calib.inference.field_scales import (
-    FieldScales,
-    FieldSizes,
-    discrepancy_patterns,
-    rigid_patterns,
-)
-from calib.inference.force_factor import on_log_scale
+from calib.inference.field_patterns import with_patterns_of
+from calib.inference.field_scales import FieldSizes
+from calib.inference.force_factor import ForceNormal, on_log_scale
 from calib.inference.forward import ForwardModel, Prediction, identity_basis
 from calib.inference.gaussian import conditional_log_densities, density_and_misfit
-from calib.inference.noise import (
-    ForceErrors,
-    ForceSizes,
-    NoiseSettings,
-    force_errors,
-    smooth_over,
-)
+from calib.inference.noise import ForceErrors, ForceSizes, NoiseSettings, force_errors
 from calib.inference.shared_error import (
     AlongError,
     SharedPosterior,
@@ -41,8 +31,8 @@ from calib.inference.student_force import (
 from fe.response import Array
 
 FORCE_NOISE, FIELD_NOISE = "force_noise", "field_noise"
-FORCE_DISCREPANCY, FIELD_DISCREPANCY = "force_discrepancy", "field_discrepancy"
-SIZES = (FORCE_NOISE, FIELD_NOISE, FORCE_DISCREPANCY, FIELD_DISCREPANCY)
+DISCREPANCY, OF_FORCE = "discrepancy", "discrepancy_of_force"
+SIZES = (FORCE_NOISE, FIELD_NOISE, DISCREPANCY, OF_FORCE)
 """sizes of the errors that may be unknown"""
 
 
@@ -66,9 +56,9 @@ class Likelihood:
     def __post_init__(self) -> None:
         if not set(self.unknown) <= set(SIZES):
             raise ValueError(f"unknown: expected some of {', '.join(SIZES)}, got {self.unknown}")
-        if self.errors.freedom is not None and FORCE_DISCREPANCY in self.unknown:
+        if self.errors.freedom is not None and DISCREPANCY in self.unknown:
             raise ValueError(
-                f"unknown: found {FORCE_DISCREPANCY} with Student-t forces, expected one of the two"
+                f"unknown: found {DISCREPANCY} with Student-t forces, expected one of the two"
             )
 
     def log_prob(self, theta: Array) -> Array:
@@ -113,13 +103,15 @@ class Likelihood:
     def _force_sizes(self, theta: Array) -> ForceSizes | None:
         if not self.unknown:
             return None
-        return ForceSizes(self.size(theta, FORCE_NOISE), self.size(theta, FORCE_DISCREPANCY))
+        return ForceSizes(
+            *(self.size(theta, name) for name in (FORCE_NOISE, DISCREPANCY, OF_FORCE))
+        )
 
     def field_sizes(self, theta: Array) -> FieldSizes | None:
         """Unknown sizes of the field's errors at theta (m, n); None where they are known."""
-        if not {FIELD_NOISE, FIELD_DISCREPANCY} & set(self.unknown):
+        if not {FIELD_NOISE, DISCREPANCY} & set(self.unknown):
             return None
-        return FieldSizes(self.size(theta, FIELD_NOISE), self.size(theta, FIELD_DISCREPANCY))
+        return FieldSizes(self.size(theta, FIELD_NOISE), self.size(theta, DISCREPANCY))
 
     def field_errors(self, theta: Array, rng: np.random.Generator) -> Array:
         """(m, n_step, n_point, 3) draws of the field's own errors at theta (m, n), mm.
@@ -149,7 +141,7 @@ class Likelihood:
         increment is its force and its field together: log p(y) - log p(y without i).
         """
         prediction = self.predict(theta)
-        if self.field is None and self.errors.freedom is None:
+        if self.field is None and self.errors.freedom is None and self.errors.discrepancy is None:
             return conditional_log_densities(
                 self.force_covariance(prediction, theta), self.force - prediction.force
             )
@@ -173,57 +165,69 @@ class Likelihood:
         """(m, n_step, n_step) covariance of the force residual, nuisances included, N^2.
 
         Of Student-t forces the scale matrix. `theta` (m, n) where sizes of the errors are unknown.
-        A factor by which the model errs counts to first order.
+        Without the factor by which the model errs.
         """
         force = np.ascontiguousarray(prediction.force.T)
         sizes = None if theta is None else self._force_sizes(theta)
         covariance = self.errors.covariance(force, prediction.force_covariance, sizes)
         for shift in self.errors.shifts(force):
             covariance += shift[:, None] * shift[None, :]
-        if self.errors.factor is not None:
-            covariance += force[:, None] * force[None, :] * self.errors.factor[:, :, None]
         return np.ascontiguousarray(covariance.transpose(2, 0, 1))
 
     def _force_along(
         self, prediction: Prediction, steps: npt.NDArray[np.intp], sizes: ForceSizes | None
     ) -> ForceDensity:
         """Log normal density of the forces at `steps` along the nuisances of the test."""
-        force = np.ascontiguousarray(prediction.force.T)
-        covariance = self.errors.covariance(force, prediction.force_covariance, sizes)
-        residual, shifts = self.force[:, None] - force, self.errors.shifts(force)
-        factor = self.errors.factor
-        if factor is not None:
-            own = self.errors.measured(sizes)
-            covariance, residual, shifts = on_log_scale(
-                self.force, force, own, covariance - own, shifts, factor
-            )
+        covariance, residual, shifts = self._force_normal(prediction, sizes)
         along, misfit = density_and_misfit(
             covariance[np.ix_(steps, steps)], residual[steps], shifts[:, steps]
         )
         return ForceDensity(along, misfit, len(steps))
 
-    def force_discrepancy(self, theta: Array) -> Array:
-        """(m, n_step) mean of the discrepancy of the force given theta (m, n), N.
+    def _force_normal(self, prediction: Prediction, sizes: ForceSizes | None) -> ForceNormal:
+        """Covariance, residuals and shifts, on the scale of ln of the force with a discrepancy."""
+        force = np.ascontiguousarray(prediction.force.T)
+        covariance = self.errors.covariance(force, prediction.force_covariance, sizes)
+        shifts, factor = self.errors.shifts(force), self.errors.factor(sizes)
+        if factor is None:
+            return ForceNormal(covariance, self.force[:, None] - force, shifts)
+        own = self.errors.measured(sizes)
+        return on_log_scale(self.force, force, own, covariance - own, shifts, factor)
 
-        D Sigma^-1 (y - f), with D its part of the covariance Sigma; zeros where there is none.
+    def force_factor(self, theta: Array) -> Array:
+        """(m, n_step) mean of ln of the factor by which the model errs, given theta and forces.
+
+        D Sigma^-1 r, with D its covariance, Sigma that of the residuals r; zeros where there is
+        none.
         """
-        prediction, amplitude = self.predict(theta), self.size(theta, FORCE_DISCREPANCY)
-        if amplitude is None or self.errors.smoothness is None:
-            return np.zeros_like(prediction.force)
-        residual = (self.force - prediction.force)[:, :, None]
-        solved = np.linalg.solve(self.force_covariance(prediction, theta), residual)[:, :, 0]
-        own = amplitude[:, None] * prediction.force
-        mean: Array = own * ((own * solved) @ self.errors.smoothness)
+        residual, solved = self._weighed_residual(theta)
+        factor = self.factor_covariance(theta)
+        if factor is None:
+            return np.zeros_like(residual)
+        mean: Array = np.einsum("mij,mj->mi", factor, self.force * solved)
         return mean
 
+    def factor_covariance(self, theta: Array) -> Array | None:
+        """(m, n_step, n_step) covariance of ln of that factor at theta (m, n); None without it."""
+        factor = self.errors.factor(self._force_sizes(theta))
+        if factor is None:
+            return None
+        shape = (len(theta), *factor.shape[:2])
+        return np.broadcast_to(factor.transpose(2, 0, 1), shape)
+
     def force_misfit(self, theta: Array) -> Array:
-        """(m,) chi-square (y - f)^T Sigma^-1 (y - f) of the forces at theta (m, n)."""
-        prediction = self.predict(theta)
-        residual = self.force - prediction.force
-        covariance = self.force_covariance(prediction, theta)
-        solved = np.linalg.solve(covariance, residual[:, :, None])
-        misfit: Array = np.einsum("mi,mi->m", residual, solved[:, :, 0])
+        """(m,) chi-square r^T Sigma^-1 r of the forces at theta (m, n)."""
+        residual, solved = self._weighed_residual(theta)
+        misfit: Array = np.einsum("mi,mi->m", residual, solved)
         return misfit
+
+    def _weighed_residual(self, theta: Array) -> tuple[Array, Array]:
+        """(m, n_step) residuals r of the forces and Sigma^-1 r, all errors in Sigma."""
+        covariance, residual, shifts = self._force_normal(
+            self.predict(theta), self._force_sizes(theta)
+        )
+        total = (covariance + np.einsum("qim,qjm->ijm", shifts, shifts)).transpose(2, 0, 1)
+        return residual.T, np.linalg.solve(total, residual.T[:, :, None])[:, :, 0]
 
     def with_forward(self, forward: ForwardModel) -> Likelihood:
         """The same data and errors under another forward model (emulator or direct)."""
@@ -262,12 +266,16 @@ def build_likelihood(
     Raises ValueError when shapes disagree, the noise is impossible (see `noise`), or the
     forward model has no field where the data have one.
     """
-    errors = force_errors(dataset, noise, force_discretisation)
-    names = tuple(unknown or {})
-    if dataset.field is None:
+    ranges = unknown or {}
+    names = tuple(ranges)
+    errors = force_errors(
+        dataset, noise, force_discretisation, unknown_discrepancy=DISCREPANCY in names
+    )
+    measured = dataset.field
+    if measured is None:
         return Likelihood(forward, dataset.force_mean, errors, unknown=names)
     covariance = field_covariance(
-        dataset.field,
+        measured,
         kernel=kernel,
         floor=field_floor,
         patterns=field_patterns,
@@ -276,27 +284,9 @@ def build_likelihood(
     basis = forward.field_basis
     if basis is None:
         # A direct model shows the shape of its field with its first run only.
-        basis = identity_basis(dataset.field.displacement.shape)
-    rigid = rigid_patterns(
-        dataset.field.points, dataset.travel.size, noise.translation_sd, noise.rotation_sd
-    )
-    covariance = covariance.with_patterns(rigid)
+        basis = identity_basis(measured.displacement.shape)
+    sizes = ranges.get(FIELD_NOISE), ranges.get(DISCREPANCY)
+    covariance, scales = with_patterns_of(covariance, dataset.travel, measured, noise, sizes)
     shifts = np.stack([error.field for error in errors.shared])
-    scales = _field_scales(dataset, noise, unknown or {})
-    field = FieldLikelihood(dataset.field.displacement, covariance, basis, shifts, scales)
+    field = FieldLikelihood(measured.displacement, covariance, basis, shifts, scales)
     return Likelihood(forward, dataset.force_mean, errors, field, names)
-
-
-def _field_scales(
-    dataset: Dataset, noise: NoiseSettings, unknown: Mapping[str, tuple[float, float]]
-) -> FieldScales | None:
-    """Ranges of the unknown sizes of the field's errors, and the shapes of its discrepancy."""
-    ranges = unknown.get(FIELD_NOISE), unknown.get(FIELD_DISCREPANCY)
-    if dataset.field is None or ranges == (None, None):
-        return None
-    patterns = np.zeros((0, *dataset.field.displacement.shape))
-    if ranges[1] is not None:
-        over_travel = smooth_over(dataset.travel, noise.force_discrepancy_length)
-        length = noise.field_discrepancy_length
-        patterns = discrepancy_patterns(dataset.field.points, over_travel, length)
-    return FieldScales(ranges[0], ranges[1], patterns)

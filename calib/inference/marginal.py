@@ -10,7 +10,7 @@ from scipy.special import ndtr, ndtri
 
 from fe.response import Array
 
-DISTRIBUTIONS = ("uniform", "log_uniform", "normal", "lognormal")
+DISTRIBUTIONS = ("uniform", "log_uniform", "normal", "lognormal", "half_cauchy")
 
 
 @dataclass(frozen=True)
@@ -18,7 +18,8 @@ class Marginal:
     """Distribution of one parameter, truncated to [low, high].
 
     `mean` and `sd` are those of the normal or lognormal variable before truncation, in the
-    parameter's own unit; the uniform ones take neither.
+    parameter's own unit; the half-Cauchy takes its `median` before truncation above, the uniform
+    ones none.
     Raises ValueError when the distribution is unknown or the numbers do not fit it.
     """
 
@@ -27,6 +28,7 @@ class Marginal:
     high: float
     mean: float | None = None
     sd: float | None = None
+    median: float | None = None
 
     def __post_init__(self) -> None:
         if self.distribution not in DISTRIBUTIONS:
@@ -36,6 +38,13 @@ class Marginal:
             raise ValueError(f"low, high: expected finite low < high, got {self.low}, {self.high}")
         if self.on_log and self.low <= 0:
             raise ValueError(f"low: must be positive for {self.distribution}, got {self.low}")
+        if (self.distribution == "half_cauchy") != (self.median is not None):
+            raise ValueError(f"median: {self.distribution} with median {self.median}")
+        if self.median is not None and not (self.median > 0 and self.low >= 0):
+            raise ValueError(
+                "median, low: expected a positive median and low >= 0, got "
+                f"{self.median}, {self.low}"
+            )
         if self.is_normal:
             self._check_normal()
         elif self.mean is not None or self.sd is not None:
@@ -81,6 +90,9 @@ class Marginal:
 
     @cached_property
     def _tails(self) -> tuple[float, float]:
+        if self.median is not None:
+            low, high = (2.0 / np.pi * np.arctan(end / self.median) for end in self._range)
+            return float(low), float(high)
         centre, sd = self._normal
         low, high = self._range
         return float(ndtr((low - centre) / sd)), float(ndtr((high - centre) / sd))
@@ -92,6 +104,8 @@ class Marginal:
     @cached_property
     def _log_norm(self) -> float:
         """Logarithm of the constant that makes the density integrate to one."""
+        if self.median is not None:
+            return -float(np.log(0.5 * np.pi * self.median * self._mass))
         if self.is_normal:
             return -float(np.log(self._normal[1] * np.sqrt(2.0 * np.pi) * self._mass))
         low, high = self._range
@@ -107,6 +121,8 @@ class Marginal:
         if self.is_normal:
             centre, sd = self._normal
             result = result - 0.5 * ((position - centre) / sd) ** 2
+        if self.median is not None:
+            result = result - np.log1p((position / self.median) ** 2)
         if self.on_log:
             result = result - position  # d(ln v)/dv = 1/v
         return np.where(inside, result, -np.inf)
@@ -117,6 +133,9 @@ class Marginal:
         if self.is_normal:
             centre, sd = self._normal
             position = centre + sd * ndtri(self._tails[0] + probability * self._mass)
+        elif self.median is not None:
+            share = self._tails[0] + probability * self._mass
+            position = self.median * np.tan(0.5 * np.pi * share)
         else:
             position = low + probability * (high - low)
         value = np.exp(position) if self.on_log else position

@@ -9,6 +9,13 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from calib.data.dataset import Dataset
+from calib.inference.discrepancy import (
+    COMMON,
+    LENGTH,
+    TRAVEL_LENGTH,
+    ForceDiscrepancy,
+    smooth_over,
+)
 from calib.inference.shared_error import SharedError
 from fe.response import Array
 
@@ -24,7 +31,9 @@ class ForceSizes(NamedTuple):
     noise: Array | None
     """factor of the SD of the measured mean's errors"""
     discrepancy: Array | None
-    """SD of what no constants explain, over the force"""
+    """share by which the model errs"""
+    of_force: Array | None
+    """SD of the logarithm of the factor common to all travels, over that share"""
 
 
 @dataclass(frozen=True)
@@ -55,10 +64,14 @@ class NoiseSettings:
     """degrees of freedom of the forces' own errors as a Student-t; None is normal"""
     field_freedom: float | None = None
     """degrees of freedom of the field's noise as a Student-t; None is normal"""
-    force_discrepancy_length: float = 0.8
-    """travel over which a discrepancy of the force is correlated, mm"""
-    field_discrepancy_length: float = 1.5
-    """distance over which a discrepancy of the field is correlated, mm"""
+    discrepancy: float = 0.0
+    """share by which the model errs, where it is known; see `calib.inference.discrepancy`"""
+    discrepancy_of_force: float = COMMON
+    """SD of the logarithm of the force's factor common to all travels, over that share"""
+    discrepancy_length: float = LENGTH
+    """distance over the front face over which a discrepancy is correlated, mm"""
+    discrepancy_travel_length: float = TRAVEL_LENGTH
+    """travel over which a discrepancy is correlated, mm"""
 
     def __post_init__(self) -> None:
         for name in (
@@ -69,12 +82,18 @@ class NoiseSettings:
             "field_scale_sd",
             "translation_sd",
             "rotation_sd",
+            "discrepancy",
+            "discrepancy_of_force",
         ):
             value = getattr(self, name)
             if not (np.isfinite(value) and value >= 0):
                 raise ValueError(f"{name}: expected zero or a positive number, got {value}")
         if self.force_freedom is not None and not 1 <= self.force_freedom < np.inf:
             raise ValueError(f"force_freedom: expected 1 or more, got {self.force_freedom}")
+        if self.force_freedom is not None and self.discrepancy > 0:
+            raise ValueError(
+                "discrepancy: expected none with Student-t forces: both explain forces that are off"
+            )
         if not -1 < self.sample_correlation < 1:
             raise ValueError(
                 f"sample_correlation: expected in (-1, 1), got {self.sample_correlation}"
@@ -144,12 +163,10 @@ class ForceErrors:
     """(n_step, n_step) derivative matrix of `slope_matrix`, 1/mm"""
     further: tuple[SharedError, ...] = ()
     """nuisances of the test beyond the zero of the travel"""
-    smoothness: Array | None = None
-    """(n_step, n_step) correlation of a discrepancy of the force, relative to it, over travels"""
     freedom: float | None = None
     """degrees of freedom of all but the shared nuisances as a multivariate t; None is normal"""
-    factor: Array | None = None
-    """(n_step, n_step) covariance of the logarithm of the factor by which the model errs"""
+    discrepancy: ForceDiscrepancy | None = None
+    """how the model errs by a factor; None where it has no discrepancy"""
 
     def __post_init__(self) -> None:
         n = self.mean.shape[0]
@@ -157,6 +174,14 @@ class ForceErrors:
             raise ValueError(
                 f"discretisation: expected {n} relative SDs >= 0, got {self.discretisation}"
             )
+
+    def factor(self, sizes: ForceSizes | None = None) -> Array | None:
+        """(n_step, n_step, 1 or m) covariance of ln of the factor by which the model errs."""
+        if self.discrepancy is None:
+            return None
+        if sizes is None:
+            return self.discrepancy.covariance()
+        return self.discrepancy.covariance(sizes.discrepancy, sizes.of_force)
 
     def zero_shift(self, force: Array) -> Array:
         """(n_step, m) change of the forces (n_step, m) by one SD of the travel's zero, N."""
@@ -173,6 +198,11 @@ class ForceErrors:
         """(q, n_step, m) changes of the forces (n_step, m) by one SD of each nuisance, N."""
         return np.stack([self.zero_shift(force), *(error.force @ force for error in self.further)])
 
+    def to_first_order(self, force: Array, emulator: Array | None) -> Array:
+        """(n_step, n_step, m) as `covariance`, with the model's factor for small d, N^2."""
+        total, factor = self.covariance(force, emulator), self.factor()
+        return total if factor is None else total + force[:, None] * force[None, :] * factor
+
     def measured(self, sizes: ForceSizes | None = None) -> Array:
         """(n_step, n_step, 1 or m) covariance of the measured mean, N^2."""
         own = self.mean[:, :, None]
@@ -181,7 +211,7 @@ class ForceErrors:
     def covariance(
         self, force: Array, emulator: Array | None = None, sizes: ForceSizes | None = None
     ) -> Array:
-        """(n_step, n_step, m) covariance of the residual without the travel's zero, N^2.
+        """(n_step, n_step, m) covariance without travel's zero and discrepancy, N^2.
 
         The batch comes last. `force` (n_step, m) are predicted forces [N] and `emulator`
         (m, n_step, n_step) the emulator's covariance [N^2]. The discretisation error is half common
@@ -191,9 +221,6 @@ class ForceErrors:
         error = np.sqrt(0.5) * self.discretisation[:, None] * force
         total: Array = error[:, None] * error[None, :]
         total += self.measured(sizes)
-        if sizes is not None and sizes.discrepancy is not None and self.smoothness is not None:
-            own = sizes.discrepancy * force
-            total += own[:, None] * own[None, :] * self.smoothness[:, :, None]
         if emulator is not None:
             total += emulator.transpose(1, 2, 0)
         diagonal = np.arange(force.shape[0])
@@ -207,28 +234,30 @@ def force_errors(
     discretisation: Array | float = 0.0,
     *,
     mean: Array | None = None,
+    unknown_discrepancy: bool = False,
 ) -> ForceErrors:
     """Errors of the forces of `dataset`; `discretisation` (n_step,) or one relative SD for all.
 
-    `mean` (n_step, n_step) N^2 stands in for `mean_covariance`.
+    `mean` (n_step, n_step) N^2 stands in for `mean_covariance`. `unknown_discrepancy`: the share by
+    which the model errs comes with `ForceSizes`.
     """
     relative = np.broadcast_to(np.asarray(discretisation, dtype=np.float64), dataset.travel.shape)
+    discrepancy = None
+    if settings.discrepancy > 0 or unknown_discrepancy:
+        discrepancy = ForceDiscrepancy(
+            smooth_over(dataset.travel, settings.discrepancy_travel_length),
+            settings.discrepancy,
+            settings.discrepancy_of_force,
+        )
     return ForceErrors(
         mean=mean_covariance(dataset, settings) if mean is None else mean,
         discretisation=np.array(relative),
         travel_zero_sd=settings.travel_zero_sd,
         slope=slope_matrix(dataset.travel),
         further=further_errors(dataset, settings),
-        smoothness=smooth_over(dataset.travel, settings.force_discrepancy_length),
         freedom=settings.force_freedom,
+        discrepancy=discrepancy,
     )
-
-
-def smooth_over(travel: Array, length: float) -> Array:
-    """(n_step, n_step) squared exponential over travels (n_step,) mm."""
-    off = (travel[:, None] - travel[None, :]) / length
-    correlation: Array = np.exp(-0.5 * off**2)
-    return correlation
 
 
 def further_errors(dataset: Dataset, settings: NoiseSettings) -> tuple[SharedError, ...]:

@@ -90,7 +90,7 @@ def reduce_experiment(
     prediction, slope = likelihood.predict(theta), likelihood.forward.jacobian(theta)
     at_centre = likelihood.predict(centre)
     column = np.ascontiguousarray(at_centre.force.T)
-    noise = likelihood.errors.covariance(column, None)[np.ix_(chosen, chosen)][:, :, 0]
+    noise = likelihood.errors.to_first_order(column, None)[np.ix_(chosen, chosen)][:, :, 0]
     noise = noise / information_share(likelihood.errors.freedom, len(chosen))
     shifts = likelihood.errors.shifts(column)[:, chosen, 0]
     mean, jacobian = [prediction.force[:, chosen]], [slope.force[:, chosen]]

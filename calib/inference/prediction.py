@@ -25,7 +25,8 @@ def predictive_forces(likelihood: Likelihood, x: Array, rng: np.random.Generator
     for start in range(0, len(x), BATCH):
         theta = theta_of(x[start : start + BATCH])
         prediction = likelihood.predict(theta)
-        parts.append(prediction.force + _force_errors(likelihood, prediction, theta, rng))
+        error = _force_errors(likelihood, prediction, theta, rng)
+        parts.append(prediction.force * _factors(likelihood, theta, rng) + error)
     return np.concatenate(parts)
 
 
@@ -47,6 +48,18 @@ def _force_errors(
     shared: Array = np.einsum("qim,qm->mi", shifts, rng.standard_normal((len(shifts), m)))
     own: Array = drawn / np.sqrt(student_weights(freedom, m, rng))[:, None]
     return own + shared
+
+
+def _factors(likelihood: Likelihood, theta: Array, rng: np.random.Generator) -> Array:
+    """(m, n_step) draws of the factor by which the model errs; (1, 1) of 1 where it does not."""
+    covariance = likelihood.factor_covariance(theta)
+    if covariance is None:
+        return np.ones((1, 1))
+    values, vectors = np.linalg.eigh(covariance)
+    root = vectors * np.sqrt(np.maximum(values, 0.0))[:, None, :]
+    normal = rng.standard_normal((len(theta), covariance.shape[-1]))
+    drawn: Array = np.exp(np.einsum("mij,mj->mi", root, normal))
+    return drawn
 
 
 def expected_forces(likelihood: Likelihood, x: Array) -> Array:

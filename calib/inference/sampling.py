@@ -11,7 +11,8 @@ import emcee
 import numpy as np
 from scipy.special import expit, log_expit, logit
 
-from calib.inference.chain_store import Block, ChainStore, block_of, run_key
+from calib.inference.block_store import BlockStore
+from calib.inference.chain_store import Block, block_of, run_key
 from calib.inference.chain_verdict import BURN_SHARE, ChainVerdict, judge
 from calib.inference.posterior import Density, Posterior
 from fe.response import Array
@@ -155,8 +156,8 @@ def sample_posterior(
     kept, blocks = None, list[Block]()
     if store is not None:
         at_starts = np.array([box.log_prob(state.coords) for state in states])
-        kept = ChainStore(store, run_key(settings, states, at_starts))
-        blocks = kept.load()
+        kept = BlockStore(store, run_key(settings, states, at_starts))
+        blocks = [Block(**arrays) for arrays in kept.load()]
     if blocks:
         states = blocks[-1].states
     else:
@@ -174,7 +175,7 @@ def sample_posterior(
                 progress(done + share, max(verdict.expected, done + n_steps))
         blocks.append(block_of(samplers, states))
         if kept is not None:
-            kept.keep(len(blocks) - 1, blocks[-1])
+            kept.keep(len(blocks) - 1, blocks[-1]._asdict())
         for sampler in samplers:
             sampler.reset()
     return _result(blocks, verdict, settings, box)

@@ -90,7 +90,23 @@ def _nuisance_rows(study: Study) -> list[tuple[str, str, str]]:
     ):
         if freedom is not None:
             rows.append((name, f"{freedom:g}", "degrees of freedom"))
-    return rows
+    return rows + _discrepancy_rows(study)
+
+
+def _discrepancy_rows(study: Study) -> list[tuple[str, str, str]]:
+    """What a discrepancy is taken to be like, where the study allows for one."""
+    noise = study.noise
+    priors = (study.prior, *(h.prior for h in study.hypotheses if h.prior is not None))
+    unknown = any(prior.discrepancy is not None for prior in priors)
+    if not unknown and noise.discrepancy == 0:
+        return []
+    share = "has a prior" if unknown else f"{noise.discrepancy:g}"
+    return [
+        ("share by which the model errs, SD", share, "-"),
+        ("SD of ln of the forces' common factor over it", f"{noise.discrepancy_of_force:g}", "-"),
+        ("its correlation length over the front face", f"{noise.discrepancy_length:g}", "mm"),
+        ("its correlation length over the travel", f"{noise.discrepancy_travel_length:g}", "mm"),
+    ]
 
 
 _MEANINGS = {
@@ -152,6 +168,8 @@ def _field_rows(virtual: Virtual) -> list[tuple[str, str, str]]:
 
 def _prior(prior: ParameterPrior) -> str:
     text = f"{prior.distribution.replace('_', '-')} on {prior.low:g} to {prior.high:g}"
+    if prior.median is not None:
+        return f"{text}, median {prior.median:g}"
     if prior.mean is None:
         return text
     return f"{text}, mean {prior.mean:g}, SD {prior.sd:g}"

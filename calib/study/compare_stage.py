@@ -52,7 +52,7 @@ def run(context: Context) -> list[Path]:
             "published": _published(data, posteriors[name], quadratures[name]),
             "quadrature": _against_chains(quadratures[name], samples),
             "nuisances": nuisances_of(posteriors[name], samples.result.draws),
-            "force_discrepancy": discrepancy_of(posteriors[name], samples.result.draws),
+            "ln_force_factor": discrepancy_of(posteriors[name], samples.result.draws),
             "at_bound": leaning,
             "at_bound_text": leaning_sentence(name, leaning),
         }

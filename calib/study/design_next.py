@@ -12,12 +12,7 @@ import numpy as np
 from calib.data.dataset import Dataset, FieldData
 from calib.inference.coordinates import theta_of
 from calib.inference.information_gain import laplace_gain, nested_gain
-from calib.inference.likelihood import (
-    FIELD_DISCREPANCY,
-    FIELD_NOISE,
-    FORCE_DISCREPANCY,
-    FORCE_NOISE,
-)
+from calib.inference.likelihood import DISCREPANCY, FIELD_NOISE, FORCE_NOISE, OF_FORCE
 from calib.inference.planned import Reduced, reduce_experiment
 from calib.study.artifacts import plain, write_json
 from calib.study.config import Study, load_study
@@ -118,7 +113,7 @@ def errors_of(
     The shapes of the measured mesh error are left out: no other block's are known. Where the study
     has no field, the noise of a camera is assumed.
     """
-    noise = context.study.noise
+    noise = noise_of(context.study)
     mesh = load_mesh_error(context.out, hypothesis)
     load_cell = min(noise.load_cell_sd, 0.99 * float(data.force_sd.min()))
     own = np.sqrt(data.force_sd**2 - load_cell**2) / data.force_mean
@@ -126,10 +121,15 @@ def errors_of(
     field: FieldData | None = data.field
     return Errors(
         own_share=by_force * own,
-        noise=replace(noise_of(context.study), load_cell_sd=by_force * load_cell),
+        noise=replace(
+            noise,
+            load_cell_sd=by_force * load_cell,
+            discrepancy=sizes.get(DISCREPANCY, noise.discrepancy),
+            discrepancy_of_force=sizes.get(OF_FORCE, noise.discrepancy_of_force),
+        ),
         n_samples=data.n_samples,
-        discretisation=np.hypot(mesh.force, sizes.get(FORCE_DISCREPANCY, 0.0)),
-        floor=np.hypot(mesh.field_floor, sizes.get(FIELD_DISCREPANCY, 0.0)),
+        discretisation=mesh.force,
+        floor=mesh.field_floor,
         noise_std=by_field * (np.array(ASSUMED_NOISE) if field is None else field.noise_std),
         length=ASSUMED_LENGTH if field is None else field.correlation_length,
         reference_share=ASSUMED_SHARE if field is None else field.reference_share,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 from calib import __version__
@@ -22,7 +23,7 @@ from calib.study.population_checks import SAMPLES
 from calib.study.population_summary import population_path
 from calib.study.posterior_setup import noise_of
 from calib.study.progress import progress_bar
-from calib.study.sample_stage import settings_of
+from calib.study.sample_stage import chains_folder, settings_of
 from calib.study.sections import Hypothesis
 from calib.study.train_stage import load_emulator
 from calib.study.unknowns import prior_of
@@ -43,7 +44,8 @@ def run(context: Context) -> list[Path]:
         rng = stream(study, f"population {hypothesis.name}")
         label = f"population {hypothesis.name}"
         with progress_bar(label, "step", shown=context.show_progress) as progress:
-            draws = sample_population(posterior, settings_of(study), rng, progress)
+            store = chains_folder(context.out, hypothesis).with_suffix(".population")
+            draws = sample_population(posterior, settings_of(study), rng, progress, store)
         context.echo(f"  {hypothesis.name}: {draws.message}")
         found = build_population_data(
             posterior,
@@ -55,6 +57,8 @@ def run(context: Context) -> list[Path]:
         )
         path = population_path(context.out, hypothesis.name)
         save_inference_data(found, path)
+        # All that they hold is in the file now.
+        shutil.rmtree(store, ignore_errors=True)
         paths.append(path)
     return paths
 

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from calib.inference.coordinates import theta_of
-from calib.inference.likelihood import FORCE_DISCREPANCY
 from calib.inference.posterior import Posterior
 from calib.study.tables import Table, number
 from fe.response import Array
@@ -40,12 +39,15 @@ def nuisances_of(posterior: Posterior, draws: Array) -> list[dict[str, object]]:
 
 
 def discrepancy_of(posterior: Posterior, draws: Array) -> dict[str, object] | None:
-    """Mean of the force's discrepancy over draws, and the SD of its mean, N; None without one."""
+    """Ln of the factor by which the model errs: mean over draws, and the SD of the means.
+
+    None without a discrepancy.
+    """
     likelihood = posterior.likelihood
-    if FORCE_DISCREPANCY not in likelihood.unknown:
+    if likelihood.errors.discrepancy is None:
         return None
-    found = likelihood.force_discrepancy(theta_of(_some(draws)))
-    return {"mean": found.mean(axis=0), "sd_over_draws": found.std(axis=0), "unit": "N"}
+    found = likelihood.force_factor(theta_of(_some(draws)))
+    return {"mean": found.mean(axis=0), "sd_over_draws": found.std(axis=0), "unit": "1"}
 
 
 def _some(draws: Array) -> Array:
@@ -69,11 +71,11 @@ def nuisance_table(comparison: Mapping[str, Any]) -> Table | None:
                 )
             )
     notes = [
-        f"{name}, discrepancy of the force, N: "
-        + ", ".join(number(value, 2) for value in found["force_discrepancy"]["mean"])
+        f"{name}, discrepancy, factor of the predicted forces: "
+        + ", ".join(number(np.exp(value), 3) for value in found["ln_force_factor"]["mean"])
         + "."
         for name, found in comparison["hypotheses"].items()
-        if found.get("force_discrepancy")
+        if found.get("ln_force_factor")
     ]
     if not rows and not notes:
         return None

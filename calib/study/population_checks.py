@@ -28,6 +28,9 @@ def check_population(study: Study) -> None:
         raise Contradiction("population", {}, f"none with data.level = {level!r}")
     if study.data.source == VIRTUAL:
         raise Contradiction("data.level", level, f"{OTHERS}: synthetic data are those of the mean")
+    if study.noise.discrepancy > 0:
+        expected = f'0 with data.level = "{SAMPLES}", where the model is taken as right'
+        raise Contradiction("noise.discrepancy", study.noise.discrepancy, expected)
     known: set[str] = set()
     for index, hypothesis in enumerate(study.hypotheses):
         for name in ERRORS:

@@ -88,8 +88,10 @@ def noise_of(study: Study) -> NoiseSettings:
         rotation_sd=study.noise.rotation_sd,
         force_freedom=study.noise.force_freedom,
         field_freedom=study.noise.field_freedom,
-        force_discrepancy_length=study.noise.force_discrepancy_length,
-        field_discrepancy_length=study.noise.field_discrepancy_length,
+        discrepancy=study.noise.discrepancy,
+        discrepancy_of_force=study.noise.discrepancy_of_force,
+        discrepancy_length=study.noise.discrepancy_length,
+        discrepancy_travel_length=study.noise.discrepancy_travel_length,
     )
 
 

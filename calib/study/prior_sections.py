@@ -20,7 +20,7 @@ STRICT = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False, use_attrib
 class ParameterPrior:
     """[prior.<parameter>] Prior of one parameter between two bounds."""
 
-    distribution: Literal["uniform", "log_uniform", "normal", "lognormal"]
+    distribution: Literal["uniform", "log_uniform", "normal", "lognormal", "half_cauchy"]
     """family of the prior"""
     low: float
     """lower bound, in the unit of the parameter"""
@@ -30,6 +30,8 @@ class ParameterPrior:
     """mean of a normal or lognormal before it is cut off, in the unit of the parameter"""
     sd: Annotated[float, Field(gt=0)] | None = None
     """SD of a normal or lognormal before it is cut off, in the unit of the parameter"""
+    median: Annotated[float, Field(gt=0)] | None = None
+    """median of a half-Cauchy about 0 before it is cut off, in the unit of the parameter"""
 
     def __post_init__(self) -> None:
         if self.high <= self.low:
@@ -38,9 +40,13 @@ class ParameterPrior:
             expected = f"greater than 0 with the distribution {self.distribution}"
             raise Contradiction("low", self.low, expected)
         is_bell = self.distribution in {"normal", "lognormal"}
-        for key, value in (("mean", self.mean), ("sd", self.sd)):
-            if is_bell != (value is not None):
-                rule = "a number" if is_bell else "no such key"
+        is_half = self.distribution == "half_cauchy"
+        if is_half and self.low < 0:
+            raise Contradiction("low", self.low, "0 or more with the distribution half_cauchy")
+        keys = (("mean", self.mean, is_bell), ("sd", self.sd, is_bell))
+        for key, value, needed in (*keys, ("median", self.median, is_half)):
+            if needed != (value is not None):
+                rule = "a number" if needed else "no such key"
                 expected = f"{rule} with the distribution {self.distribution}"
                 raise Contradiction(key, value, expected)
         if self.distribution == "lognormal" and self.mean is not None and self.mean <= 0:
@@ -54,7 +60,7 @@ class ParameterPrior:
 
     def marginal(self) -> Marginal:
         """The distribution; mean and SD are those of the parameter before it is cut off."""
-        return Marginal(self.distribution, self.low, self.high, self.mean, self.sd)
+        return Marginal(self.distribution, self.low, self.high, self.mean, self.sd, self.median)
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
@@ -109,7 +115,7 @@ class Prior:
     """a section [prior.force_noise]: factor of the SD of the measured force's errors"""
     field_noise: ParameterPrior | None = None
     """a section [prior.field_noise]: factor of the SD of the field's noise"""
-    force_discrepancy: ParameterPrior | None = None
-    """a section [prior.force_discrepancy]: SD of what no constants explain, share of the force"""
-    field_discrepancy: ParameterPrior | None = None
-    """a section [prior.field_discrepancy]: SD of what no constants explain in the field, mm"""
+    discrepancy: ParameterPrior | None = None
+    """a section [prior.discrepancy]: share by which the model errs, in the field and the forces"""
+    discrepancy_of_force: ParameterPrior | None = None
+    """a section [prior.discrepancy_of_force]: ln of the forces' common factor over that share"""

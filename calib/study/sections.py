@@ -216,7 +216,16 @@ class Noise:
     """degrees of freedom, 1 or more, of a Student-t for the forces' errors; without it normal"""
     field_freedom: Annotated[float, Field(ge=1)] | None = None
     """degrees of freedom, 1 or more, of a Student-t for the field's noise; without it normal"""
-    force_discrepancy_length: Positive = 0.8
-    """travel over which discrepancies are correlated, mm"""
-    field_discrepancy_length: Positive = 1.5
-    """distance over which a discrepancy of the field is correlated, mm"""
+    discrepancy: NotNegative = 0.0
+    """share by which the model itself errs, where it is known; 0 is none"""
+    discrepancy_of_force: NotNegative = 2.0
+    """standard deviation of ln of the forces' common factor over that share"""
+    discrepancy_length: Positive = 1.5
+    """distance over the front face over which a discrepancy is correlated, mm"""
+    discrepancy_travel_length: Positive = 0.8
+    """travel over which a discrepancy is correlated, mm"""
+
+    def __post_init__(self) -> None:
+        if self.discrepancy > 0 and self.force_freedom is not None:
+            expected = "0 beside noise.force_freedom: both explain forces that are off"
+            raise Contradiction("discrepancy", self.discrepancy, expected)

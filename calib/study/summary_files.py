@@ -5,11 +5,16 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from dataclasses import asdict
+from typing import Any
 
 import pandas as pd
 
 from calib.study.artifacts import plain
+from calib.study.population_summary import PopulationSummary
 from calib.study.summary import Summary
+
+Row = tuple[str, str, dict[str, Any]]
+"""of what, name of the quantity, its columns"""
 
 
 def to_json(summaries: Sequence[Summary]) -> str:
@@ -21,8 +26,15 @@ def to_json(summaries: Sequence[Summary]) -> str:
     return json.dumps(found, indent=2, allow_nan=False)
 
 
+AVERAGED, POPULATION, NEW, ALONE = "averaged sample", "population", "new sample", "by itself"
+
+
 def to_frame(summaries: Sequence[Summary]) -> pd.DataFrame:
-    """One row for each hypothesis and constant."""
+    """One row for each hypothesis, constant and what it is of; see the column "of".
+
+    Where samples were taken one by one: the population with its SDs between samples, a new sample,
+    each sample by name, and each by its own data.
+    """
     rows = [
         {
             "study": summary.study,
@@ -31,17 +43,42 @@ def to_frame(summaries: Sequence[Summary]) -> pd.DataFrame:
             "hypothesis": summary.hypothesis,
             "interval": summary.interval,
             "synthetic": summary.synthetic,
+            "of": of,
             "constant": name,
-            **asdict(constant),
-            "truth": None if summary.truth is None else summary.truth.get(name),
+            **values,
             "passed": summary.passed,
         }
         for summary in summaries
-        for name, constant in (summary.constants | summary.further).items()
+        for of, name, values in (*_averaged(summary), *_of_population(summary.population))
     ]
     return pd.DataFrame(rows)
 
 
+def _averaged(summary: Summary) -> list[Row]:
+    """What is known of the averaged sample."""
+    truth = summary.truth or {}
+    return [
+        (AVERAGED, name, {**asdict(constant), "truth": truth.get(name)})
+        for name, constant in (summary.constants | summary.further).items()
+    ]
+
+
+def _of_population(found: PopulationSummary | None) -> list[Row]:
+    """What is known of the population and of single samples; nothing where there are none."""
+    if found is None:
+        return []
+    rows: list[Row] = [
+        (POPULATION, name, asdict(spread) | asdict(found.convergence[name]))
+        for name, spread in found.population.items()
+    ]
+    rows += [(NEW, name, asdict(spread)) for name, spread in found.new.items()]
+    for index, sample in enumerate(found.sample_names):
+        rows += [(sample, name, asdict(each[index])) for name, each in found.samples.items()]
+        of = f"{sample} {ALONE}"
+        rows += [(of, name, asdict(each[index])) for name, each in found.alone.items()]
+    return rows
+
+
 def to_csv(summaries: Sequence[Summary]) -> str:
-    """One line for each hypothesis and constant, with a header."""
+    """One line for each row of `to_frame`, with a header."""
     return str(to_frame(summaries).to_csv(index=False, lineterminator="\n"))

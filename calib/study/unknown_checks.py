@@ -202,8 +202,12 @@ def _check_errors(study: Study, index: int, hypothesis: Hypothesis) -> None:
         if prior.high > WIDEST * prior.low:
             expected = f"at most {WIDEST:g} times low ({prior.low:g})"
             raise Contradiction(f"{key}.high", prior.high, expected)
-        if name == "force_discrepancy" and study.noise.force_freedom is not None:
+        if name == "discrepancy" and study.noise.force_freedom is not None:
             expected = "none beside noise.force_freedom: both explain forces that are off"
+            raise Contradiction(key, {}, expected)
+        unknown = given(study, hypothesis, "discrepancy") is not None
+        if name == "discrepancy_of_force" and not (unknown or study.noise.discrepancy > 0):
+            expected = "none without [prior.discrepancy] or noise.discrepancy, which it multiplies"
             raise Contradiction(key, {}, expected)
         if name in OF_FIELD and not study.data.has_field:
             raise Contradiction(key, {}, "none: the data of this study have no field")

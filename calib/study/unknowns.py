@@ -39,12 +39,12 @@ ERRORS = {
     for unknown in (
         Unknown("force_noise", "1", "factor of the SD of the force's errors", log=True),
         Unknown("field_noise", "1", "factor of the SD of the field's noise", log=True),
-        Unknown("force_discrepancy", "1", "relative SD of what no constants explain", log=True),
-        Unknown("field_discrepancy", "mm", "SD of what no constants explain", log=True),
+        Unknown("discrepancy", "1", "share by which the model errs", log=True),
+        Unknown("discrepancy_of_force", "1", "SD of ln of the forces' factor over it", log=True),
     )
 }
 """unknowns of the errors"""
-OF_FIELD = ("field_noise", "field_discrepancy")
+OF_FIELD = ("field_noise",)
 CONSTANTS = ("C10", "C01", "C11")
 LARGEST_CORNERS = 8
 """corners of the box that a design begins with where there are more than three inputs"""
