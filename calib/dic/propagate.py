@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 
 from calib.dic.consistency import stray_points
 from calib.dic.interpolation import Array, Spline
-from calib.dic.prepared import BoolArray, IntArray, Reference, refine
+from calib.dic.prepared import N_RESULT, BoolArray, IntArray, Reference, refine
 from calib.dic.reasons import Reason
 from calib.dic.settings import CorrelationSettings
 from calib.dic.shape import carried
@@ -49,7 +49,7 @@ def propagate(
     results: Array,
     settings: CorrelationSettings,
 ) -> None:
-    """From the points that are valid in results (n, 5) to the others, in place.
+    """From the points that are valid in results (n, 7) to the others, in place.
 
     A point that fails is tried again when a neighbour with a better correlation is done. Strays
     are tried once more from their neighbours.
@@ -119,8 +119,8 @@ def best_starts(
 
 
 def unreached(n: int) -> npt.NDArray[np.float64]:
-    """Results (n, 5) before anything is done."""
-    results = np.full((n, 5), np.nan)
+    """Results (n, 7) before anything is done."""
+    results = np.full((n, N_RESULT), np.nan)
     results[:, 3] = Reason.NOT_REACHED
     results[:, 4] = 0
     return results

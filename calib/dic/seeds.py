@@ -85,7 +85,7 @@ def find_seeds(
     results: Array,
     settings: CorrelationSettings,
 ) -> None:
-    """Correlate a few points from scratch, into parameters (n, 12) and results (n, 5)."""
+    """Correlate a few points from scratch, into parameters (n, 12) and results (n, 7)."""
     x, y = np.round(points).astype(np.int64).T
     h, w = reference.mask.shape
     on_image = (x >= 0) & (x < w) & (y >= 0) & (y < h)

@@ -1,0 +1,138 @@
+"""The bias that interpolation makes, as predicted from the images, against what it is."""
+
+import numpy as np
+import pytest
+
+from benchmarks.exact_speckle import exposed, speckle
+from calib.dic import CorrelationSettings, correlate, prepare
+from calib.dic.interpolation_bias import (
+    REACH,
+    differences,
+    error_filter,
+    error_images,
+    spline_transfer,
+)
+from calib.dic.noise_response import noise_of_spline
+
+W, H = 180, 140
+X, Y = np.arange(float(W)), np.arange(float(H))
+NOISE = 2.0
+
+
+def points(step):
+    x, y = np.meshgrid(np.arange(22.0, W - 22, step), np.arange(22.0, H - 22, step))
+    return np.column_stack([x.ravel(), y.ravel()])
+
+
+@pytest.fixture(scope="module")
+def sharp():
+    """Speckles of some 3 px: the finest that a sensor can show."""
+    return speckle(W, H, np.random.default_rng(3), 0.9)
+
+
+def pair(pattern, shift, seed, noise=NOISE):
+    rng = np.random.default_rng(seed)
+    spread = pattern(X, Y).std()
+    return [
+        exposed(pattern(X - s[0], Y - s[1]), rng, noise, spread=spread) for s in ((0, 0), shift)
+    ]
+
+
+def test_transfer_of_the_cubic_spline_is_its_closed_form():
+    v = np.array([0.1, 0.3, 0.7])
+    exact = np.sinc(v) ** 4 * 3 / (2 + np.cos(2 * np.pi * v))
+    np.testing.assert_allclose(spline_transfer(3, v), exact, rtol=1e-5)
+
+
+@pytest.mark.parametrize("degree", [3, 5])
+def test_filter_has_the_share_of_the_aliases_below_three_tenths_of_a_wave(degree):
+    v = np.linspace(0.0, 0.3, 13)
+    waves = 2 * np.sin(2 * np.pi * v[:, None] * np.arange(1, REACH + 1))
+    share = spline_transfer(degree, v - 1) - spline_transfer(degree, v + 1)
+    np.testing.assert_allclose(waves @ error_filter(degree), share, atol=1.5e-4)
+
+
+def test_filter_goes_along_rows_and_down_columns_with_mirrored_borders():
+    image = np.random.default_rng(0).normal(size=(9, 14))
+    taps = np.array([0.5, -0.2, 0.1])
+    out = np.empty((2, 9, 14))
+    differences(image, taps, *out)
+    whole = np.pad(image, 3, mode="reflect")
+    rows, columns = (
+        sum(t * (np.roll(whole, -k, axis) - np.roll(whole, k, axis)) for k, t in enumerate(taps, 1))
+        for axis in (1, 0)
+    )
+    np.testing.assert_allclose(out[0], rows[3:-3, 3:-3], atol=1e-12)
+    np.testing.assert_allclose(out[1], columns[3:-3, 3:-3], atol=1e-12)
+
+
+@pytest.mark.parametrize("degree", [3, 5])
+def test_predicted_wave_is_the_measured_bias_on_sharp_speckle(sharp, degree):
+    """Each subset's own error, without noise: bias over the pattern and differences between."""
+    measured, predicted = [], []
+    places = points(12)
+    for move in ((0.25, 0.75), (0.6, 0.4), (0.75, 0.15)):
+        found = correlate(
+            *pair(sharp, move, 0, noise=0.0), places, CorrelationSettings(degree=degree)
+        )
+        measured.append(found.displacement - move)
+        amplitude = np.sqrt(2.0) * found.interpolation
+        predicted.append(amplitude * np.sin(2 * np.pi * np.array(move)))
+    m, p = np.ravel(measured), np.ravel(predicted)
+    assert np.abs(p).max() > (0.006 if degree == 3 else 0.002)
+    assert m @ p / (p @ p) == pytest.approx(1.0, abs=0.2)
+    assert np.corrcoef(m, p)[0, 1] > 0.9
+
+
+def test_noise_adds_nothing_to_the_predicted_wave(sharp):
+    amplitudes = [
+        np.median(correlate(*pair(sharp, (0.25, 0.25), 1, noise), points(16)).interpolation)
+        for noise in (0.0, 6.0)
+    ]
+    assert amplitudes[1] == pytest.approx(amplitudes[0], rel=0.15)
+
+
+@pytest.mark.parametrize("blur", [0.0, 0.7])
+def test_noise_of_slopes_and_errors_is_that_of_blurred_noise(blur):
+    ready = prepare(np.random.default_rng(0).normal(size=(250, 250)), 5, blur=blur)
+    variance, noise = ready.image.var(), noise_of_spline(5, blur)
+    assert ready.slope_x.var() / variance == pytest.approx(noise.slope, rel=0.03)
+    assert np.mean(ready.slope_x * ready.error_x) / variance == pytest.approx(noise.error, rel=0.1)
+
+
+def test_blur_lowers_the_bias_and_its_noise_is_stated(sharp):
+    places, move = points(16), np.array([0.25, -0.25])
+    found = {}
+    for blur in (0.0, 0.8):
+        settings = CorrelationSettings(blur=blur)
+        frames = [correlate(*pair(sharp, move, seed), places, settings) for seed in range(12)]
+        errors = np.array([one.displacement - move for one in frames])
+        sigma = np.array([one.sigma for one in frames])
+        wave = np.mean([one.interpolation for one in frames])
+        bias = np.abs(errors.mean(axis=(0, 1))).mean()
+        found[blur] = (
+            bias,
+            wave,
+            np.sqrt(np.mean(errors.var(axis=0, ddof=1) / np.mean(sigma**2, axis=0))),
+        )
+    assert found[0.8][0] < 0.3 * found[0.0][0]
+    assert found[0.8][1] < 0.3 * found[0.0][1]
+    assert found[0.8][2] == pytest.approx(1.0, abs=0.12)
+
+
+def test_a_stretch_over_whole_pixels_leaves_less_of_the_wave(sharp):
+    rng, spread = np.random.default_rng(0), sharp(X, Y).std()
+    a = exposed(sharp(X, Y), rng, NOISE, spread=spread)
+    b = exposed(sharp(X / 1.05, Y / 1.05), rng, NOISE, spread=spread)
+    still = correlate(a, a, points(20)).interpolation.mean()
+    assert correlate(a, b, points(20)[:20]).interpolation.mean() < 0.4 * still
+
+
+def test_blur_out_of_its_range_is_refused():
+    with pytest.raises(ValueError, match="blur: expected 0 to 3 px, found 4"):
+        CorrelationSettings(blur=4.0)
+
+
+def test_error_images_of_a_constant_are_nothing():
+    for image in error_images(np.full((20, 30), 7.0), 5):
+        np.testing.assert_allclose(image, 0.0, atol=1e-12)
