@@ -1,5 +1,7 @@
 """The bias that interpolation makes, as predicted from the images, against what it is."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 
@@ -14,7 +16,7 @@ from calib.dic.interpolation_bias import (
 )
 from calib.dic.noise_response import noise_of_spline
 
-W, H = 180, 140
+W, H = 140, 110
 X, Y = np.arange(float(W)), np.arange(float(H))
 NOISE = 2.0
 
@@ -24,18 +26,16 @@ def points(step):
     return np.column_stack([x.ravel(), y.ravel()])
 
 
-@pytest.fixture(scope="module")
-def sharp():
-    """Speckles of some 3 px: the finest that a sensor can show."""
-    return speckle(W, H, np.random.default_rng(3), 0.9)
+@cache
+def seen(shift=(0.0, 0.0), stretch=1.0):
+    """Speckles of some 3 px, the finest that a sensor can show."""
+    pattern = speckle(W, H, np.random.default_rng(3), 0.9)
+    return pattern((X - shift[0]) / stretch, (Y - shift[1]) / stretch)
 
 
-def pair(pattern, shift, seed, noise=NOISE):
-    rng = np.random.default_rng(seed)
-    spread = pattern(X, Y).std()
-    return [
-        exposed(pattern(X - s[0], Y - s[1]), rng, noise, spread=spread) for s in ((0, 0), shift)
-    ]
+def pair(shift, seed, noise=NOISE):
+    rng, spread = np.random.default_rng(seed), seen().std()
+    return [exposed(grey, rng, noise, spread=spread) for grey in (seen(), seen(shift))]
 
 
 def test_transfer_of_the_cubic_spline_is_its_closed_form():
@@ -49,7 +49,7 @@ def test_filter_has_the_share_of_the_aliases_below_three_tenths_of_a_wave(degree
     v = np.linspace(0.0, 0.3, 13)
     waves = 2 * np.sin(2 * np.pi * v[:, None] * np.arange(1, REACH + 1))
     share = spline_transfer(degree, v - 1) - spline_transfer(degree, v + 1)
-    np.testing.assert_allclose(waves @ error_filter(degree), share, atol=1.5e-4)
+    np.testing.assert_allclose(waves @ error_filter(degree), share, atol=6e-4)
 
 
 def test_filter_goes_along_rows_and_down_columns_with_mirrored_borders():
@@ -67,14 +67,12 @@ def test_filter_goes_along_rows_and_down_columns_with_mirrored_borders():
 
 
 @pytest.mark.parametrize("degree", [3, 5])
-def test_predicted_wave_is_the_measured_bias_on_sharp_speckle(sharp, degree):
+def test_predicted_wave_is_the_measured_bias_on_sharp_speckle(degree):
     """Each subset's own error, without noise: bias over the pattern and differences between."""
     measured, predicted = [], []
     places = points(12)
     for move in ((0.25, 0.75), (0.6, 0.4), (0.75, 0.15)):
-        found = correlate(
-            *pair(sharp, move, 0, noise=0.0), places, CorrelationSettings(degree=degree)
-        )
+        found = correlate(*pair(move, 0, noise=0.0), places, CorrelationSettings(degree=degree))
         measured.append(found.displacement - move)
         amplitude = np.sqrt(2.0) * found.interpolation
         predicted.append(amplitude * np.sin(2 * np.pi * np.array(move)))
@@ -84,9 +82,9 @@ def test_predicted_wave_is_the_measured_bias_on_sharp_speckle(sharp, degree):
     assert np.corrcoef(m, p)[0, 1] > 0.9
 
 
-def test_noise_adds_nothing_to_the_predicted_wave(sharp):
+def test_noise_adds_nothing_to_the_predicted_wave():
     amplitudes = [
-        np.median(correlate(*pair(sharp, (0.25, 0.25), 1, noise), points(16)).interpolation)
+        np.median(correlate(*pair((0.25, 0.25), 1, noise), points(16)).interpolation)
         for noise in (0.0, 6.0)
     ]
     assert amplitudes[1] == pytest.approx(amplitudes[0], rel=0.15)
@@ -100,12 +98,12 @@ def test_noise_of_slopes_and_errors_is_that_of_blurred_noise(blur):
     assert np.mean(ready.slope_x * ready.error_x) / variance == pytest.approx(noise.error, rel=0.1)
 
 
-def test_blur_lowers_the_bias_and_its_noise_is_stated(sharp):
-    places, move = points(16), np.array([0.25, -0.25])
+def test_blur_lowers_the_bias_and_its_noise_is_stated():
+    places, move = points(16), (0.25, -0.25)
     found = {}
     for blur in (0.0, 0.8):
         settings = CorrelationSettings(blur=blur)
-        frames = [correlate(*pair(sharp, move, seed), places, settings) for seed in range(12)]
+        frames = [correlate(*pair(move, seed), places, settings) for seed in range(10)]
         errors = np.array([one.displacement - move for one in frames])
         sigma = np.array([one.sigma for one in frames])
         wave = np.mean([one.interpolation for one in frames])
@@ -120,12 +118,19 @@ def test_blur_lowers_the_bias_and_its_noise_is_stated(sharp):
     assert found[0.8][2] == pytest.approx(1.0, abs=0.12)
 
 
-def test_a_stretch_over_whole_pixels_leaves_less_of_the_wave(sharp):
-    rng, spread = np.random.default_rng(0), sharp(X, Y).std()
-    a = exposed(sharp(X, Y), rng, NOISE, spread=spread)
-    b = exposed(sharp(X / 1.05, Y / 1.05), rng, NOISE, spread=spread)
-    still = correlate(a, a, points(20)).interpolation.mean()
-    assert correlate(a, b, points(20)[:20]).interpolation.mean() < 0.4 * still
+def test_a_stretch_over_whole_pixels_leaves_less_of_the_wave():
+    rng, still = np.random.default_rng(0), seen()
+    a, b = (exposed(grey, rng, NOISE, spread=still.std()) for grey in (still, seen(stretch=1.05)))
+    whole, left = (correlate(a, image, points(20)).interpolation for image in (a, b))
+    assert np.nanmean(left) < 0.4 * whole.mean()
+
+
+def test_an_image_has_not_moved_from_itself():
+    image = pair((0.25, 0.25), 0)[0]
+    found = correlate(image, image, points(30))
+    assert found.valid.all()
+    np.testing.assert_allclose(found.displacement, 0.0, atol=1e-6)
+    assert found.sigma.max() < 1e-6
 
 
 def test_blur_out_of_its_range_is_refused():

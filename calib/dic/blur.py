@@ -7,6 +7,8 @@ random error.
 
 from __future__ import annotations
 
+from typing import Literal
+
 import numpy as np
 from scipy import ndimage
 
@@ -50,6 +52,6 @@ def growth(slope_x: Array, slope_y: Array, blur: float) -> Array:
     return np.array([*slopes, correlation.sum() ** 2])
 
 
-def _along_both(image: Array, weights: Array, mode: str) -> Array:
+def _along_both(image: Array, weights: Array, mode: Literal["mirror", "constant"]) -> Array:
     rows = ndimage.correlate1d(image, weights, axis=0, mode=mode)
     return np.asarray(ndimage.correlate1d(rows, weights, axis=1, mode=mode))

@@ -12,6 +12,7 @@ from calib.dic.prepared import (
     BoolArray,
     IntArray,
     Reference,
+    Task,
     as_image,
     deformed_spline,
     prepare,
@@ -102,13 +103,13 @@ def correlate_prepared(
     parameters, known = _start(guess, len(places), settings)
     parameters = carried(parameters, pixels - places)
     results = unreached(len(places))
+    task = Task(reference, deformed, pixels, parameters, results, settings)
     if known.any():
-        todo = np.flatnonzero(known)
-        results[todo] = refine(reference, deformed, pixels, todo, parameters, settings)
+        refine(task, np.flatnonzero(known))
     if not known.all():
         if not (results[:, 3] == Reason.VALID).any():
-            find_seeds(reference, deformed_image, deformed, pixels, parameters, results, settings)
-        propagate(reference, deformed, pixels, parameters, results, settings)
+            find_seeds(task, deformed_image)
+        propagate(task)
     return _correlation(carried(parameters, places - pixels), results, settings)
 
 

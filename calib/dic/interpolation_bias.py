@@ -21,7 +21,7 @@ from numba import njit
 from calib.dic.interpolation import FAST, Array, Degree
 
 REACH = 8
-"""px to each side of the filter; with it the share is within 1e-4 below 0.3 waves a px, 0.004 at
+"""px to each side of the filter; with it the share is within 6e-4 below 0.3 waves a px, 0.004 at
 0.4; near half a wave, where slopes are none, it is too small"""
 FREQUENCIES = 256
 ALIASES = 20

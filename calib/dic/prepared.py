@@ -41,6 +41,20 @@ class Reference(NamedTuple):
     """(3,) what a blur makes of the noise: see `blur.growth`"""
 
 
+class Task(NamedTuple):
+    """One correlation under way: points and what is known of each, which is changed in place."""
+
+    reference: Reference
+    deformed: Spline
+    points: Array
+    """(n, 2) whole px"""
+    parameters: Array
+    """(n, 12) of the shape functions: the start, then what was found"""
+    results: Array
+    """(n, 7) zncc, sigma of u and v, reason, iterations, interpolation's deviation of u and v"""
+    settings: CorrelationSettings
+
+
 def as_image(image: npt.ArrayLike, name: str) -> Array:
     """A grey image as float64; raises ValueError for anything that is none."""
     grey = np.ascontiguousarray(image, dtype=np.float64)
@@ -81,19 +95,12 @@ def n_threads(settings: CorrelationSettings) -> int:
     return settings.threads or len(os.sched_getaffinity(0))
 
 
-def refine(
-    reference: Reference,
-    deformed: Spline,
-    points: Array,
-    todo: IntArray,
-    parameters: Array,
-    settings: CorrelationSettings,
-) -> Array:
-    """Correlate pixels points[todo] from parameters (n_point, 12), which are overwritten.
+def refine(task: Task, todo: IntArray) -> None:
+    """Correlate points[todo] from their parameters, into these and the results.
 
-    Returns (n_todo, 7): zncc, sigma of u and v, reason, iterations, interpolation's deviation of u
-    and v. Every point is for itself, so that the result does not depend on the number of threads.
+    Every point is for itself, so that the result does not depend on the number of threads.
     """
+    settings = task.settings
     n = 6 if settings.order == 1 else N_PARAMETER
     n_light = 3 if settings.light == "plane" else 1
     limits = np.array(
@@ -107,13 +114,12 @@ def refine(
         ]
     )
     noise = noise_of_spline(settings.degree, settings.blur)
-    results = np.empty((len(points), N_RESULT))
 
     def run(part: IntArray) -> None:
-        """Correlate some of the points, into `parameters` and `results`."""
+        """Correlate some of the points."""
         correlate_range(
-            reference, deformed.coefficients, deformed.is_quintic, noise, points, part,
-            settings.radius, n, n_light, limits, parameters, results,
+            task.reference, task.deformed.coefficients, task.deformed.is_quintic, noise,
+            task.points, part, settings.radius, n, n_light, limits, task.parameters, task.results,
         )  # fmt: skip
 
     threads = n_threads(settings)
@@ -125,4 +131,3 @@ def refine(
     else:
         with ThreadPoolExecutor(threads) as pool:
             list(pool.map(run, parts))
-    return np.asarray(results[todo])

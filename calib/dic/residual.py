@@ -105,7 +105,9 @@ def noise_variance(fit, n_fitted, share):  # type: ignore[no-untyped-def]
     fit: a Fit. n_fitted: independent values that fitting takes off the residual. share: variance of
     splined unit noise in the deformed subset.
     """
-    variance = fit.squares * (1.0 - fit.zncc**2) / max(fit.pixels - n_fitted, 1.0)
+    # of an image and itself the correlation is 1 up to rounding
+    left = max(1.0 - fit.zncc**2, 0.0)
+    variance = fit.squares * left / max(fit.pixels - n_fitted, 1.0)
     return variance / (1.0 + fit.scale**2 * share)
 
 

@@ -155,7 +155,8 @@ def _sentence(found: Correlation) -> str:
     valid = int(found.valid.sum())
     text = f"{valid} of {found.valid.size} points"
     if valid:
-        text += f", median sigma {np.median(found.sigma[found.valid]):.4f} px"
+        noise, wave = (np.median(sd[found.valid]) for sd in (found.sigma, found.interpolation))
+        text += f", median sigma {noise:.4f} px by noise, {wave:.4f} px by interpolation"
     return text
 
 
