@@ -173,7 +173,8 @@ def _against_dice(folder: Path, a: Array, number: str, blur: float) -> dict[str,
     both = ours.valid & theirs.valid & gold.valid
     off = (ours.displacement - truth)[both]
     noise = np.hypot(ours.sigma, theirs.sigma)[both]
-    wave = np.sqrt(0.5) * keys_wave(a, points, theirs.zncc)[both]
+    phase = np.sin(2.0 * np.pi * truth[both])
+    wave = keys_wave(a, points, theirs.zncc)[both] * np.abs(phase)
     own = ours.interpolation[both]
     stated = {
         "noise_alone": noise,
@@ -181,8 +182,8 @@ def _against_dice(folder: Path, a: Array, number: str, blur: float) -> dict[str,
         "together": np.hypot(noise, wave - own),
     }
     # what is left when the predicted waves are taken off: both grow with the sine
-    phase = np.sin(2.0 * np.pi * truth[both])
-    rest = off - np.sqrt(2.0) * (own - wave) * phase
+    rest = off - (own - wave) * np.sign(phase)
+    far = np.abs(phase) > 0.3
     share = {name: np.abs(off / sd) < 2 for name, sd in stated.items()}
     share["waves_taken_off"] = np.abs(rest / noise) < 2
     return {
@@ -193,7 +194,9 @@ def _against_dice(folder: Path, a: Array, number: str, blur: float) -> dict[str,
         "stated_noise_px": _rounded(np.median(ours.sigma[both], axis=0)),
         "stated_interpolation_px": _rounded(np.median(own, axis=0)),
         "stated_interpolation_dice_px": _rounded(np.median(wave, axis=0)),
-        "wave_predicted_px": _rounded(np.sqrt(2.0) * np.median(own - wave, axis=0)),
+        "wave_predicted_px": _rounded(
+            np.nanmedian(np.where(far, (own - wave) / np.abs(phase), np.nan), axis=0)
+        ),
         "wave_fitted_px": _rounded(
             np.sum((off - np.median(off, axis=0)) * phase, axis=0) / np.sum(phase**2, axis=0)
         ),

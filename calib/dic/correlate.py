@@ -39,8 +39,8 @@ class Correlation:
     sigma: Array
     """(n, 2) standard deviation of u and v by the noise of both images, px"""
     interpolation: Array
-    """(n, 2) standard deviation of u and v by the bias of the interpolation, px: that of a wave
-    over the displacement's fraction of a pixel"""
+    """(n, 2) standard deviation of u and v by the bias of the interpolation, px: its size as
+    predicted at the displacement's fraction of a pixel"""
     reason: IntArray
     """(n,) codes of Reason, 0 is valid"""
     iterations: IntArray

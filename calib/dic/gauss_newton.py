@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit
 
 from calib.dic.interpolation import FAST, Array
-from calib.dic.interpolation_bias import wave_sd
+from calib.dic.interpolation_bias import wave_size
 from calib.dic.residual import clumping, deviations, noise_share, noise_variance, reject_glare
 from calib.dic.subset import (
     AT_ONCE,
@@ -202,7 +202,7 @@ def correlate_range(  # type: ignore[no-untyped-def]
         )
         clumping(sub, values, radius, fitted, fit.scale, ratio)
         out[1], out[2] = deviations(p, fit, variance, noise.slope, ratio, growth)
-        wave_sd(
+        wave_size(
             sub, reference.error_x, reference.error_y, x, y, radius, p, variance, noise,
             fit.diagonal, out[5:],
         )  # fmt: skip

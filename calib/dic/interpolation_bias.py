@@ -95,10 +95,9 @@ def error_images(image: Array, degree: Degree) -> tuple[Array, Array]:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def mean_wave(extent_x, extent_y):  # type: ignore[no-untyped-def]
-    """Share of a wave that is left over a subset in which its phase grows by these, in waves.
+    """Share of a wave's square that is left over a subset in which its phase grows by these waves.
 
-    Of a field that stretches the subset across whole pixels nothing is left on average, but for
-    what patches of different speckle make differently.
+    Of a field that stretches the subset across whole pixels nothing is left on average.
     """
     share = 1.0
     for extent in (extent_x, extent_y):
@@ -108,14 +107,15 @@ def mean_wave(extent_x, extent_y):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
-def wave_sd(  # type: ignore[no-untyped-def]
+def wave_size(  # type: ignore[no-untyped-def]
     sub, error_x, error_y, x, y, radius, p, variance, noise, diagonal, out
 ):
-    """Standard deviation of the wave over all fractions of a pixel, u and v, px, into out (2,).
+    """Size of the wave at the displacement found, u and v, px, into out (2,).
 
-    sub: the subset as `load` leaves it; error_x, error_y (h, w): `error_images`; diagonal (2,) of
-    the Hessian; variance of the noise, a Noise of what it does to slopes and to their products with
-    the errors.
+    Where the displacement varies over the subset, patches of different speckle add what they make
+    differently, at random phases. sub: the subset as `load` leaves it; error_x, error_y (h, w):
+    `error_images`; diagonal (2,) of the Hessian; variance of the noise, and a Noise of what it does
+    to slopes and to their products with the errors.
     """
     h, w = error_x.shape
     sums = np.zeros(2)
@@ -140,4 +140,5 @@ def wave_sd(  # type: ignore[no-untyped-def]
         top = sums[k] - count * variance * noise.error
         bottom = max(diagonal[k] - count * variance * noise.slope, 0.25 * diagonal[k])
         kept = mean_wave(p[2 + 2 * k] * side, p[3 + 2 * k] * side)
-        out[k] = abs(top / bottom) * np.sqrt(0.5 * min(kept + 1.0 / patches, 1.0))
+        square = kept * np.sin(2.0 * np.pi * p[k]) ** 2 + 0.5 * (1.0 - kept) / patches
+        out[k] = abs(top / bottom) * np.sqrt(square)
