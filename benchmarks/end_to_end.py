@@ -63,7 +63,8 @@ PRIOR = Prior(
 SAFE = 0.15
 """share of the prior's range at each end from which no truth is drawn: a posterior that the bound
 cuts off covers its truth by chance of where the bound is"""
-N_NODES = 18
+N_NODES = 32
+"""for each parameter: tails of a Student-t are long, and with 18 its peak falls between nodes"""
 LEVEL = 0.95
 
 
