@@ -134,8 +134,10 @@ def _standardised(n_spots: int, settings: CorrelationSettings, seeds: range) -> 
 
 
 def sigma() -> dict[str, Any]:
-    """Standardised errors over 8 patterns, noises and stretches, without and with glare."""
-    seeds = range(8)
+    """Standardised errors over 8 patterns, noises and stretches, without and with glare.
+
+    None of these patterns was looked at while the code was written."""
+    seeds = range(100, 108)
     figures = {
         "without_glare": _standardised(0, CorrelationSettings(), seeds),
         "with_glare": _standardised(6, CorrelationSettings(), seeds),

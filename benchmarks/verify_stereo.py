@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 
 from benchmarks.end_to_end import over_seeds
@@ -26,6 +27,8 @@ from fe.response import Array
 
 PLATE_ERROR = 0.01
 """mm, of the real dot plate: its dots miss their places by 7 um, the same in all poses"""
+BOARD_ERROR = 0.05
+"""mm, of the chessboard with squares said to be of 10: its corners are off by 0.03"""
 STATIC_STEP = 15
 SEEDS = range(3)
 
@@ -76,18 +79,56 @@ def _facts(found: Calibration) -> dict[str, Any]:
     }
 
 
+def _by_opencv(
+    left: list[PlateView], right: list[PlateView], size: tuple[int, int]
+) -> dict[str, Any]:
+    """The same views by OpenCV's stereo calibration, with which DICe calibrates too."""
+    places, pixels = [], ([], [])
+    for one, other in zip(left, right, strict=True):
+        here = {tuple(np.round(place, 6)): k for k, place in enumerate(other.places)}
+        both = [
+            (k, here[key])
+            for k, place in enumerate(one.places)
+            if (key := tuple(np.round(place, 6))) in here
+        ]
+        i, j = np.array(both).T
+        flat = np.column_stack([one.places[i], np.zeros(len(i))])
+        places.append(flat.astype(np.float32))
+        pixels[0].append(one.pixels[i].astype(np.float32))
+        pixels[1].append(other.pixels[j].astype(np.float32))
+    lenses = []
+    for side in pixels:
+        _, matrix, distortion, _, _ = cv2.calibrateCamera(
+            places, side, size, None, None, flags=cv2.CALIB_FIX_K3
+        )
+        lenses += [matrix, distortion]
+    rms, *_, turn, shift, _, _ = cv2.stereoCalibrate(
+        places, *pixels, *lenses, size, flags=cv2.CALIB_USE_INTRINSIC_GUESS | cv2.CALIB_FIX_K3
+    )
+    angle = float(np.degrees(np.arccos((np.trace(turn) - 1) / 2)))
+    return {
+        "rms_px": round(float(rms), 4),
+        "angle_deg": round(angle, 3),
+        "baseline_mm": round(float(np.linalg.norm(shift)), 3),
+    }
+
+
 def plates(data: Path) -> dict[str, Any]:
-    """Reprojection of the real plates, the dot plate as an exact one too."""
-    left, right = _dots(data)
-    lens = LensModel(2)
-    exact = calibrate(left, right, (2448, 2048), CalibrationSettings(lens, 6))
-    fitted = calibrate(left, right, (2448, 2048), CalibrationSettings(lens, 6, PLATE_ERROR))
-    boards = calibrate(*_chessboards(data), (640, 480), CalibrationSettings(LensModel(2, True)))
+    """Reprojection of the real plates, as exact and as uneven ones, and by OpenCV."""
+    dots, boards = _dots(data), _chessboards(data)
+    large, small = (2448, 2048), (640, 480)
+    lens, bent = LensModel(2), LensModel(2, True)
+    fitted = calibrate(*dots, large, CalibrationSettings(lens, 6, PLATE_ERROR))
     return {
         "reprojection_px": round(fitted.rms, 4),
         "dots": _facts(fitted),
-        "dots_exact_plate": _facts(exact),
-        "chessboard": _facts(boards),
+        "dots_exact_plate": _facts(calibrate(*dots, large, CalibrationSettings(lens, 6))),
+        "dots_opencv": _by_opencv(*dots, large),
+        "chessboard": _facts(
+            calibrate(*boards, small, CalibrationSettings(bent, plate_error_mm=BOARD_ERROR))
+        ),
+        "chessboard_exact_board": _facts(calibrate(*boards, small, CalibrationSettings(bent))),
+        "chessboard_opencv": _by_opencv(*boards, small),
     }
 
 

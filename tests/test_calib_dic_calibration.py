@@ -152,7 +152,6 @@ def test_stated_uncertainty_of_the_parameters_is_that_of_repeats():
     assert 0.6 < np.sqrt(np.mean(np.square(scores))) < 1.5
 
 
-@pytest.mark.slow  # many fits
 def seen_points():
     """Points in the view of both cameras, mm, and their pixels."""
     x, y = np.meshgrid(np.linspace(-20, 20, 7), np.linspace(-15, 15, 5))

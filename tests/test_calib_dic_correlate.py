@@ -16,7 +16,7 @@ from calib.dic import (
     strain,
 )
 from calib.dic.interpolation import grid_slopes, spline_of, values_at
-from calib.dic.prepared import noise_of_spline
+from calib.dic.noise_response import noise_of_spline
 from calib.dic.subset import FACTOR, POWER_A, POWER_B
 from calib.dic.warp import compose_inverse
 
@@ -73,11 +73,11 @@ def test_spline_goes_through_the_pixels_up_to_the_corners(degree):
 def test_stated_noise_of_the_spline_is_that_of_splined_noise():
     noise = np.random.default_rng(0).normal(size=(300, 300))
     spline = spline_of(noise, 5)
-    table = noise_of_spline(5)
-    assert np.var(grid_slopes(spline)[0]) == pytest.approx(table[0], rel=0.02)
+    stated = noise_of_spline(5)
+    assert np.var(grid_slopes(spline)[0]) == pytest.approx(stated.slope, rel=0.02)
     rows, columns = (v.ravel() for v in np.mgrid[20:280, 20:280].astype(float))
     between = values_at(spline, columns + 0.5, rows + 0.25)
-    assert np.var(between) == pytest.approx(table[1 + 32] * table[1 + 16], rel=0.02)
+    assert np.var(between) == pytest.approx(stated.values[32] * stated.values[16], rel=0.02)
 
 
 def test_step_is_minus_the_gradient_of_the_znssd_by_finite_differences(pattern, spread):

@@ -128,6 +128,7 @@ def test_a_stored_frame_brings_back_the_state_with_its_renewed_reference(tmp_pat
         n = 3
         found = Correlation(
             rng.random((n, 2)), rng.random((n, 2, 2)), rng.random(n), rng.random((n, 2)),
+            rng.random((n, 2)),
             np.arange(n), np.arange(n), rng.random((n, 6)),
         )  # fmt: skip
         return Base(number, image.grey, found)

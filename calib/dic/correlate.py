@@ -7,8 +7,17 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from calib.dic.interpolation import Array, Spline, spline_of
-from calib.dic.prepared import BoolArray, IntArray, Reference, as_image, prepare, refine
+from calib.dic.interpolation import Array, Spline
+from calib.dic.prepared import (
+    BoolArray,
+    IntArray,
+    Reference,
+    Task,
+    as_image,
+    deformed_spline,
+    prepare,
+    refine,
+)
 from calib.dic.propagate import propagate, unreached
 from calib.dic.reasons import Reason
 from calib.dic.seeds import find_seeds
@@ -29,6 +38,9 @@ class Correlation:
     """(n,) zero-normalised correlation coefficient, also of points that are lost, where known"""
     sigma: Array
     """(n, 2) standard deviation of u and v by the noise of both images, px"""
+    interpolation: Array
+    """(n, 2) standard deviation of u and v by the bias of the interpolation, px: its size as
+    predicted at the displacement's fraction of a pixel"""
     reason: IntArray
     """(n,) codes of Reason, 0 is valid"""
     iterations: IntArray
@@ -40,6 +52,11 @@ class Correlation:
     def valid(self) -> BoolArray:
         """(n,) points that have a displacement."""
         return np.asarray(self.reason == Reason.VALID)
+
+    @property
+    def total(self) -> Array:
+        """(n, 2) standard deviation of u and v by noise and interpolation, px."""
+        return np.hypot(self.sigma, self.interpolation)
 
 
 def correlate(
@@ -61,9 +78,9 @@ def correlate(
     settings = CorrelationSettings() if settings is None else settings
     image, other = as_image(reference, "reference"), as_image(deformed, "deformed")
     region = None if mask is None else np.asarray(mask, dtype=np.bool_)
-    ready = prepare(image, settings.degree, region)
+    ready = prepare(image, settings.degree, region, settings.blur)
     return correlate_prepared(
-        ready, other, spline_of(other, settings.degree), points, settings, guess
+        ready, other, deformed_spline(other, settings), points, settings, guess
     )
 
 
@@ -86,13 +103,13 @@ def correlate_prepared(
     parameters, known = _start(guess, len(places), settings)
     parameters = carried(parameters, pixels - places)
     results = unreached(len(places))
+    task = Task(reference, deformed, pixels, parameters, results, settings)
     if known.any():
-        todo = np.flatnonzero(known)
-        results[todo] = refine(reference, deformed, pixels, todo, parameters, settings)
+        refine(task, np.flatnonzero(known))
     if not known.all():
         if not (results[:, 3] == Reason.VALID).any():
-            find_seeds(reference, deformed_image, deformed, pixels, parameters, results, settings)
-        propagate(reference, deformed, pixels, parameters, results, settings)
+            find_seeds(task, deformed_image)
+        propagate(task)
     return _correlation(carried(parameters, places - pixels), results, settings)
 
 
@@ -122,6 +139,7 @@ def _correlation(parameters: Array, results: Array, settings: CorrelationSetting
         gradient=kept[:, 2:6].reshape(-1, 2, 2).copy(),
         zncc=results[:, 0].copy(),
         sigma=np.where(lost[:, None], np.nan, results[:, 1:3]),
+        interpolation=np.where(lost[:, None], np.nan, results[:, 5:7]),
         reason=reason,
         iterations=results[:, 4].astype(np.int64),
         parameters=kept,

@@ -15,8 +15,8 @@ from typing import NamedTuple
 import numpy as np
 
 from calib.dic.correlate import Correlation, correlate_prepared
-from calib.dic.interpolation import Array, Spline, spline_of
-from calib.dic.prepared import BoolArray, Reference, as_image, prepare
+from calib.dic.interpolation import Array, Spline
+from calib.dic.prepared import BoolArray, Reference, as_image, deformed_spline, prepare
 from calib.dic.reasons import Reason
 from calib.dic.settings import CorrelationSettings
 
@@ -82,7 +82,7 @@ def next_state(
     """
     number = 1 if state.last is None else state.last.number + 1
     image = as_image(frame, f"frame {number}")
-    spline = spline_of(image, settings.degree)
+    spline = deformed_spline(image, settings)
     previous = None if state.last is None else state.last.found
     found = _direct(reference, image, spline, points, settings, previous)
     base = state.base
@@ -130,7 +130,7 @@ def _renewed(
     lost = np.flatnonzero(_broken(found, base.found))
     before = base.found
     places = points[lost] + before.displacement[lost]
-    renewed = prepare(base.image, settings.degree)
+    renewed = prepare(base.image, settings.degree, blur=settings.blur)
     step = correlate_prepared(renewed, image, spline, places, settings)
     sigma_sum = np.hypot(before.sigma[lost], step.sigma)
     worse = found.valid[lost] & ~(sigma_sum.max(axis=1) < found.sigma[lost].max(axis=1))
@@ -144,6 +144,8 @@ def _renewed(
     # F of both steps, one after the other
     gradient[index] = (eye + step.gradient[good]) @ (eye + before.gradient[index]) - eye
     sigma[index] = sigma_sum[good]
+    wave = found.interpolation.copy()
+    wave[index] = np.hypot(before.interpolation[index], step.interpolation[good])
     reason[index], zncc[index] = Reason.VALID, step.zncc[good]
     iterations[index] += step.iterations[good]
     parameters[index] = 0.0
@@ -155,6 +157,7 @@ def _renewed(
         gradient=gradient,
         zncc=zncc,
         sigma=sigma,
+        interpolation=wave,
         reason=reason,
         iterations=iterations,
         parameters=parameters,

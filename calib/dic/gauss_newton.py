@@ -8,7 +8,8 @@ import numpy as np
 from numba import njit
 
 from calib.dic.interpolation import FAST, Array
-from calib.dic.residual import clumping, deviations, noise_share, reject_glare
+from calib.dic.interpolation_bias import wave_size
+from calib.dic.residual import clumping, deviations, noise_share, noise_variance, reject_glare
 from calib.dic.subset import (
     AT_ONCE,
     FOLDED,
@@ -155,17 +156,19 @@ def iterate(  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def correlate_range(  # type: ignore[no-untyped-def]
-    image, slope_x, slope_y, mask, deformed, is_quintic, noise, points, todo,
-    radius, n, n_light, limits, parameters, results
+    reference, deformed, is_quintic, noise, points, todo, radius, n, n_light, limits, parameters,
+    results
 ):  # fmt: skip
     """Correlate pixels points[todo], from and into parameters (n_point, 12).
 
-    image, slope_x, slope_y (h, w) of the reference; deformed, the other image's spline.
-    noise: (slope energy, table...), the variances of slope and value of splined unit noise.
+    reference: a Reference; deformed, the other image's spline; noise: a Noise.
     limits: tolerance, iterations, smallest zncc, largest sigma, smallest share of pixels, and
     threshold of glare in standard deviations, 0 for none.
-    results (n_point, 5): zncc, sigma of u and v, reason, iterations.
+    results (n_point, 7): zncc, sigma of u and v, reason, iterations, interpolation of u and v.
     """
+    image, slope_x, slope_y, mask = reference[:4]
+    growth = reference.growth
+    n_fitted = (n + 1) * 0.5 * (growth[0] + growth[1]) + n_light * growth[2]
     side = 2 * radius + 1
     sub = np.zeros((4, side, side))
     values, fitted, ratio = np.empty((side, side)), np.zeros(3), np.zeros(2)
@@ -194,8 +197,14 @@ def correlate_range(  # type: ignore[no-untyped-def]
                 break
         if out[3] != VALID:
             continue
-        share = noise_share(noise[1:], deformed, x, y, p, radius)
+        variance = noise_variance(
+            fit, n_fitted, noise_share(noise.values, deformed, x, y, p, radius)
+        )
         clumping(sub, values, radius, fitted, fit.scale, ratio)
-        out[1], out[2] = deviations(p, fit, n + n_light + 1, noise[0], share, ratio)
+        out[1], out[2] = deviations(p, fit, variance, noise.slope, ratio, growth)
+        wave_size(
+            sub, reference.error_x, reference.error_y, x, y, radius, p, variance, noise,
+            fit.diagonal, out[5:],
+        )  # fmt: skip
         if not max(out[1], out[2]) <= limits[3]:
             out[3] = UNCERTAIN

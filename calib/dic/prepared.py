@@ -4,31 +4,22 @@ from __future__ import annotations
 
 import os
 from concurrent.futures import ThreadPoolExecutor
-from functools import cache
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from scipy import ndimage
 
+from calib.dic.blur import blurred, growth
 from calib.dic.gauss_newton import correlate_range
-from calib.dic.interpolation import (
-    AT_PIXEL,
-    Array,
-    Degree,
-    Spline,
-    grid_slopes,
-    spline_of,
-    weights3,
-    weights5,
-)
+from calib.dic.interpolation import Array, Degree, Spline, grid_slopes, spline_of
+from calib.dic.interpolation_bias import error_images
+from calib.dic.noise_response import noise_of_spline
 from calib.dic.settings import CorrelationSettings
 from calib.dic.subset import N_PARAMETER
 
 BoolArray = npt.NDArray[np.bool_]
 IntArray = npt.NDArray[np.int64]
-N_RESULT = 5
-TABLE = 64
+N_RESULT = 7
 PARTS_PER_THREAD = 8
 """so that threads end together, though points differ in their iterations"""
 LEAST_PART = 8
@@ -43,6 +34,25 @@ class Reference(NamedTuple):
     slope_y: Array
     mask: BoolArray
     """(h, w) False where a pixel does not count"""
+    error_x: Array
+    """(h, w) what interpolation a quarter px off adds: see `interpolation_bias`"""
+    error_y: Array
+    growth: Array
+    """(3,) what a blur makes of the noise: see `blur.growth`"""
+
+
+class Task(NamedTuple):
+    """One correlation under way: points and what is known of each, which is changed in place."""
+
+    reference: Reference
+    deformed: Spline
+    points: Array
+    """(n, 2) whole px"""
+    parameters: Array
+    """(n, 12) of the shape functions: the start, then what was found"""
+    results: Array
+    """(n, 7) zncc, sigma of u and v, reason, iterations, interpolation's deviation of u and v"""
+    settings: CorrelationSettings
 
 
 def as_image(image: npt.ArrayLike, name: str) -> Array:
@@ -57,8 +67,10 @@ def as_image(image: npt.ArrayLike, name: str) -> Array:
     return grey
 
 
-def prepare(image: Array, degree: Degree, mask: BoolArray | None = None) -> Reference:
-    """Spline and slopes of a reference image (h, w).
+def prepare(
+    image: Array, degree: Degree, mask: BoolArray | None = None, blur: float = 0.0
+) -> Reference:
+    """Spline and slopes of a reference image (h, w), blurred by a Gaussian of SD `blur` px.
 
     Raises ValueError for a mask of another shape.
     """
@@ -66,25 +78,16 @@ def prepare(image: Array, degree: Degree, mask: BoolArray | None = None) -> Refe
         mask = np.ones(image.shape, dtype=np.bool_)
     if mask.shape != image.shape:
         raise ValueError(f"mask: expected the image's shape {image.shape}, found {mask.shape}")
-    spline = spline_of(image, degree)
-    slope_x, slope_y = grid_slopes(spline)
-    return Reference(image, slope_x, slope_y, np.ascontiguousarray(mask, np.bool_))
+    image = blurred(image, blur)
+    slope_x, slope_y = grid_slopes(spline_of(image, degree))
+    of_blur = growth(slope_x * mask, slope_y * mask, blur)
+    valued = np.ascontiguousarray(mask, np.bool_)
+    return Reference(image, slope_x, slope_y, valued, *error_images(image, degree), of_blur)
 
 
-@cache
-def noise_of_spline(degree: Degree) -> Array:
-    """(TABLE + 2,) for white noise of variance 1: variance of the slope at a pixel, then that of
-    the value at the places 0 to 1 between two pixels of a line.
-    """
-    n, reach = 64, degree // 2
-    inverse = ndimage.spline_filter1d(np.eye(n), degree, axis=0, mode="grid-wrap")
-    middle = n // 2
-    slope = AT_PIXEL[degree][1] @ inverse[middle - reach : middle + reach + 1]
-    values = []
-    for t in np.linspace(0, 1, TABLE + 1):
-        weights = np.array(weights5(t) if degree == 5 else weights3(t))
-        values.append(float(np.sum((weights @ inverse[middle - reach : middle + reach + 2]) ** 2)))
-    return np.array([float(np.sum(slope**2)), *values])
+def deformed_spline(image: Array, settings: CorrelationSettings) -> Spline:
+    """The image (h, w) in which the points are looked for, as the settings ask for it."""
+    return spline_of(blurred(image, settings.blur), settings.degree)
 
 
 def n_threads(settings: CorrelationSettings) -> int:
@@ -92,19 +95,12 @@ def n_threads(settings: CorrelationSettings) -> int:
     return settings.threads or len(os.sched_getaffinity(0))
 
 
-def refine(
-    reference: Reference,
-    deformed: Spline,
-    points: Array,
-    todo: IntArray,
-    parameters: Array,
-    settings: CorrelationSettings,
-) -> Array:
-    """Correlate pixels points[todo] from parameters (n_point, 12), which are overwritten.
+def refine(task: Task, todo: IntArray) -> None:
+    """Correlate points[todo] from their parameters, into these and the results.
 
-    Returns (n_todo, 5): zncc, sigma of u and v, reason, iterations. Every point is for itself, so
-    that the result does not depend on the number of threads.
+    Every point is for itself, so that the result does not depend on the number of threads.
     """
+    settings = task.settings
     n = 6 if settings.order == 1 else N_PARAMETER
     n_light = 3 if settings.light == "plane" else 1
     limits = np.array(
@@ -117,16 +113,13 @@ def refine(
             settings.glare,
         ]
     )
-    noise = noise_of_spline(settings.degree)
-    results = np.empty((len(points), N_RESULT))
+    noise = noise_of_spline(settings.degree, settings.blur)
 
     def run(part: IntArray) -> None:
-        """Correlate some of the points, into `parameters` and `results`."""
+        """Correlate some of the points."""
         correlate_range(
-            reference.image, reference.slope_x, reference.slope_y,
-            reference.mask, deformed.coefficients,
-            deformed.is_quintic, noise, points, part, settings.radius, n, n_light, limits,
-            parameters, results,
+            task.reference, task.deformed.coefficients, task.deformed.is_quintic, noise,
+            task.points, part, settings.radius, n, n_light, limits, task.parameters, task.results,
         )  # fmt: skip
 
     threads = n_threads(settings)
@@ -138,4 +131,3 @@ def refine(
     else:
         with ThreadPoolExecutor(threads) as pool:
             list(pool.map(run, parts))
-    return np.asarray(results[todo])

@@ -13,10 +13,9 @@ from numba import njit
 from scipy.spatial import cKDTree
 
 from calib.dic.consistency import stray_points
-from calib.dic.interpolation import Array, Spline
-from calib.dic.prepared import BoolArray, IntArray, Reference, refine
+from calib.dic.interpolation import Array
+from calib.dic.prepared import N_RESULT, BoolArray, IntArray, Task, refine
 from calib.dic.reasons import Reason
-from calib.dic.settings import CorrelationSettings
 from calib.dic.shape import carried
 
 N_NEIGHBOUR = 8
@@ -41,40 +40,26 @@ def neighbours(points: Array) -> IntArray:
     return found
 
 
-def propagate(
-    reference: Reference,
-    deformed: Spline,
-    points: Array,
-    parameters: Array,
-    results: Array,
-    settings: CorrelationSettings,
-) -> None:
-    """From the points that are valid in results (n, 5) to the others, in place.
+def propagate(task: Task) -> None:
+    """From the points of a task that are valid to the others.
 
     A point that fails is tried again when a neighbour with a better correlation is done. Strays
     are tried once more from their neighbours.
     """
-    near = neighbours(points)
-    _spread(reference, deformed, points, near, parameters, results, settings)
+    near = neighbours(task.points)
+    _spread(task, near)
     for again in (True, False):
-        valid = results[:, 3] == Reason.VALID
-        stray = stray_points(points, parameters, valid, near)
+        valid = task.results[:, 3] == Reason.VALID
+        stray = stray_points(task.points, task.parameters, valid, near)
         if not stray.any():
             return
-        results[stray, 3] = Reason.STRAY
+        task.results[stray, 3] = Reason.STRAY
         if again:
-            _spread(reference, deformed, points, near, parameters, results, settings)
+            _spread(task, near)
 
 
-def _spread(
-    reference: Reference,
-    deformed: Spline,
-    points: Array,
-    near: IntArray,
-    parameters: Array,
-    results: Array,
-    settings: CorrelationSettings,
-) -> None:
+def _spread(task: Task, near: IntArray) -> None:
+    points, parameters, results = task.points, task.parameters, task.results
     done: BoolArray = results[:, 3] == Reason.VALID
     tries = np.where(done, MOST_TRIES, 0)
     used = np.full((len(points), MOST_TRIES), -1, dtype=np.int64)
@@ -89,7 +74,7 @@ def _spread(
         used[todo, tries[todo]] = start
         tries[todo] += 1
         parameters[todo] = carried(parameters[start], points[todo] - points[start])
-        results[todo] = refine(reference, deformed, points, todo, parameters, settings)
+        refine(task, todo)
         done[todo] = results[todo, 3] == Reason.VALID
 
 
@@ -119,8 +104,8 @@ def best_starts(
 
 
 def unreached(n: int) -> npt.NDArray[np.float64]:
-    """Results (n, 5) before anything is done."""
-    results = np.full((n, 5), np.nan)
+    """Results (n, 7) before anything is done."""
+    results = np.full((n, N_RESULT), np.nan)
     results[:, 3] = Reason.NOT_REACHED
     results[:, 4] = 0
     return results

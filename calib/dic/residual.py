@@ -99,15 +99,25 @@ def clumping(sub, values, radius, fitted, scale, ratio):  # type: ignore[no-unty
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def deviations(p, fit, n_fitted, noise, share, ratio):  # type: ignore[no-untyped-def]
+def noise_variance(fit, n_fitted, share):  # type: ignore[no-untyped-def]
+    """Of one image in a subset, from the residual, both being equally noisy in grey levels.
+
+    fit: a Fit. n_fitted: independent values that fitting takes off the residual. share: variance of
+    splined unit noise in the deformed subset.
+    """
+    # of an image and itself the correlation is 1 up to rounding
+    left = max(1.0 - fit.zncc**2, 0.0)
+    variance = fit.squares * left / max(fit.pixels - n_fitted, 1.0)
+    return variance / (1.0 + fit.scale**2 * share)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def deviations(p, fit, variance, noise, ratio, expected):  # type: ignore[no-untyped-def]
     """Standard deviation of u and v in the deformed image, px, by the noise of both images.
 
-    fit: a Fit. n_fitted: parameters of shape and light. noise: variance of the slope of splined
-    unit noise; share: that of its values in the deformed subset. ratio (2,): see `clumping`.
+    fit: a Fit. variance: `noise_variance`. noise: variance of the slope of splined unit noise.
+    ratio (2,): see `clumping`; expected (2,): what it is expected to be, 1 for white noise.
     """
-    # the noise of one image from the residual, both being equally noisy in grey levels
-    variance = fit.squares * (1.0 - fit.zncc**2) / max(fit.pixels - n_fitted, 1.0)
-    variance /= 1.0 + fit.scale**2 * share
     # increments belong to the reference's frame: d x = F d X
     f00, f01, f10, f11 = 1.0 + p[2], p[3], p[4], 1.0 + p[5]
     # where the image shrinks, its pixels are fewer than those of the subset
@@ -118,8 +128,7 @@ def deviations(p, fit, n_fitted, noise, share, ratio):  # type: ignore[no-untype
         excess = min(fit.pixels * variance * noise / fit.diagonal[k], MOST_EXCESS)
         growth = 1.0 / (1.0 - excess)
         spread[k] = variance * max(fit.inverse[k, k], 0.0) * (growth + density * growth**2)
-        if ratio[k] > CLUMPED:
-            spread[k] *= ratio[k]
+        spread[k] *= ratio[k] if ratio[k] > CLUMPED * expected[k] else expected[k]
     together = fit.inverse[0, 1] / np.sqrt(max(fit.inverse[0, 0] * fit.inverse[1, 1], 1e-300))
     spread[2] = together * np.sqrt(spread[0] * spread[1])
     across = f00 * f00 * spread[0] + 2.0 * f00 * f01 * spread[2] + f01 * f01 * spread[1]

@@ -8,10 +8,9 @@ import numpy as np
 from scipy import fft
 from skimage.feature import match_template
 
-from calib.dic.interpolation import Array, Spline
-from calib.dic.prepared import IntArray, Reference, refine
+from calib.dic.interpolation import Array
+from calib.dic.prepared import IntArray, Task, refine
 from calib.dic.reasons import Reason
-from calib.dic.settings import CorrelationSettings
 
 N_SEED = 12
 ENOUGH = 3
@@ -76,16 +75,9 @@ def _shifts(reference: Array, deformed: Array, point: Array, side: int) -> Itera
     yield template_shift(reference, deformed, point, side)
 
 
-def find_seeds(
-    reference: Reference,
-    deformed_image: Array,
-    deformed: Spline,
-    points: Array,
-    parameters: Array,
-    results: Array,
-    settings: CorrelationSettings,
-) -> None:
-    """Correlate a few points from scratch, into parameters (n, 12) and results (n, 5)."""
+def find_seeds(task: Task, deformed_image: Array) -> None:
+    """Correlate a few points of a task from scratch, in the deformed image (h, w)."""
+    reference, points, settings = task.reference, task.points, task.settings
     x, y = np.round(points).astype(np.int64).T
     h, w = reference.mask.shape
     on_image = (x >= 0) & (x < w) & (y >= 0) & (y < h)
@@ -100,10 +92,10 @@ def find_seeds(
         for shift in shifts:
             if shift is None:
                 continue
-            parameters[seed] = 0.0
-            parameters[seed, :2] = shift
-            results[one] = refine(reference, deformed, points, one, parameters, settings)
-            if results[seed, 3] == Reason.VALID:
+            task.parameters[seed] = 0.0
+            task.parameters[seed, :2] = shift
+            refine(task, one)
+            if task.results[seed, 3] == Reason.VALID:
                 good += 1
                 break
         if good >= ENOUGH:

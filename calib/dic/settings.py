@@ -8,6 +8,7 @@ from typing import Literal
 from calib.dic.interpolation import Degree
 
 MOST_SUBSET = 255
+MOST_BLUR = 3.0
 
 
 @dataclass(frozen=True)
@@ -23,6 +24,9 @@ class CorrelationSettings:
     """1: affine shape functions, 2: quadratic"""
     degree: Degree = 5
     """of the B-spline between pixels: 3 or 5; 5 has the smaller bias, 3 takes half the time"""
+    blur: float = 0.0
+    """SD of a Gaussian that both images are blurred by, px; less bias of the interpolation in
+    sharp images, more random error"""
     tolerance: float = 5e-4
     """stop when no pixel of the subset would move by more than this in a further step, px"""
     max_iterations: int = 50
@@ -47,6 +51,8 @@ class CorrelationSettings:
             raise ValueError(f"order: expected 1 or 2, found {self.order}")
         if self.degree not in (3, 5):
             raise ValueError(f"degree: expected 3 or 5, found {self.degree}")
+        if not 0 <= self.blur <= MOST_BLUR:
+            raise ValueError(f"blur: expected 0 to {MOST_BLUR:g} px, found {self.blur}")
         if not 0 < self.tolerance < 1:
             raise ValueError(f"tolerance: expected 0 to 1 px, found {self.tolerance}")
         if self.max_iterations < 1:

@@ -20,9 +20,8 @@ from calib.dic.carried_mask import carried_mask
 from calib.dic.correlate import correlate_prepared
 from calib.dic.distortion import Array
 from calib.dic.follow import State, next_state
-from calib.dic.interpolation import spline_of
 from calib.dic.pose_check import check_belongs, refine_pose
-from calib.dic.prepared import BoolArray, Reference, as_image, prepare
+from calib.dic.prepared import BoolArray, Reference, as_image, deformed_spline, prepare
 from calib.dic.settings import CorrelationSettings
 from calib.dic.triangulate import Triangulated, triangulate
 
@@ -104,7 +103,8 @@ class StereoFrame(NamedTuple):
     displacement: Array
     """(n, 3) mm; NaN where the point is not valid"""
     covariance: Array
-    """(n, 3, 3) of the displacement by the noise of the images, mm^2"""
+    """(n, 3, 3) of the displacement by the noise of the images and the bias of their interpolation,
+    mm^2"""
     reason: IntArray
     """(n,) codes of StereoReason"""
     epipolar: Array
@@ -144,8 +144,8 @@ def place_reference(
     settings = settings or StereoSettings()
     options = settings.correlation
     left_grey, right_grey = as_image(left_image, "left"), as_image(right_image, "right")
-    left_ready = prepare(left_grey, options.degree, mask)
-    spline = spline_of(right_grey, options.degree)
+    left_ready = prepare(left_grey, options.degree, mask, options.blur)
+    spline = deformed_spline(right_grey, options)
     match = correlate_prepared(left_ready, right_grey, spline, points, options)
     right = points + match.displacement
     if not match.valid.any():
@@ -169,8 +169,8 @@ def place_reference(
         shape = (right_grey.shape[0], right_grey.shape[1])
         there = carried_mask(mask, points, kept, shape)
     return StereoReference(
-        rig, left_ready, prepare(right_grey, options.degree, there), points, kept, match.sigma,
-        space, distance, reason.astype(np.int64), turned,
+        rig, left_ready, prepare(right_grey, options.degree, there, options.blur), points, kept,
+        match.total, space, distance, reason.astype(np.int64), turned,
     )  # fmt: skip
 
 
@@ -223,7 +223,7 @@ def frame_of(reference: StereoReference, tracked: Tracked, settings: StereoSetti
     space = triangulate(reference.rig, now_left[good], now_right[good])
     displacement[rows] = space.points - reference.space.points[rows]
     covariance[rows] = _covariance(
-        reference.space.by_pixels[rows], space.by_pixels, left.sigma[good], right.sigma[good],
+        reference.space.by_pixels[rows], space.by_pixels, left.total[good], right.total[good],
         reference.sigma[rows], right.gradient[good],
     )  # fmt: skip
     reason, epipolar = reference.reason.copy(), np.full(n, np.nan)

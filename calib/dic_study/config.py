@@ -13,6 +13,7 @@ from pydantic import ConfigDict, Field
 from pydantic.dataclasses import dataclass
 
 from calib.dic import CorrelationSettings
+from calib.dic.settings import MOST_BLUR
 from calib.toml_file import Contradiction, Document, FileRefused, read_document, read_file
 
 STRICT = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False, use_attribute_docstrings=True)
@@ -65,6 +66,8 @@ class Options:
     """shape functions: 1 affine, 2 quadratic"""
     interpolation: Literal["cubic", "quintic"] = "quintic"
     """B-spline between pixels, cubic or quintic"""
+    blur_px: Annotated[float, Field(ge=0, le=MOST_BLUR)] = 0.0
+    """SD of a Gaussian that the images are blurred by before, px, 0 to 3"""
     min_zncc: Annotated[float, Field(ge=0, lt=1)] = 0.7
     """correlation below which a point is lost, 0 to less than 1"""
     max_sigma_px: Positive = 0.3
@@ -81,6 +84,7 @@ class Options:
             subset=self.subset_px,
             order=self.order,
             degree=5 if self.interpolation == "quintic" else 3,
+            blur=self.blur_px,
             min_zncc=self.min_zncc,
             max_sigma=self.max_sigma_px,
         )

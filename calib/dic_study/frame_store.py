@@ -23,7 +23,7 @@ from calib.dic.settings import CorrelationSettings
 from fe.atomic_file import replacing
 
 Anything = npt.NDArray[Any]
-VERSION = 2
+VERSION = 3
 
 
 def first_key(settings: CorrelationSettings, arrays: Sequence[Anything]) -> str:

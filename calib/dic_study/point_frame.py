@@ -24,7 +24,7 @@ def point_frame(
     position, displacement, sigma = np.zeros((n, 3)), np.zeros((n, 3)), np.zeros((n, 3))
     position[:, :2] = (points - np.array(scale.origin_px)) * factor + 0.0
     displacement[:, :2] = found.displacement * factor
-    sigma[:, :2] = found.sigma * scale.mm_per_px
+    sigma[:, :2] = found.total * scale.mm_per_px
     displacement[~found.valid] = np.nan
     sigma[~found.valid] = np.nan
     return PointFrame(name, position, displacement, found.valid, sigma, time, grid, is_planar=True)

@@ -116,7 +116,7 @@ def _prepare(study: DicStudy, folder: Path) -> Prepared:
     judged = quality(reference, mask, settings.subset, repeat)
     points, grid = grid_points(mask, study.correlation.step_px)
     key = frame_store.first_key(settings, [reference.grey, mask, points])
-    image = prepare(reference.grey, settings.degree, mask)
+    image = prepare(reference.grey, settings.degree, mask, settings.blur)
     return Prepared(reference, image, points, grid, judged, settings, key)
 
 
@@ -135,22 +135,28 @@ def _frame(
 def _summary(path: Path, found: Correlation) -> dict[str, object]:
     valid = found.valid
     lost = {r.name.lower(): int(np.sum(found.reason == r)) for r in list(Reason)[1:]}
-    middle = np.median(found.sigma[valid], axis=0) if valid.any() else [np.nan, np.nan]
     return {
         "image": path.name,
         "points": int(valid.size),
         "valid": int(valid.sum()),
         "lost": {name: count for name, count in lost.items() if count},
         "median_zncc": float(np.median(found.zncc[valid])) if valid.any() else None,
-        "median_sigma_px": [float(value) for value in middle] if valid.any() else None,
+        "median_sigma_px": _medians(found.sigma[valid]),
+        "median_interpolation_px": _medians(found.interpolation[valid]),
     }
+
+
+def _medians(values: Array) -> list[float] | None:
+    """Of each column of values (n, 2); None for none."""
+    return np.median(values, axis=0).tolist() if len(values) else None
 
 
 def _sentence(found: Correlation) -> str:
     valid = int(found.valid.sum())
     text = f"{valid} of {found.valid.size} points"
     if valid:
-        text += f", median sigma {np.median(found.sigma[found.valid]):.4f} px"
+        noise, wave = (np.median(sd[found.valid]) for sd in (found.sigma, found.interpolation))
+        text += f", median sigma {noise:.4f} px by noise, {wave:.4f} px by interpolation"
     return text
 
 
