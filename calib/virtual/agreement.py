@@ -27,7 +27,8 @@ def field_agreement(dataset: Dataset, truth: TruthResponse) -> Agreement:
     """The mean field against that of the truth at the data set's points and travels.
 
     The covariance is that of the likelihood: noise of the mean, correlated over points and
-    increments, the patterns in which samples differ, and the scale. Raises ValueError without a field.
+    increments, the patterns in which samples differ, and the scale.
+    Raises ValueError without a field.
     """
     field = dataset.field
     if field is None:

@@ -86,8 +86,8 @@ def _travel(truth: TruthResponse, stiffness: float, wanted: Array, compliance: f
 
 
 def _pressed(force: Array, travel: Array) -> Array:
-    """Force (n,) N of a pin that cannot pull: a rubber that still recovers leaves it, and a pin that
-    is off the sample (travel (n,) mm not above 0) feels nothing of it."""
+    """Force (n,) N of a pin that cannot pull: rubber that still recovers leaves it, and a pin that is
+    off the sample (travel (n,) mm not above 0) feels nothing."""
     return np.where(travel > 0.0, np.maximum(force, 0.0), 0.0)
 
 

@@ -29,8 +29,8 @@ THESIS_GRID = (35, 24)
 RESOLVED = 1.5
 """SDs of the mean's noise by which a field mapped from half as many DIC points may differ"""
 SHARED = 0.15
-"""correlation of the noise of a point and its mirror image that is not the covariance's, which takes
-the halves that are folded as independent"""
+"""largest correlation of the noise of a point and its mirror image: the covariance takes the halves
+that are folded as independent"""
 MOST_SHARED = 0.25
 """of half the width that is left out for it at most"""
 SMALLEST_NUGGET = 1e-6

@@ -43,7 +43,7 @@ class FaceField:
     """(3,) mm, root mean square of the SDs that the DIC program states for points under load; None
     where it states none"""
     scale_sd: float = 0.0
-    """relative SD of all lengths by the calibration, as the DIC program states it; 0 where it states
+    """relative SD of all lengths by the calibration as the DIC program states it; 0 where it states
     none"""
     pin_travel: Array | None = None
     """(n_hold,) median u_y of the points on the pin, mm; None where none are named"""
