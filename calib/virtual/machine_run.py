@@ -86,7 +86,7 @@ def _travel(truth: TruthResponse, stiffness: float, wanted: Array, compliance: f
 
 
 def _pressed(force: Array, travel: Array) -> Array:
-    """Force (n,) N of a pin that cannot pull: rubber that still recovers leaves it, and a pin that is
+    """Force (n,) N of a pin that cannot pull: rubber that still recovers leaves it, and one that is
     off the sample (travel (n,) mm not above 0) feels nothing."""
     return np.where(travel > 0.0, np.maximum(force, 0.0), 0.0)
 
