@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.stats import binom, kstest
 
 from calib.data.qc import QcResult, analyse
 from calib.virtual import (
@@ -117,6 +118,10 @@ def over_seeds(
         "field_chi2_per_number_sd": round(float(ratio.std(ddof=1)), 4),
         "field_p_below_0.05": int((field_p < 0.05).sum()),
         "force_p_below_0.05": int((force_p < 0.05).sum()),
+        # numbers below 0.05 that uniform p would give in 95 of 100 times
+        "p_below_0.05_band": [int(n) for n in binom.interval(0.95, len(field_p), 0.05)],
+        "field_p_kolmogorov_smirnov": round(float(kstest(field_p, "uniform").pvalue), 4),
+        "force_p_kolmogorov_smirnov": round(float(kstest(force_p, "uniform").pvalue), 4),
     }
 
 

@@ -66,6 +66,8 @@ def qc_verb(arguments: argparse.Namespace) -> int:
     folder = experiment_folder(arguments.study)
     rules = study_rules(arguments.study)
     out = arguments.out or folder / QC_FOLDER
+    if out.exists() and not out.is_dir():
+        raise ValueError(f"--out: found the file {out}, expected a folder or a new name")
     result, paths = make_dataset(folder, out, with_figures=True, rules=rules)
     for line in qc_lines(result, paths):
         _say(line)

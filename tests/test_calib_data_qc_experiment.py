@@ -14,7 +14,7 @@ from analytic_block import AnalyticBlock, analytic_block
 from closed_form_laboratory import EXPERIMENT, Truth, field_at, force_at, write_laboratory
 
 from calib.cli import main
-from calib.data.dataset_file import load_dataset
+from calib.data.dataset_file import load_dataset, save_dataset
 from calib.data.qc import analyse, read_experiment
 from calib.data.qc.pipeline import QcResult
 from calib.data.qc.rules import Rules
@@ -23,6 +23,7 @@ from calib.data.readers import read_dic, write_points
 from calib.inference.field_noise import field_covariance
 from calib.inference.forward import DirectForward
 from calib.inference.likelihood import build_likelihood
+from calib.inference.noise import SCALE, NoiseSettings, further_errors
 from calib.study.config import Study, StudyError, load_study
 from calib.study.context import Context, block_pin_model
 from calib.study.data_stage import load_data
@@ -463,6 +464,38 @@ def test_what_a_dic_program_states_stands_in_for_static_frames(some):
     without = analyse(folder).noise.mean_std
     assert without.min() > 0
     np.testing.assert_allclose(without, expected / np.sqrt(3), rtol=0.05)
+
+
+def test_the_scale_that_the_calibration_leaves_unknown_reaches_data_set_and_likelihood(
+    some, tmp_path
+):
+    folder = some(*list(GOOD)[:2])
+    for path in folder.glob("S2/dic/*.csv"):
+        write_points(path, replace(read_dic(path).frames[0], scale_sd=0.003))
+    data = analyse(folder).dataset
+    assert data.field.scale_sd == 0.003
+    save_dataset(tmp_path / "d.npz", data)
+    data, _ = load_dataset(tmp_path / "d.npz")
+    for study, expected in ((0.0, 0.003), (0.001, 0.003), (0.01, 0.01)):
+        (scale,) = further_errors(data, NoiseSettings(field_scale_sd=study))
+        assert (scale.name, scale.sd) == (SCALE, expected)
+        np.testing.assert_array_equal(scale.field, expected * np.eye(data.travel.size))
+        assert not scale.force.any()
+    assert not further_errors(replace(data, field=None), NoiseSettings(field_scale_sd=0.01))
+
+
+def test_frames_of_one_camera_are_refused_with_what_they_lack(some, capsys):
+    folder = some("S1", "S2")
+    for path in folder.glob("S2/dic/*.csv"):
+        write_points(path, replace(read_dic(path).frames[0], is_planar=True))
+    assert main(["qc", str(folder)]) == 2
+    error = capsys.readouterr().err.strip().splitlines()[-1]
+    assert "S2/dic: expected stereo results" in error and "found frames of one camera" in error
+
+
+def test_a_file_in_the_place_of_the_results_is_named(lab, capsys):
+    assert main(["qc", str(lab), "--out", str(lab / "experiment.toml")]) == 2
+    assert "--out: found the file" in capsys.readouterr().err
 
 
 def test_stated_deviations_turn_with_the_axes(some):

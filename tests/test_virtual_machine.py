@@ -52,6 +52,14 @@ def test_relaxing_force_solves_its_differential_equation() -> None:
     assert relaxing_force(at_rest, step, rubber) == pytest.approx(expected, abs=2e-4)
 
 
+def test_a_pin_that_has_left_the_sample_feels_nothing_and_none_pulls() -> None:
+    made = run()
+    free = made.position < LaboratorySettings().protocol.slack_mm - 0.01
+    later = free & (made.time > made.programme.hold_start[0])
+    assert np.count_nonzero(later) > 50 and made.force[later] == pytest.approx(0.0, abs=1e-12)
+    assert made.force.min() >= 0
+
+
 def test_holds_relax_to_the_force_at_rest_by_as_much_as_the_thesis_measured() -> None:
     """T Table 3.6: 2.5 to 2.8 % of the mean force in 25 s, for increments 3 to 7."""
     made = run()

@@ -36,6 +36,8 @@ class FieldData:
     nugget: float = 1e-6
     """share of the noise variance that is not correlated between points, (0, 1); the default only
     keeps the correlation of points much closer than the length from being singular"""
+    scale_sd: float = 0.0
+    """relative SD of the scale of the whole field, by the calibration of the cameras"""
 
     def __post_init__(self) -> None:
         if self.points.ndim != 2 or self.points.shape[1] != 2:
@@ -57,6 +59,8 @@ class FieldData:
             raise ValueError(f"reference_share: expected in [0, 1), got {self.reference_share}")
         if not 0 < self.nugget < 1:
             raise ValueError(f"nugget: expected in (0, 1), got {self.nugget}")
+        if not 0 <= self.scale_sd < 1:
+            raise ValueError(f"scale_sd: expected in [0, 1), got {self.scale_sd}")
         if self.patterns is not None:
             if self.patterns.ndim != 4 or self.patterns.shape[1:] != shape:
                 expected = f"(q, {shape[0]}, {shape[1]}, 3)"

@@ -36,6 +36,8 @@ def dataset_arrays(dataset: Dataset) -> Arrays:
     if field is not None:
         arrays |= {name: getattr(field, name) for name in ("points", "displacement", "noise_std")}
         arrays |= {name: np.array(getattr(field, name)) for name in _NOISE}
+        if field.scale_sd > 0:
+            arrays["scale_sd"] = np.array(field.scale_sd)
         if field.patterns is not None:
             arrays["patterns"] = field.patterns
     if samples is not None:
@@ -56,6 +58,7 @@ def dataset_of_arrays(arrays: Arrays) -> Dataset:
             displacement=arrays["displacement"],
             noise_std=arrays["noise_std"],
             patterns=arrays.get("patterns"),
+            scale_sd=float(arrays.get("scale_sd", 0.0)),
             **{name: float(arrays[name]) for name in _NOISE},
         )
     if "sample_names" in arrays:

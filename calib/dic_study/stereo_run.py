@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
-from calib.data.readers import write_points
+from calib.data.readers import PointFrame, write_points
 from calib.dic import GreyImage, State, grid_points, read_image
 from calib.dic.calibration import Calibration
 from calib.dic.calibration_files import write_calibration
@@ -70,6 +70,7 @@ def run_stereo(study: StereoStudy, folder: Path, out: Path, say: Say) -> Path:
     for name in (POINTS, PICTURES, STORE):
         (out / name).mkdir(parents=True, exist_ok=True)
     write_calibration(out / CALIBRATION, calibration)
+    scale = _scale_sd(ready, calibration)
     times = study.images.times_s
     first = Path(study.images.reference).stem
     write_points(
@@ -84,10 +85,13 @@ def run_stereo(study: StereoStudy, folder: Path, out: Path, say: Say) -> Path:
         before, again = _pair(out / STORE / f"{stem}.npz", key, images, ready, before)
         found = frame_of(ready.reference, before, study.settings)
         frames.append(_summary(paths[0], found))
-        _write(out, stem, found, ready, None if times is None else times[number], again)
+        frame = point_frame(
+            found, stem, None if times is None else times[number], ready.grid, ready.axes
+        )
+        _write(out, stem, replace(frame, scale_sd=scale), ready, again)
         done = "measured" if again else "kept"
         say(f"{number + 1}/{len(left)} {paths[0].name}: {_sentence(found, ready.axes)} ({done})")
-    _report(out, ready, calibration, frames)
+    _report(out, ready, calibration, scale, frames)
     say(f"wrote {out}")
     return out
 
@@ -193,11 +197,16 @@ def _sentence(found: StereoFrame, axes: SurfaceFrame) -> str:
     return text
 
 
-def _write(
-    out: Path, stem: str, found: StereoFrame, ready: Prepared, time: float | None, again: bool
-) -> None:
+def _scale_sd(ready: Prepared, calibration: Calibration) -> float | None:
+    """Relative SD of all lengths; None for a calibration of another program, which states none."""
+    if calibration.covariance is None:
+        return None
+    placed = ready.reference
+    return scale_sd(placed.rig, calibration.covariance, placed.left, placed.right)
+
+
+def _write(out: Path, stem: str, frame: PointFrame, ready: Prepared, again: bool) -> None:
     """Points and strain each time; the picture where it is missing or was measured now."""
-    frame = point_frame(found, stem, time, ready.grid, ready.axes)
     with replacing(out / POINTS / f"{stem}.csv") as temporary:
         write_points(temporary, frame)
     picture = out / PICTURES / f"{stem}.png"
@@ -217,13 +226,13 @@ def _write_strain(path: Path, position: Array, displacement: Array, radius: floa
 
 
 def _report(
-    out: Path, ready: Prepared, calibration: Calibration, frames: list[dict[str, object]]
+    out: Path,
+    ready: Prepared,
+    calibration: Calibration,
+    scale: float | None,
+    frames: list[dict[str, object]],
 ) -> None:
     rig = ready.reference.rig
-    placed = ready.reference
-    scale = None
-    if calibration.covariance is not None:
-        scale = scale_sd(rig, calibration.covariance, placed.left, placed.right)
     content = {
         "reference": ready.left.name,
         "stereo_angle_deg": rig.angle,

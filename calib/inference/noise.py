@@ -55,7 +55,8 @@ class NoiseSettings:
     gain_sd: float = 0.0
     """relative SD of the load cell's calibration, common to all increments"""
     field_scale_sd: float = 0.0
-    """relative SD of the scale of the measured field, common to all of it"""
+    """relative SD of the scale of the measured field, common to all of it; that of the dataset
+    where it states a larger one"""
     translation_sd: float = 0.0
     """SD of a rigid translation of the field along each axis, at each increment, mm"""
     rotation_sd: float = 0.0
@@ -269,10 +270,12 @@ def further_errors(dataset: Dataset, settings: NoiseSettings) -> tuple[SharedErr
     n = dataset.travel.size
     nothing, one = np.zeros((n, n)), np.eye(n)
     by_travel = -dataset.force_mean[:, None] * slope_matrix(dataset.travel)
+    stated = 0.0 if dataset.field is None else dataset.field.scale_sd
+    scale_sd = max(settings.field_scale_sd, stated)
     known = (
         SharedError(COMPLIANCE, "mm/N", settings.compliance_sd, by_travel, by_travel),
         SharedError(GAIN, "1", settings.gain_sd, one, nothing),
-        SharedError(SCALE, "1", settings.field_scale_sd, nothing, one),
+        SharedError(SCALE, "1", scale_sd, nothing, one),
     )
     return tuple(
         replace(error, force=error.sd * error.force, field=error.sd * error.field)

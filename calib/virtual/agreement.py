@@ -27,13 +27,15 @@ def field_agreement(dataset: Dataset, truth: TruthResponse) -> Agreement:
     """The mean field against that of the truth at the data set's points and travels.
 
     The covariance is that of the likelihood: noise of the mean, correlated over points and
-    increments, and the patterns in which samples differ. Raises ValueError without a field.
+    increments, the patterns in which samples differ, and the scale.
+    Raises ValueError without a field.
     """
     field = dataset.field
     if field is None:
         raise ValueError("dataset: expected one with a field, found forces alone")
     off = field.displacement - truth.field_at(field.points, dataset.travel)
-    total = field_covariance(field).inner(off[None], off[None]).item()
+    scale = field.scale_sd * field.displacement[None]
+    total = field_covariance(field, patterns=scale).inner(off[None], off[None]).item()
     return Agreement(total, off.size, float(chi2.sf(total, off.size)))
 
 

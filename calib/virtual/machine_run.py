@@ -55,6 +55,7 @@ def run_machine(
     travel = _travel(truth, stiffness, position + contact, machine.compliance_mm_per_N)
     softening = _softening(path, time, protocol.preconditioning_cycles, settings.rubber)
     force = relaxing_force(truth.force_at(travel, stiffness) * softening, step, settings.rubber)
+    force = _pressed(force, travel)
     steps = np.arange(1, protocol.increments + 1, dtype=np.float64)
     reached: Array = steps * protocol.increment_mm + contact
     in_holds = _travel(truth, stiffness, reached, machine.compliance_mm_per_N)
@@ -82,6 +83,12 @@ def _travel(truth: TruthResponse, stiffness: float, wanted: Array, compliance: f
         )
     found: Array = np.where(wanted <= 0.0, wanted, np.interp(wanted, crosshead, table))
     return found
+
+
+def _pressed(force: Array, travel: Array) -> Array:
+    """Force (n,) N of a pin that cannot pull: rubber that still recovers leaves it, and one that is
+    off the sample (travel (n,) mm not above 0) feels nothing."""
+    return np.where(travel > 0.0, np.maximum(force, 0.0), 0.0)
 
 
 def _softening(path: Programme, time: Array, cycles: int, rubber: Rubber) -> Array:

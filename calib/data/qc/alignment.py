@@ -17,10 +17,14 @@ from calib.data.qc.averaging import Placing
 from calib.data.qc.experiment_file import Experiment
 from calib.data.qc.machine_test import at_travel
 from calib.data.qc.sample import REACH, Sample
+from calib.data.readers.frames import BoolArray
 from fe.response import Array
 
 STEP = 0.02
 """mm of travel over which its slope is taken"""
+KINK = 0.43
+"""RMS error of the mean of 16 parabolas through three points anywhere on two straight lines with a
+kink, over that of the difference of these and parabolas over five points (40,000 random kinks)"""
 
 
 class Aligned(NamedTuple):
@@ -32,6 +36,8 @@ class Aligned(NamedTuple):
     coarse: Array
     """(n_step, n, 3) mean of what mapping from half as many DIC points would change, mm; NaN where
     no sample tells"""
+    coarse_sd: Array
+    """of these, by how the samples' own scatter, mm"""
 
 
 def aligned(
@@ -52,7 +58,19 @@ def aligned(
     # of x nothing is known
     by = np.concatenate([np.full_like(slopes[:, :1], np.nan), slopes], axis=1)
     placing = Placing(_known_mean(by), _error_of_mean(by), moved)
-    return Aligned(fields, placing, _known_mean(coarse))
+    return Aligned(fields, placing, _known_mean(coarse), _error_of_mean(coarse))
+
+
+def mapping_std(found: Aligned, chosen: BoolArray) -> Array:
+    """(3,) RMS error of mapping from DIC points over the `chosen` of the points (n,), mm.
+
+    What half as many DIC points would change, but for its noise, times the share of it that three
+    points in a row are off by at a kink between them (`KINK`): smooth fields are mapped better.
+    """
+    with np.errstate(invalid="ignore"):
+        beyond_noise = (found.coarse**2 - found.coarse_sd**2)[:, chosen]
+    mean_square = np.nan_to_num(np.nanmean(beyond_noise, axis=(0, 1)))
+    return np.asarray(KINK * np.sqrt(np.maximum(mean_square, 0.0)), dtype=np.float64)
 
 
 def _known_mean(values: Array) -> Array:

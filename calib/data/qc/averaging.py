@@ -137,8 +137,14 @@ def _shifts(errors: Placed, complete: BoolArray) -> Array:
 
 
 def _patterns(sizes: Array, shapes: Array) -> Array:
-    """(q, ...) errors of the mean, one SD each, of samples with `sizes` (n, q) of `shapes`."""
-    covariance = np.cov(sizes, rowvar=False, ddof=1).reshape(len(shapes), len(shapes))
+    """(q, ...) errors of the mean, one SD each, of samples with `sizes` (n, q) of `shapes`.
+
+    Of few samples their covariance is uncertain itself: widened as that of the forces is
+    (`calib.inference.noise.mean_covariance`).
+    """
+    n, q = sizes.shape
+    covariance = np.cov(sizes, rowvar=False, ddof=1).reshape(q, q)
+    covariance = covariance * ((n - 1) / max(n - q - 2, 1))
     # in units of their own size: shapes may be large where sizes are small
     unit = np.sqrt(np.diag(covariance))
     unit = np.where(unit > 0, unit, 1.0)

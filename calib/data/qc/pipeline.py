@@ -10,12 +10,13 @@ from pathlib import Path
 import numpy as np
 
 from calib.data.dataset import Dataset, FieldData, SampleData
-from calib.data.qc.alignment import aligned
-from calib.data.qc.averaging import MeanField, mean_field, mean_force
+from calib.data.qc.alignment import aligned, mapping_std
+from calib.data.qc.averaging import MeanField, mean_field, mean_force, with_enough
 from calib.data.qc.experiment_file import Experiment, Mapping, read_experiment
 from calib.data.qc.lab_files import SampleFiles, input_hash, sample_files, static_folder
 from calib.data.qc.machine_test import at_travel
 from calib.data.qc.mean_noise import FieldNoise, mean_noise
+from calib.data.qc.noise_floor import pooled_noise
 from calib.data.qc.quality import Rejection, Rule, broken, odd_forces, placement_rules
 from calib.data.qc.rules import Rules, inputs_under, under_rules
 from calib.data.qc.sample import REACH, Sample, read_sample
@@ -25,8 +26,13 @@ from fe.response import Array
 
 THESIS_GRID = (35, 24)
 """points of half the face along x and y (thesis, section 4.4.2)"""
-RESOLVED = 3.0
+RESOLVED = 1.5
 """SDs of the mean's noise by which a field mapped from half as many DIC points may differ"""
+SHARED = 0.15
+"""largest correlation of the noise of a point and its mirror image: the covariance takes the halves
+that are folded as independent"""
+MOST_SHARED = 0.25
+"""of half the width that is left out for it at most"""
 SMALLEST_NUGGET = 1e-6
 """with less the correlation of close points is singular"""
 
@@ -175,18 +181,23 @@ def _with_dataset(result: QcResult, static: StaticNoise | None, started: float) 
         return replace(result, seconds=time.perf_counter() - started)
     experiment, forces = result.experiment, result.forces()[kept]
     samples = [sample for sample, good in zip(result.samples, kept, strict=True) if good]
-    fields, mean = _mean(samples, result.fields[kept], result.points, experiment, static)
+    fields, mean, by_mapping = _mean(
+        samples, result.fields[kept], result.points, experiment, static
+    )
     noise = mean_noise(result.points, mean, static, _stated(samples))
+    std, nugget = _with_mapping(noise, by_mapping)
     force, covariance = mean_force(forces)
     n, n_step = forces.shape
     field = FieldData(
         points=result.points[mean.kept],
         displacement=mean.displacement,
-        noise_std=noise.mean_std,
+        noise_std=std,
         correlation_length=noise.together.correlation_length,
         reference_share=noise.together.reference_share,
-        nugget=max(noise.together.nugget, SMALLEST_NUGGET),
+        nugget=nugget,
         patterns=mean.patterns if len(mean.patterns) else None,
+        # one calibration for all samples: its error does not average away
+        scale_sd=max(sample.face.scale_sd for sample in samples if sample.face is not None),
     )
     names = tuple(sample.name for sample in samples)
     every = result.fields.copy()
@@ -213,18 +224,44 @@ def _mean(
     points: Array,
     experiment: Experiment,
     static: StaticNoise | None,
-) -> tuple[Array, MeanField]:
-    """Fields brought to one height and travel, and their mean."""
+) -> tuple[Array, MeanField, Array]:
+    """Fields brought to one height and travel, their mean, and what mapping adds to it (3,), mm."""
     limit = None if static is None else static.mapped.std
     travel, share = experiment.protocol.travel, experiment.field.min_share
     mean = mean_field(fields, points, travel, share, limit)
     if len(samples) < 3:  # too few to tell who is off
-        return fields, mean
+        return fields, mean, np.zeros(3)
     found = aligned(samples, experiment, points, mean.place_errors)
     noise = mean.residual_std / np.sqrt(len(samples))
     unresolved = np.any(~(np.abs(found.coarse) <= RESOLVED * noise), axis=(0, 2))
-    fields = np.where(unresolved[:, None], np.nan, found.fields)
-    return fields, mean_field(fields, points, travel, share, limit, found.placing)
+    length = _length(mean, points, static)
+    near = 2 * points[:, 0] < -np.log(SHARED) * length
+    near &= points[:, 0] < MOST_SHARED * 0.5 * experiment.specimen.width_mm
+    fields = np.where((unresolved | near)[:, None], np.nan, found.fields)
+    mean = mean_field(fields, points, travel, share, limit, found.placing)
+    return fields, mean, mapping_std(found, mean.kept)
+
+
+def _length(mean: MeanField, points: Array, static: StaticNoise | None) -> float:
+    """Correlation length of the noise, about, mm; 0 where nothing tells it."""
+    if static is not None:
+        return static.mapped.correlation_length
+    try:
+        places = points[mean.kept]
+        return pooled_noise(with_enough(mean.residual), places, roughly=True).correlation_length
+    except (ValueError, IndexError):  # no sample with enough points
+        return 0.0
+
+
+def _with_mapping(noise: FieldNoise, by_mapping: Array) -> tuple[Array, float]:
+    """SD (3,) of the mean [mm] and its nugget with the errors of mapping, which are of each point.
+
+    All components have one nugget: that of the mean share.
+    """
+    variance, more = noise.mean_std**2, by_mapping**2
+    own = noise.together.nugget
+    nugget = float(np.mean((own * variance + more) / (variance + more)))
+    return np.sqrt(variance + more), max(nugget, SMALLEST_NUGGET)
 
 
 def _stated(samples: Sequence[Sample]) -> Array | None:

@@ -93,6 +93,9 @@ def qc_report(result: QcResult, version: str) -> dict[str, object]:
             "force_covariance": dataset.force_covariance,
             "n_samples": dataset.n_samples,
             "n_points": len(dataset.field.points),
+            "noise_std": dataset.field.noise_std,
+            "nugget": dataset.field.nugget,
+            "scale_sd": dataset.field.scale_sd,
             "n_patterns": 0 if dataset.field.patterns is None else len(dataset.field.patterns),
         },
         "tables": {

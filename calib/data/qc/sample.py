@@ -20,6 +20,10 @@ from calib.data.qc.synchronise import Synchronised, synchronise
 from calib.data.readers import PointFrame, WrongFile, read_dic, read_machine
 from fe.response import Array
 
+STEREO = (
+    "stereo results with z and its displacement, which the angle of the face and its bulge towards "
+    "the camera need"
+)
 REACH = 0.6
 """of an increment that a hold may lie from the nominal travel"""
 
@@ -38,6 +42,9 @@ class FaceField:
     stated_std: Array | None = None
     """(3,) mm, root mean square of the SDs that the DIC program states for points under load; None
     where it states none"""
+    scale_sd: float = 0.0
+    """relative SD of all lengths by the calibration as the DIC program states it; 0 where it states
+    none"""
     pin_travel: Array | None = None
     """(n_hold,) median u_y of the points on the pin, mm; None where none are named"""
 
@@ -82,7 +89,7 @@ def read_sample(files: SampleFiles, experiment: Experiment) -> Sample:
     series = read_dic(files.dic)
     times = frame_times(files.frames, series)
     if series.frames[0].is_planar:
-        raise WrongFile(files.dic, None, "stereo results with z and its displacement", "planar")
+        raise WrongFile(files.dic, None, STEREO, "frames of one camera (planar)")
     if record.travel is None:
         raise WrongFile(files.machine, None, "the travel with the force", "a force alone")
     if len(series.frames) < 2:
@@ -129,7 +136,8 @@ def _face(
     placement = place(clean, loaded, width, options.edge_mm, options.base_mm)
     pin = experiment.mask.pin_rectangle_mm
     on_pin = None if pin is None else np.array([_pin_travel(f, axes, pin) for f in picked[1:]])
-    return FaceField(lattice, places, placement, cleaned, _stated(picked[1:], axes), on_pin)
+    scale = max((f.scale_sd or 0.0 for f in picked), default=0.0)
+    return FaceField(lattice, places, placement, cleaned, _stated(picked[1:], axes), scale, on_pin)
 
 
 def _stated(frames: list[PointFrame], axes: Array) -> Array | None:

@@ -36,6 +36,8 @@ class PointFrame:
     """(rows, columns) where the points lie row after row on a grid, else None"""
     is_planar: bool = False
     """True for one camera: z and its displacement are zero by assumption, not measured"""
+    scale_sd: float | None = None
+    """relative SD of all lengths by the calibration, one factor in all frames, or None"""
 
     def __post_init__(self) -> None:
         n = self.valid.size
@@ -53,6 +55,8 @@ class PointFrame:
             raise ValueError(f"grid_shape: expected {n} points, found {self.grid_shape}")
         if self.time is not None and not np.isfinite(self.time):
             raise ValueError(f"time: expected a finite value in s, found {self.time}")
+        if self.scale_sd is not None and not 0 <= self.scale_sd < 1:
+            raise ValueError(f"scale_sd: expected a share in [0, 1), found {self.scale_sd}")
 
     @property
     def n_valid(self) -> int:

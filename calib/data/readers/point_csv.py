@@ -5,11 +5,13 @@
     # time_s: 12.5
     # grid: 35 24
     # planar: no
+    # scale_sd: 0.0002
     # points: 840
     x_mm,y_mm,z_mm,u_mm,v_mm,w_mm,valid,sigma_u_mm,sigma_v_mm,sigma_w_mm
     0.0,0.1,0.0,0.01,-0.02,0.0,1,0.001,0.001,0.002
 
-time_s, grid and the three sigma columns may be left out.  `nan` is a value that is not known.
+time_s, grid, scale_sd (relative SD of all lengths by the calibration) and the three sigma columns
+may be left out.  `nan` is a value that is not known.
 """
 
 from __future__ import annotations
@@ -29,6 +31,7 @@ from calib.data.readers.wrong_file import WrongFile, shown
 NAME = "softcal points csv"
 MARK = "# softcal points 1"
 COLUMNS = ["x_mm", "y_mm", "z_mm", "u_mm", "v_mm", "w_mm", "valid"]
+KEYS = {"name", "time_s", "grid", "planar", "scale_sd", "points"}
 SIGMA = ["sigma_u_mm", "sigma_v_mm", "sigma_w_mm"]
 
 
@@ -46,6 +49,7 @@ def write_points(path: Path | str, frame: PointFrame) -> None:
         "time_s": None if frame.time is None else repr(float(frame.time)),
         "grid": grid,
         "planar": "yes" if frame.is_planar else "no",
+        "scale_sd": None if frame.scale_sd is None else repr(float(frame.scale_sd)),
         "points": str(frame.valid.size),
     }
     parts = [frame.position, frame.displacement]
@@ -62,7 +66,7 @@ def write_points(path: Path | str, frame: PointFrame) -> None:
 def read(source: Source, mm_per_px: float | None = None) -> DicSeries:
     """One frame; raises WrongFile for anything else than what `write_points` writes."""
     path = source.path
-    head, start = read_head(source, MARK, {"name", "time_s", "grid", "planar", "points"})
+    head, start = read_head(source, MARK, KEYS)
     layout = Layout(start + 1, ",", cells(source.lines[start], ","))
     if layout.header not in (COLUMNS, COLUMNS + SIGMA):
         expected = f"the columns {','.join(COLUMNS)}, and perhaps {','.join(SIGMA)}"
@@ -89,8 +93,9 @@ def read(source: Source, mm_per_px: float | None = None) -> DicSeries:
     is_planar = _is_planar(source, head)
     name = head.get("name", ("", 0))[0]
     frame = PointFrame(
-        name, values[:, :3], values[:, 3:6], valid, sigma, time, grid, is_planar=is_planar
-    )
+        name, values[:, :3], values[:, 3:6], valid, sigma, time, grid, is_planar=is_planar,
+        scale_sd=_scale_sd(source, head),
+    )  # fmt: skip
     return DicSeries(NAME, (frame,))
 
 
@@ -102,6 +107,16 @@ def _time(source: Source, head: dict[str, tuple[str, int]]) -> float | None:
     if not abs(time) < LARGEST["time"]:
         raise WrongFile(source.path, line, "a finite time_s", shown(text))
     return time
+
+
+def _scale_sd(source: Source, head: dict[str, tuple[str, int]]) -> float | None:
+    if "scale_sd" not in head:
+        return None
+    text, line = head["scale_sd"]
+    scale_sd = number(source.path, line, "scale_sd", text)
+    if not 0 <= scale_sd < 1:
+        raise WrongFile(source.path, line, "a scale_sd from 0 to below 1", shown(text))
+    return scale_sd
 
 
 def _grid(source: Source, head: dict[str, tuple[str, int]], n: int) -> tuple[int, int] | None:
