@@ -24,7 +24,7 @@ STEP = 0.02
 """mm of travel over which its slope is taken"""
 KINK = 0.43
 """RMS error of the mean of 16 parabolas through three points anywhere on two straight lines with a
-kink, over that of the difference of these and parabolas over five points (40,000 random kinks)"""
+kink, over that of the difference of these and parabolas over five points (4,000 random kinks)"""
 
 
 class Aligned(NamedTuple):
