@@ -211,29 +211,12 @@ def common_points(datasets: list[Dataset]) -> Array:
     return np.array(sorted(shared))
 
 
-def student_forces(dataset: Dataset) -> tuple[Dataset, float]:
-    """The data set with the covariance of forces whose mean is a Student-t, and its freedom n - p.
-
-    The likelihood takes (n - 1) / (n - p - 2) times the covariance for the normal distribution of a
-    mean (or n - 1 times); here it is to be (n - 1) / (n - p), the scale of the t itself.
-    """
-    assert dataset.force_covariance is not None
-    freedom = dataset.n_samples - dataset.travel.size
-    share = max(freedom - 2, 1) / freedom
-    scaled = replace(
-        dataset,
-        force_sd=np.sqrt(share) * dataset.force_sd,
-        force_covariance=share * dataset.force_covariance,
-    )
-    return scaled, float(freedom)
-
-
 def outcome(theta: Array, dataset: Dataset, emulator: Emulator, mesh: MeshError) -> Outcome:
     """Where a truth lies in the posterior of its data set."""
     forward = EmulatorForward(ScaledEmulator(emulator), with_field=True, correction=mesh.correction)
-    t, freedom = student_forces(dataset)
+    noise = NoiseSettings(force_freedom=dataset.n_samples - dataset.travel.size)
     likelihood = build_likelihood(
-        t, forward, NoiseSettings(force_freedom=freedom), force_discretisation=mesh.force,
+        dataset, forward, noise, force_discretisation=mesh.force,
         field_floor=mesh.field_floor, field_patterns=mesh.field_patterns,
     )  # fmt: skip
     posterior = Posterior(PRIOR, likelihood)

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.stats import f, kstest
 
 from calib.data import Dataset, FieldData, read_force_csv
 from calib.data.dataset import SampleData
@@ -179,6 +180,27 @@ def test_means_scatter_about_the_truth_as_the_measured_covariance_says():
         sums.append(off @ np.linalg.solve(stated, off))
     error = np.std(sums) / np.sqrt(len(sums))
     assert abs(np.mean(sums) - 3.0) < 5 * error < 0.4
+
+
+def test_means_scatter_as_a_student_t_whose_scale_student_t_forces_take():
+    """False alarm 1e-3 (Kolmogorov-Smirnov, 4000 means): Hotelling's T2 over p is F(p, n - p)."""
+    n, p, rng = 6, 3, np.random.default_rng(6)
+    settings = NoiseSettings(force_freedom=n - p)
+    found = []
+    for _ in range(4000):
+        forces = rng.multivariate_normal(np.zeros(p), COVARIANCE, n)
+        measured = np.cov(forces, rowvar=False)
+        drawn = replace(
+            DATA,
+            field=None,
+            samples=None,
+            n_samples=n,
+            force_sd=np.sqrt(np.diag(measured)),
+            force_covariance=measured,
+        )
+        off = forces.mean(axis=0)
+        found.append(off @ np.linalg.solve(mean_covariance(drawn, settings), off) / p)
+    assert kstest(found, f(p, n - p).cdf).pvalue > 1e-3
 
 
 def test_patterns_of_the_data_are_part_of_the_fields_covariance():

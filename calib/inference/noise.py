@@ -126,12 +126,14 @@ def mean_covariance(dataset: Dataset, settings: NoiseSettings) -> Array:
 
     As measured between the samples where the dataset has it, else by the settings. Of n samples at
     p increments it is uncertain itself: given it, the mean is t-distributed with n - p degrees of
-    freedom, whose covariance is (n - 1) / (n - p - 2) times as large (Anderson, An Introduction to
-    Multivariate Statistical Analysis, 5.2). With n = p + 2, where there is none, n - 1 times.
+    freedom, whose scale is (n - 1) / (n - p) times as large, its covariance (n - 1) / (n - p - 2)
+    times (Anderson, An Introduction to Multivariate Statistical Analysis, 5.2). Student-t forces
+    take the scale, normal ones the covariance; with n = p + 2, where there is none, n - 1 times.
     """
     if dataset.force_covariance is not None:
         n, p = dataset.n_samples, dataset.travel.size
-        return dataset.force_covariance / n * ((n - 1) / max(n - p - 2, 1))
+        left = n - p - (2 if settings.force_freedom is None else 0)
+        return dataset.force_covariance / n * ((n - 1) / max(left, 1))
     covariance = between_sample_covariance(
         dataset.force_sd, settings.load_cell_sd, settings.sample_correlation
     )
