@@ -197,6 +197,20 @@ def test_wrong_images_are_refused_in_one_sentence(folder, capsys, name, image, m
     assert error.count("\n") == 1
 
 
+def test_a_frame_without_points_is_told_and_a_series_without_any_is_refused(folder, capsys):
+    io.imsave(folder / "d2.bmp", flat(255), check_contrast=False)
+    assert main(["dic", str(folder / "study.toml")]) == 0
+    out = capsys.readouterr().out
+    assert "warning: no point was found in d2.bmp: expected an exposed image" in out
+    io.imsave(folder / "d1.bmp", speckle(W, H, np.random.default_rng(9))(X, Y).astype(np.uint8))
+    assert main(["dic", str(folder / "study.toml")]) == 2
+    seen = capsys.readouterr()
+    assert "no point was found in d1.bmp: expected the speckle of the reference image" in seen.out
+    assert "images of the speckle of a.tif, found none of its points in any" in seen.err
+    assert seen.err.count("\n") == 1
+    assert (folder / "study-dic" / "dic.json").exists()
+
+
 def test_file_that_is_no_image_is_refused(tmp_path):
     (tmp_path / "x.tif").write_text("no image")
     words = (

@@ -1,6 +1,9 @@
-"""Reference images that cannot be correlated whatever the settings."""
+"""Images that cannot be correlated whatever the settings, and series in which nothing was found."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -14,14 +17,43 @@ LEAST_SPREAD = 0.005
 
 def check_exposure(image: GreyImage, mask: BoolArray) -> None:
     """Raises ValueError for an image that is saturated or without speckle in `mask` (h, w)."""
+    if fault := _fault(image, mask, "the region"):
+        raise ValueError(f"{image.name}: {fault}")
+
+
+def empty_frame(*images: GreyImage) -> str:
+    """Why no point was found in the images of a frame, as far as it shows in them."""
+    for image in images:
+        if fault := _fault(image, np.ones(image.grey.shape, dtype=bool), "the image"):
+            return f"no point was found in {image.name}: {fault}"
+    names = " and ".join(image.name for image in images)
+    return f"no point was found in {names}: expected the speckle of the reference image"
+
+
+def check_series_found(frames: Sequence[dict[str, Any]], reference: str) -> None:
+    """Raises ValueError when no frame of a series, as `dic.json` has it, has a valid point."""
+    if any(frame["valid"] for frame in frames):
+        return
+    lost: dict[str, int] = {}
+    for frame in frames:
+        for reason, count in frame["lost"].items():
+            lost[reason] = lost.get(reason, 0) + count
+    reasons = ", ".join(f"{count} {reason}" for reason, count in lost.items())
+    raise ValueError(
+        f"images.deformed: expected images of the speckle of {reference}, found none of its points "
+        f"in any of them (lost as {reasons}; dic.json and pictures are written)"
+    )
+
+
+def _fault(image: GreyImage, mask: BoolArray, where: str) -> str | None:
     values = image.grey[mask]
     if np.mean(values >= image.full_scale) > MOST_SATURATED:
-        raise ValueError(
-            f"{image.name}: expected an exposed image, found more than {MOST_SATURATED:.0%} "
-            "of the region saturated"
+        return (
+            f"expected an exposed image, found more than {MOST_SATURATED:.0%} of {where} saturated"
         )
     if values.std() < LEAST_SPREAD * image.full_scale:
-        raise ValueError(
-            f"{image.name}: expected speckle in the region, found grey levels of "
-            f"{values.mean():.0f} with a spread of {values.std():.2g}"
+        return (
+            f"expected speckle in {where}, found grey levels of {values.mean():.0f} with a spread "
+            f"of {values.std():.2g}"
         )
+    return None

@@ -6,7 +6,7 @@ import json
 from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -29,7 +29,7 @@ from calib.dic import (
 from calib.dic.images import check_sizes
 from calib.dic_study import frame_store
 from calib.dic_study.config import DicStudy, read_study
-from calib.dic_study.exposure import check_exposure
+from calib.dic_study.exposure import check_exposure, check_series_found, empty_frame
 from calib.dic_study.named_files import check_files, check_series, named_files
 from calib.dic_study.pictures import lost_points, overlay, save_png
 from calib.dic_study.point_frame import point_frame
@@ -99,7 +99,10 @@ def _run_one_camera(study: DicStudy, folder: Path, out: Path, say: Say) -> Path:
         _write(out, file.stem, image, found, ready, study, time, again)
         done = "kept" if not again else "measured"
         say(f"{number + 1}/{len(paths)} {file.name}: {_sentence(found)} ({done})")
+        if not found.valid.any():
+            say(f"warning: {empty_frame(image)}")
     _report(out, study, ready, frames)
+    check_series_found(frames, ready.reference.name)
     say(f"wrote {out}")
     return out
 
@@ -132,7 +135,7 @@ def _frame(
     return state, True
 
 
-def _summary(path: Path, found: Correlation) -> dict[str, object]:
+def _summary(path: Path, found: Correlation) -> dict[str, Any]:
     valid = found.valid
     lost = {r.name.lower(): int(np.sum(found.reason == r)) for r in list(Reason)[1:]}
     return {
@@ -195,7 +198,7 @@ def _write_strain(path: Path, found: Correlation, points: Array, study: DicStudy
         np.savetxt(temporary, columns, delimiter=",", header=head, comments="", fmt="%.9g")
 
 
-def _report(out: Path, study: DicStudy, ready: Prepared, frames: list[dict[str, object]]) -> None:
+def _report(out: Path, study: DicStudy, ready: Prepared, frames: list[dict[str, Any]]) -> None:
     content = {
         "reference": ready.reference.name,
         "quality": asdict(ready.judged),

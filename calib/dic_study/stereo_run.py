@@ -6,7 +6,7 @@ import json
 from collections.abc import Callable
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -28,7 +28,7 @@ from calib.dic.stereo import (
 from calib.dic.surface_frame import SurfaceFrame, surface_frame, unturned
 from calib.dic.surface_strain import surface_strain
 from calib.dic_study import frame_store
-from calib.dic_study.exposure import check_exposure
+from calib.dic_study.exposure import check_exposure, check_series_found, empty_frame
 from calib.dic_study.named_files import check_files, check_series, named_files
 from calib.dic_study.pictures import save_png
 from calib.dic_study.plates import calibration_of
@@ -91,7 +91,10 @@ def run_stereo(study: StereoStudy, folder: Path, out: Path, say: Say) -> Path:
         _write(out, stem, replace(frame, scale_sd=scale), ready, again)
         done = "measured" if again else "kept"
         say(f"{number + 1}/{len(left)} {paths[0].name}: {_sentence(found, ready.axes)} ({done})")
+        if not found.valid.any():
+            say(f"warning: {empty_frame(*images)}")
     _report(out, ready, calibration, scale, frames)
+    check_series_found(frames, ready.left.name)
     say(f"wrote {out}")
     return out
 
@@ -174,7 +177,7 @@ def _check_size(image: GreyImage, calibration: Calibration) -> None:
         )
 
 
-def _summary(path: Path, found: StereoFrame) -> dict[str, object]:
+def _summary(path: Path, found: StereoFrame) -> dict[str, Any]:
     valid = found.valid
     lost = {r.name.lower(): int(np.sum(found.reason == r)) for r in list(StereoReason)[1:]}
     middle = np.median(found.sigma[valid], axis=0).tolist() if valid.any() else None
@@ -230,7 +233,7 @@ def _report(
     ready: Prepared,
     calibration: Calibration,
     scale: float | None,
-    frames: list[dict[str, object]],
+    frames: list[dict[str, Any]],
 ) -> None:
     rig = ready.reference.rig
     content = {
