@@ -22,6 +22,7 @@ from calib.dic import (
 )
 from calib.dic.follow import Base
 from calib.dic_study import frame_store
+from calib.dic_study.named_files import named_files
 
 W, H = 160, 110
 X, Y = np.arange(float(W)), np.arange(float(H))
@@ -209,6 +210,19 @@ def test_a_frame_without_points_is_told_and_a_series_without_any_is_refused(fold
     assert "images of the speckle of a.tif, found none of its points in any" in seen.err
     assert seen.err.count("\n") == 1
     assert (folder / "study-dic" / "dic.json").exists()
+
+
+def test_patterns_are_of_the_study_s_folder_or_absolute(tmp_path):
+    folder = tmp_path / "run [1]"
+    folder.mkdir()
+    for name in ("d2.bmp", "d1.bmp", "a.bmp"):
+        (folder / name).touch()
+    expected = (folder / "d1.bmp", folder / "d2.bmp")
+    assert named_files(("d*.bmp",), folder, "images.deformed", set()) == expected
+    plain = tmp_path / "plain"
+    folder.rename(plain)
+    found = named_files((str(plain / "*.bmp"),), tmp_path, "images.deformed", {"plain/a.bmp"})
+    assert found == (plain / "d1.bmp", plain / "d2.bmp")
 
 
 def test_file_that_is_no_image_is_refused(tmp_path):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import glob
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -23,7 +24,10 @@ def named_files(
         if "*" not in name:
             paths.append(folder / name)
             continue
-        found = [p for p in sorted(folder.glob(name)) if p.is_file() and p not in left_out]
+        # a name may be absolute, the folder's own name is not a pattern
+        pattern = Path(name) if Path(name).is_absolute() else Path(glob.escape(str(folder))) / name
+        matching = (Path(one) for one in sorted(glob.glob(str(pattern), recursive=True)))
+        found = [p for p in matching if p.is_file() and p not in left_out]
         if not found:
             but = " beside those of other keys" if left_out else ""
             raise Contradiction(key, name, f"the pattern of one or more files in {folder}{but}")
