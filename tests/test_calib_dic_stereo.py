@@ -13,7 +13,7 @@ from stereo_scenes import CAMERAS, STEREO, face, points_on, shoot, still, turned
 from calib.cli import main
 from calib.data.readers import read_dic
 from calib.dic.calibration import Calibration
-from calib.dic.calibration_files import write_calibration
+from calib.dic.calibration_files import read_calibration, write_calibration
 from calib.dic.camera import StereoRig
 from calib.dic.carried_mask import carried_mask
 from calib.dic.stereo import StereoReason, StereoSettings, follow_pair, place_reference
@@ -96,6 +96,12 @@ def test_swapped_cameras_and_a_strange_calibration_are_told_apart():
         place_reference(StereoRig(rig.right, rig.left), rest.left, rest.right, points, STEREO)
     with pytest.raises(ValueError, match="another set-up, or the cameras have moved"):
         place_reference(turned(rig, 1.0), rest.left, rest.right, points, STEREO)
+    again = StereoSettings(STEREO.correlation, refine_pose=True)
+    with pytest.raises(ValueError, match="are swapped; with the pose found again"):
+        place_reference(StereoRig(rig.right, rig.left), rest.left, rest.right, points, again)
+    narrow = StereoSettings(STEREO.correlation, max_epipolar=1e-12)
+    with pytest.raises(ValueError, match="no matched point within 1e-12 px"):
+        place_reference(rig, rest.left, rest.right, points, narrow)
 
 
 def test_a_knocked_camera_is_found_again():
@@ -225,6 +231,28 @@ def test_the_command_writes_points_that_the_readers_read(folder, capsys):
     assert "stereo angle 34.00 degrees" in capsys.readouterr().out
 
 
+def test_a_pose_found_again_is_that_of_the_calibration_file(folder, capsys):
+    knocked = Calibration(turned(CAMERAS.rig, 0.3), CAMERAS.size, reprojection=(0.1, 0.1))
+    write_calibration(folder / "knocked.json", knocked)
+    text = STUDY.format(right="right").replace("= 12", "= 24").replace("rig.json", "knocked.json")
+    text = text.replace("axes =", "refine_pose = true\naxes =")
+    text = text.replace("[images]", '[images]\nrepeat = "left0.tif"')
+    (folder / "again.toml").write_text(text)
+    assert main(["dic", str(folder / "again.toml")]) == 0
+    report = json.loads((folder / "again-dic" / "dic.json").read_text())
+    written = read_calibration(folder / "again-dic" / "calibration.json")
+    assert written.rig.angle == pytest.approx(report["stereo_angle_deg"], abs=1e-9)
+    assert np.isnan(written.rms)
+    assert {"left", "right"} == set(report["quality"])
+    assert report["quality"]["right"]["speckle"] > 2.5
+    text = text.replace("knocked.json", "again-dic/calibration.json").replace(
+        "refine_pose = true", ""
+    )
+    (folder / "third.toml").write_text(text)
+    assert main(["dic", str(folder / "third.toml")]) == 0
+    capsys.readouterr()
+
+
 def test_a_stopped_series_goes_on_with_the_same_bits(folder, capsys, monkeypatch):
     text = STUDY.format(right="right").replace("= 12", "= 24")
     for side in ("left", "right"):
@@ -269,6 +297,14 @@ def test_a_stopped_series_goes_on_with_the_same_bits(folder, capsys, monkeypatch
             'stereo.right_deformed: found ["right1.tif"], expected 2 files',
         ),
         ((("rig.json", "left0.tif"),), "not a calibration"),
+        (
+            (('reference = "left0', 'repeat = "no.tif"\nreference = "left0'),),
+            "no.tif: found no such",
+        ),
+        (
+            (("left1.tif", "more/left0.tif"), ("right1.tif", "more/right0.tif")),
+            'images.deformed: found "left0", expected other names than the reference',
+        ),
         ((("[60, 30, 240, 120]", "[60, 30, 240, 151]"),), ":15: region.rectangle_px: found [60.0"),
         (
             (

@@ -46,6 +46,11 @@ radius_px = 25.0
 """
 
 
+STRANGE = np.random.default_rng(8).integers(20, 200, (H, W)).astype(np.uint8)
+# 12 bit, aligned to the left: white is 65520
+CLIPPED = np.where(STRANGE < 80, 16 * 1000, 16 * 4095).astype(np.uint16)
+
+
 @pytest.fixture(scope="module")
 def pattern():
     return speckle(W, H, np.random.default_rng(4))
@@ -187,6 +192,9 @@ def test_wrong_studies_are_refused_in_one_sentence(folder, capsys, change, messa
         ("d2.bmp", flat(7, 60, 50), "d2.bmp: expected 160 x 110 px as in a.tif, found 60 x 50"),
         ("a.tif", flat(255), "a.tif: expected an exposed image, found more than 50% of the region"),
         ("a.tif", flat(99), "a.tif: expected speckle in the region, found grey levels of 99"),
+        ("a.tif", CLIPPED, "an exposed image, found more than 50% of the region clipped"),
+        ("r.png", flat(7), "r.png: expected speckle in the region, found grey levels of 7"),
+        ("r.png", STRANGE, "r.png: expected a second image of what a.tif shows, found"),
         ("a.tif", np.zeros((H, W), np.float32), "expected 8 to 16 bit grey levels, found float32"),
     ],
 )  # fmt: skip
@@ -210,6 +218,17 @@ def test_a_frame_without_points_is_told_and_a_series_without_any_is_refused(fold
     assert "images of the speckle of a.tif, found none of its points in any" in seen.err
     assert seen.err.count("\n") == 1
     assert (folder / "study-dic" / "dic.json").exists()
+
+
+def test_frames_that_a_study_no_longer_names_leave_no_points_behind(folder, capsys):
+    assert main(["dic", str(folder / "study.toml")]) == 0
+    points = folder / "study-dic" / "points"
+    assert (points / "d2.csv").exists()
+    text = (folder / "study.toml").read_text().replace("d*.bmp", "d1.bmp")
+    (folder / "study.toml").write_text(text.replace("[1.0, 2.0]", "[1.0]"))
+    assert main(["dic", str(folder / "study.toml")]) == 0
+    assert "removed the results of d2, which the study no longer names" in capsys.readouterr().out
+    assert [path.name for path in points.iterdir()] == ["d1.csv"]
 
 
 def test_patterns_are_of_the_study_s_folder_or_absolute(tmp_path):

@@ -75,7 +75,10 @@ def read_calibration(path: Path | str) -> Calibration:
         if text.lstrip().startswith("<"):
             return _xml(text)
         return _dice_text(text)
-    except (ValueError, KeyError, TypeError, IndexError, ElementTree.ParseError) as error:
+    except (
+        ValueError, KeyError, TypeError, IndexError, OverflowError, RecursionError,
+        ElementTree.ParseError,
+    ) as error:  # fmt: skip
         raise ValueError(
             f"{path}: not a calibration of softcal, VIC-3D or DICe "
             f"({type(error).__name__}: {error})"

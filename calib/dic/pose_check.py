@@ -24,6 +24,8 @@ HELD_RAD = 0.01
 stays as it was"""
 NOISE_PX = 0.02
 """of an epipolar distance, against which it is held"""
+SWAPPED = 0.5
+"""of the distances as given: below this the cameras are swapped"""
 MOST_BEFORE = 0.9
 """share of the points that a right pose has before both cameras"""
 
@@ -46,7 +48,7 @@ def check_belongs(rig: StereoRig, left: Array, right: Array, limit: float) -> No
     distance = _median(rig, left, right)
     swapped = _median(StereoRig(rig.right, rig.left), left, right)
     # of two cameras alike the swapped lines are close too, but not as close as the true ones
-    if swapped < 0.5 * min(distance, limit):
+    if swapped < SWAPPED * min(distance, limit):
         raise ValueError(
             "left, right: the images, or those of the calibration, are swapped; points lie "
             f"{distance:.2g} px from their epipolar lines, and {swapped:.2g} px with left and "
@@ -59,6 +61,21 @@ def check_belongs(rig: StereoRig, left: Array, right: Array, limit: float) -> No
         f"epipolar lines, expected below {limit:g}; it is of another set-up, or the cameras have "
         "moved (refine_pose finds their pose again)"
     )
+
+
+def check_order(rig: StereoRig, left: Array, right: Array) -> None:
+    """Raise ValueError when another pose fits matched pixels (n, 2) better with swapped cameras."""
+    found = refine_pose(rig, left, right).rms
+    try:
+        swapped = refine_pose(StereoRig(rig.right, rig.left), left, right).rms
+    except ValueError:
+        return
+    if swapped < SWAPPED * found:
+        raise ValueError(
+            "left, right: the images, or those of the calibration, are swapped; with the pose "
+            f"found again points lie {found:.2g} px from their epipolar lines, and "
+            f"{swapped:.2g} px with left and right exchanged"
+        )
 
 
 def _median(rig: StereoRig, left: Array, right: Array) -> float:

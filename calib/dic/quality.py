@@ -29,7 +29,7 @@ class Quality:
     dark: float
     """share of pixels at zero"""
     saturated: float
-    """share of pixels at full scale"""
+    """share of pixels at the largest grey level: full scale, or where the sensor clips"""
     speckle: float
     """mean diameter of speckles: full width at half maximum of the autocorrelation, px"""
     mean_gradient: float
@@ -63,7 +63,7 @@ def smooth_noise(image: Array, mask: BoolArray) -> float:
     square = ndimage.uniform_filter(ndimage.convolve(image, kernel) ** 2, 7)
     inner = ndimage.binary_erosion(mask, iterations=5)
     values = square[inner if inner.any() else mask]
-    return float(np.sqrt(np.quantile(values, 0.1)) / 6)
+    return float(np.sqrt(max(np.quantile(values, 0.1), 0.0)) / 6)
 
 
 def speckle_size(image: Array, mask: BoolArray) -> float:
@@ -99,7 +99,7 @@ def quality(
     sigma = np.sqrt(2) * noise / (subset * np.sqrt(squares)) if squares > 0 else float("inf")
     size = speckle_size(grey, mask)
     contrast = float(values.std() / full)
-    dark, saturated = float(np.mean(values <= 0)), float(np.mean(values >= full))
+    dark, saturated = float(np.mean(values <= 0)), float(np.mean(values >= values.max()))
     return Quality(
         mean=float(values.mean()),
         contrast=contrast,

@@ -20,7 +20,7 @@ from calib.dic.carried_mask import carried_mask
 from calib.dic.correlate import correlate_prepared
 from calib.dic.distortion import Array
 from calib.dic.follow import State, next_state
-from calib.dic.pose_check import check_belongs, refine_pose
+from calib.dic.pose_check import check_belongs, check_order, refine_pose
 from calib.dic.prepared import BoolArray, Reference, as_image, deformed_spline, prepare
 from calib.dic.settings import CorrelationSettings
 from calib.dic.triangulate import Triangulated, triangulate
@@ -154,9 +154,16 @@ def place_reference(
         )
     turned = 0.0
     if settings.refine_pose:
+        check_order(rig, points, right)
         rig, turned, _ = refine_pose(rig, points, right)
     check_belongs(rig, points, right, settings.max_median_epipolar)
     distance = epipolar_distance(rig, points, right)
+    if not np.any(np.abs(distance) <= settings.max_epipolar):
+        raise ValueError(
+            f"left, right: found no matched point within {settings.max_epipolar:g} px "
+            f"(max_epipolar) of its epipolar line, expected most; the median is "
+            f"{np.nanmedian(np.abs(distance)):.2g} px"
+        )
     reason = np.where(match.valid, StereoReason.VALID, StereoReason.NO_PARTNER)
     reason[match.valid & ~(np.abs(distance) <= settings.max_epipolar)] = StereoReason.OFF_LINE
     kept = np.where((reason == StereoReason.VALID)[:, None], right, np.nan)

@@ -13,12 +13,25 @@ from calib.dic.prepared import BoolArray
 MOST_SATURATED = 0.5
 LEAST_SPREAD = 0.005
 """of full scale: an image without any speckle"""
+LEAST_ALIKE = 0.5
+"""correlation of two images of a still scene; noise of a tenth of the contrast leaves 0.99"""
 
 
 def check_exposure(image: GreyImage, mask: BoolArray) -> None:
     """Raises ValueError for an image that is saturated or without speckle in `mask` (h, w)."""
     if fault := _fault(image, mask, "the region"):
         raise ValueError(f"{image.name}: {fault}")
+
+
+def check_repeat(repeat: GreyImage, reference: GreyImage, mask: BoolArray) -> None:
+    """Raises ValueError for an image of noise that does not show the reference's scene."""
+    check_exposure(repeat, mask)
+    alike = float(np.corrcoef(repeat.grey[mask], reference.grey[mask])[0, 1])
+    if alike < LEAST_ALIKE:
+        raise ValueError(
+            f"{repeat.name}: expected a second image of what {reference.name} shows, found a "
+            f"correlation of {alike:.2f}"
+        )
 
 
 def empty_frame(*images: GreyImage) -> str:
@@ -56,4 +69,6 @@ def _fault(image: GreyImage, mask: BoolArray, where: str) -> str | None:
             f"expected speckle in {where}, found grey levels of {values.mean():.0f} with a spread "
             f"of {values.std():.2g}"
         )
+    if np.mean(values >= values.max()) > MOST_SATURATED:
+        return f"expected an exposed image, found more than {MOST_SATURATED:.0%} of {where} clipped"
     return None

@@ -29,11 +29,17 @@ from calib.dic import (
 from calib.dic.images import check_sizes
 from calib.dic_study import frame_store
 from calib.dic_study.config import DicStudy, read_study
-from calib.dic_study.exposure import check_exposure, check_series_found, empty_frame
+from calib.dic_study.exposure import (
+    check_exposure,
+    check_repeat,
+    check_series_found,
+    empty_frame,
+)
 from calib.dic_study.named_files import check_files, check_series, named_files
 from calib.dic_study.pictures import lost_points, overlay, save_png
 from calib.dic_study.point_frame import point_frame
 from calib.dic_study.region_mask import region_mask
+from calib.dic_study.stale_frames import finite, remove_stale
 from calib.dic_study.stereo_config import StereoStudy, has_stereo
 from calib.dic_study.stereo_run import run_stereo
 from calib.toml_file import Contradiction
@@ -84,6 +90,7 @@ def _run_one_camera(study: DicStudy, folder: Path, out: Path, say: Say) -> Path:
     check_files(ready.reference, paths)
     for name in (POINTS, PICTURES, STORE):
         (out / name).mkdir(parents=True, exist_ok=True)
+    remove_stale(out, {path.stem for path in paths}, say)
     for warning in ready.judged.warnings:
         say(f"warning: {warning}")
     frames = []
@@ -115,6 +122,7 @@ def _prepare(study: DicStudy, folder: Path) -> Prepared:
     if study.images.repeat is not None:
         repeat = read_image(folder / study.images.repeat)
         check_sizes([reference, repeat])
+        check_repeat(repeat, reference, mask)
     settings = study.correlation.settings
     judged = quality(reference, mask, settings.subset, repeat)
     points, grid = grid_points(mask, study.correlation.step_px)
@@ -201,7 +209,7 @@ def _write_strain(path: Path, found: Correlation, points: Array, study: DicStudy
 def _report(out: Path, study: DicStudy, ready: Prepared, frames: list[dict[str, Any]]) -> None:
     content = {
         "reference": ready.reference.name,
-        "quality": asdict(ready.judged),
+        "quality": finite(ready.judged),
         "correlation": asdict(study.correlation),
         "reasons": {reason.name.lower(): reason.text for reason in Reason},
         "frames": frames,

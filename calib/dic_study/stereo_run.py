@@ -11,9 +11,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from calib.data.readers import PointFrame, write_points
-from calib.dic import GreyImage, State, grid_points, read_image
+from calib.dic import GreyImage, Quality, State, grid_points, quality, read_image
 from calib.dic.calibration import Calibration
 from calib.dic.calibration_files import write_calibration
+from calib.dic.images import check_sizes
 from calib.dic.prepared import BoolArray
 from calib.dic.scale_error import scale_sd
 from calib.dic.stereo import (
@@ -28,11 +29,17 @@ from calib.dic.stereo import (
 from calib.dic.surface_frame import SurfaceFrame, surface_frame, unturned
 from calib.dic.surface_strain import surface_strain
 from calib.dic_study import frame_store
-from calib.dic_study.exposure import check_exposure, check_series_found, empty_frame
+from calib.dic_study.exposure import (
+    check_exposure,
+    check_repeat,
+    check_series_found,
+    empty_frame,
+)
 from calib.dic_study.named_files import check_files, check_series, named_files
 from calib.dic_study.pictures import save_png
 from calib.dic_study.plates import calibration_of
 from calib.dic_study.region_mask import region_mask
+from calib.dic_study.stale_frames import finite, remove_stale
 from calib.dic_study.stereo_config import StereoStudy
 from calib.dic_study.stereo_pictures import stereo_overlay
 from calib.stereo_points import point_frame, reference_frame
@@ -54,6 +61,8 @@ class Prepared(NamedTuple):
     axes: SurfaceFrame
     study: StereoStudy
     key: str
+    judged: dict[str, Quality]
+    """of the reference images, by camera"""
 
 
 def run_stereo(study: StereoStudy, folder: Path, out: Path, say: Say) -> Path:
@@ -69,7 +78,8 @@ def run_stereo(study: StereoStudy, folder: Path, out: Path, say: Say) -> Path:
     check_files(ready.left, left + right)
     for name in (POINTS, PICTURES, STORE):
         (out / name).mkdir(parents=True, exist_ok=True)
-    write_calibration(out / CALIBRATION, calibration)
+    write_calibration(out / CALIBRATION, _as_used(calibration, ready, study))
+    remove_stale(out, {path.stem for path in left}, say)
     scale = _scale_sd(ready, calibration)
     times = study.images.times_s
     first = Path(study.images.reference).stem
@@ -123,7 +133,18 @@ def _pairs(study: StereoStudy, folder: Path) -> tuple[tuple[Path, ...], tuple[Pa
             f"{len(left)} files as images.deformed names, not {len(right)}",
         )  # fmt: skip
     check_series("images.deformed", left, images.times_s)
+    first = Path(images.reference).stem
+    if first in {path.stem for path in left}:
+        expected = "other names than the reference's (without its ending): results bear them"
+        raise Contradiction("images.deformed", first, expected)
     return left, right
+
+
+def _as_used(calibration: Calibration, ready: Prepared, study: StereoStudy) -> Calibration:
+    """What the points were made with: of a pose found again, how the plates fitted says nothing."""
+    if not study.stereo.refine_pose:
+        return calibration
+    return Calibration(ready.reference.rig, calibration.size)
 
 
 def _prepare(study: StereoStudy, folder: Path, calibration: Calibration, say: Say) -> Prepared:
@@ -133,6 +154,12 @@ def _prepare(study: StereoStudy, folder: Path, calibration: Calibration, say: Sa
         _check_size(image, calibration)
     mask: BoolArray = region_mask(study.region, folder, left)
     check_exposure(left, mask)
+    check_exposure(right, np.ones(right.grey.shape, dtype=np.bool_))
+    repeat = None
+    if study.images.repeat is not None:
+        repeat = read_image(folder / study.images.repeat)
+        check_sizes([left, repeat])
+        check_repeat(repeat, left, mask)
     points, grid = grid_points(mask, study.correlation.step_px)
     reference = place_reference(
         calibration.rig, left.grey, right.grey, points, study.settings, mask
@@ -150,7 +177,16 @@ def _prepare(study: StereoStudy, folder: Path, calibration: Calibration, say: Sa
         f"reference: {found} of {len(points)} points in both cameras, epipolar distance "
         f"{np.sqrt(np.nanmean(reference.epipolar**2)):.4f} px RMS"
     )
-    return Prepared(reference, left, grid, axes, study, _first_key(reference, axes, study))
+    subset = study.settings.correlation.subset
+    judged = {
+        "left": quality(left, mask, subset, repeat),
+        "right": quality(right, reference.right_ready.mask, subset),
+    }
+    for side, one in judged.items():
+        for warning in one.warnings:
+            say(f"warning: {side}: {warning}")
+    key = _first_key(reference, axes, study)
+    return Prepared(reference, left, grid, axes, study, key, judged)
 
 
 def _first_key(reference: StereoReference, axes: SurfaceFrame, study: StereoStudy) -> str:
@@ -238,6 +274,7 @@ def _report(
     rig = ready.reference.rig
     content = {
         "reference": ready.left.name,
+        "quality": {side: finite(one) for side, one in ready.judged.items()},
         "stereo_angle_deg": rig.angle,
         "baseline_mm": rig.baseline,
         "scale_sd": scale,
