@@ -99,9 +99,12 @@ def ours(folder: Path, degree: int, step: int) -> dict[str, Any]:
 def peer(name: str, python: Path, folder: Path) -> dict[str, Any]:
     """Another program in its own environment."""
     script = Path(__file__).with_name("dic_peers.py")
-    run = subprocess.run(
-        [python, script, name, folder], capture_output=True, text=True, timeout=LONGEST
-    )
+    try:
+        run = subprocess.run(
+            [python, script, name, folder], capture_output=True, text=True, timeout=LONGEST
+        )
+    except subprocess.TimeoutExpired:
+        return {"failed": f"not done after {LONGEST} s"}
     lines = [line for line in run.stdout.splitlines() if line.startswith("SECONDS ")]
     if run.returncode != 0 or not lines:
         reason = (run.stderr.strip().splitlines() or ["no output"])[-1]
