@@ -367,17 +367,20 @@ def test_field_and_forces_of_the_files_are_what_the_likelihood_is_of(lab, result
     assert np.isfinite(both).all() and np.abs(both - forces).min() > 1.0
 
 
+SHORT = {
+    "n_runs = 20": "n_runs = 8",
+    "n_held_out = 4": "n_held_out = 2",
+    "n_refine = 8": "n_refine = 4",
+    "n_ensembles = 4": "n_ensembles = 2",
+    "n_walkers = 32": "n_walkers = 16",
+    "max_steps = 20000": "max_steps = 100",
+}
+"""lines of the study file for runs and samples that take seconds"""
+
+
 @pytest.mark.slow  # emulators, samples and figures of two hypotheses, half a minute and more
 def test_a_study_of_an_experiment_runs_to_its_report(lab, result, tmp_path):
-    text = {
-        "n_runs = 20": "n_runs = 8",
-        "n_held_out = 4": "n_held_out = 2",
-        "n_refine = 8": "n_refine = 4",
-        "n_ensembles = 4": "n_ensembles = 2",
-        "n_walkers = 32": "n_walkers = 16",
-        "max_steps = 20000": "max_steps = 100",
-    }
-    study = load_study(study_file(tmp_path, lab, **text))
+    study = load_study(study_file(tmp_path, lab, **SHORT))
     blocks = Blocks(tuple(map(tuple, result.dataset.field.points.tolist())))
     out = tmp_path / "out"
     run_study(
@@ -390,13 +393,7 @@ def test_a_study_of_an_experiment_runs_to_its_report(lab, result, tmp_path):
 
 @pytest.mark.slow  # an emulator, samples, a population and figures: half a minute and more
 def test_a_study_of_an_experiment_takes_its_samples_one_by_one(lab, result, tmp_path):
-    text = {
-        "n_runs = 20": "n_runs = 8",
-        "n_held_out = 4": "n_held_out = 2",
-        "n_refine = 8": "n_refine = 4",
-        "n_ensembles = 4": "n_ensembles = 2",
-        "n_walkers = 32": "n_walkers = 16",
-        "max_steps = 20000": "max_steps = 100",
+    text = SHORT | {
         "[geometry]": 'level = "samples"\n\n[population]\nscatter = { kappa = 0.3 }\n\n[geometry]',
     }
     study = load_study(study_file(tmp_path, lab, **text))

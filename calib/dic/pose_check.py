@@ -63,9 +63,11 @@ def check_belongs(rig: StereoRig, left: Array, right: Array, limit: float) -> No
     )
 
 
-def check_order(rig: StereoRig, left: Array, right: Array) -> None:
-    """Raise ValueError when another pose fits matched pixels (n, 2) better with swapped cameras."""
-    found = refine_pose(rig, left, right).rms
+def check_order(rig: StereoRig, left: Array, right: Array, found: float) -> None:
+    """Raise ValueError when a new pose fits matched pixels (n, 2) better with swapped cameras.
+
+    `found` is the RMS distance from the epipolar lines as given, px, by `refine_pose`.
+    """
     try:
         swapped = refine_pose(StereoRig(rig.right, rig.left), left, right).rms
     except ValueError:

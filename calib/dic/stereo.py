@@ -154,8 +154,9 @@ def place_reference(
         )
     turned = 0.0
     if settings.refine_pose:
-        check_order(rig, points, right)
-        rig, turned, _ = refine_pose(rig, points, right)
+        refined = refine_pose(rig, points, right)
+        check_order(rig, points, right, refined.rms)
+        rig, turned = refined.rig, refined.turned
     check_belongs(rig, points, right, settings.max_median_epipolar)
     distance = epipolar_distance(rig, points, right)
     if not np.any(np.abs(distance) <= settings.max_epipolar):

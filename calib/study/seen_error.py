@@ -153,6 +153,7 @@ class _Exact:
         errors: Residuals,
         chosen: npt.NDArray[np.bool_],
     ) -> _Exact:
+        """At draws `x` (m, n) of the posterior, with the `chosen` (n_run,) of the errors."""
         theta = theta_of(x)
         relative = errors.force_error[chosen] / errors.force[chosen]
         basis, found = forward.field_basis, likelihood.predict(theta)
