@@ -1,7 +1,8 @@
 """Force and front-face field of the thesis specimen on ever finer meshes, as a Markdown table.
 
     python -m benchmarks.mesh_convergence [stick|slide|COEFFICIENT OF FRICTION] [r s]
-        [--pin bar|round] [--cells 12x4x2 ...] [--step MM] [--plane-strain] [--runs FOLDER]
+        [--pin bar|round] [--cells 12x4x2 ...] [--step MM] [--plane-strain] [--directions]
+        [--runs FOLDER]
 
 Runs one mesh after the other in one process with one thread, at kappa = 1 MPa, and prints the
 difference of each from the finest: force in %, field as RMS over the components at 840 points
@@ -9,7 +10,9 @@ in mm; the index of the last three; and the uncertainty of each from all of them
 (`benchmarks.mesh_uncertainty`).  Every run is kept in the folder, for both, under a name that
 changes with the model and the code (`benchmarks.run_key`), and not repeated.  Meshes are those of
 a design sample and of a fit and three similar ones, or the given `--cells`, the finest last; under
-a round pin r12x8x2 are 12 rings, 8 layers and 2 elements along an eighth of the rim.
+a round pin r12x8x2 are 12 rings, 8 layers and 2 elements along an eighth of the rim.  With
+`--directions` it refines the mesh of a fit, or each of `--cells`, one coordinate at a time, and
+prints the index of that (`benchmarks.directional_index`).
 """
 
 from __future__ import annotations
@@ -71,9 +74,10 @@ class Case(NamedTuple):
 
 GLUED = tuple(Mesh((4 * n, 4 * n, 2 * n), 0.05) for n in (2, 3, 4))
 SLIDING = tuple(Mesh((4 * n, 2 * n, n), 0.05) for n in (2, 3, 4))
-STUCK_TO_ROUND = tuple(Mesh((2 * n, n, 2 * n), 0.05) for n in (3, 4, 6))
-UNDER_ROUND = tuple(Mesh((2 * n, n, 2 * n), 0.05) for n in (3, 4, 5))
-"""coarse to fine, similar to each other"""
+STUCK_TO_ROUND = tuple(Mesh(Rings(4 * n, 4 * n), 0.05) for n in (2, 3, 4))
+UNDER_ROUND = tuple(Mesh(Rings(3 * n, 2 * n), 0.05) for n in (2, 3, 4))
+"""coarse to fine, similar to each other; rings in the section across the rim, with two elements
+along an eighth of it on all"""
 
 
 def similar(case: Case) -> tuple[Mesh, ...]:
@@ -132,7 +136,8 @@ def field_difference(one: Response, other: Response) -> Array:
 
 def main(arguments: list[str] | None = None) -> None:
     """Print the tables."""
-    from benchmarks.mesh_uncertainty import table  # which needs this module
+    from benchmarks.directional_index import table_of as directions  # which needs this module
+    from benchmarks.mesh_uncertainty import table  # which does too
 
     options = _options(arguments)
     named = options.interface in ("stick", "slide")
@@ -144,6 +149,10 @@ def main(arguments: list[str] | None = None) -> None:
     meshes = [*(mesh for mesh in single if mesh not in family), *family]
     if options.cells:
         meshes = [Mesh(cells, options.step) for cells in options.cells]
+    if options.directions:
+        for mesh in meshes if options.cells else [fitting(case)]:
+            print(f"{case}, {mesh}\n{directions(options.runs, case, mesh)}", flush=True)
+        return
     print(f"{case}, r = {ratios[0]:g}, s = {ratios[1]:g}, kappa = 1 MPa\n")
     print("| elements, step mm | " + " | ".join(f"F({d}) N" for d in TRAVEL), end=" | ")
     print("s | pivots < 0 |\n" + "|---" * (len(TRAVEL) + 3) + "|")
@@ -182,6 +191,7 @@ def _options(arguments: list[str] | None) -> argparse.Namespace:
     parser.add_argument("--cells", nargs="+", type=_cells, metavar="12x4x2")
     parser.add_argument("--step", type=float, default=0.05, help="largest, mm, of --cells")
     parser.add_argument("--plane-strain", action="store_true", help="--cells with one along z")
+    parser.add_argument("--directions", action="store_true", help="one coordinate at a time")
     parser.add_argument("--runs", type=Path, default=RUNS)
     return parser.parse_args(arguments)
 

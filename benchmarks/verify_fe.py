@@ -2,9 +2,10 @@
 
     python -m benchmarks.verify_fe [--only PART ...] [--draws 200] [--workers 1] [--out FILE]
 
-Parts: felupe, calculix, taylor (a minute each), gci and bounds (ten minutes each), sobol (200 draws
-over pins and contacts, 20 of them on the fitting mesh: an hour or more).  Each part replaces its
-own figures in FILE and leaves the others; every simulation of gci, bounds and sobol is kept under
+Parts: felupe, calculix, taylor (a minute each), gci and bounds (ten minutes each), directions (the
+fitting meshes refined in one coordinate at a time, an hour), sobol (200 draws over pins and
+contacts, 20 of them on the fitting mesh: an hour or more).  Each part replaces its own figures in
+FILE and leaves the others; every simulation of gci, bounds, directions and sobol is kept under
 --runs, so an interrupted part goes on where it was.
 """
 
@@ -26,7 +27,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from benchmarks import convergence_study, grid_convergence, mesh_uncertainty, taylor
+from benchmarks import (
+    convergence_study,
+    directional_index,
+    grid_convergence,
+    mesh_uncertainty,
+    taylor,
+)
 from benchmarks.stuck_patch import StuckPatch, press
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -103,6 +110,11 @@ def bounds(settings: Settings) -> dict[str, Any]:
     return mesh_uncertainty.figures(settings.runs / "gci")
 
 
+def directions(settings: Settings) -> dict[str, Any]:
+    """Index of the fitting meshes, refined one coordinate at a time, by contact and increment."""
+    return directional_index.figures(settings.runs / "gci")
+
+
 def sobol(settings: Settings) -> dict[str, Any]:
     """Fraction of Sobol draws that reach 1.4 and 1.8 mm, by pin and contact."""
     return convergence_study.figures(settings.runs / "sobol", settings.draws, settings.workers)
@@ -114,6 +126,7 @@ PARTS: dict[str, Callable[[Settings], dict[str, Any]]] = {
     "taylor": taylor_orders,
     "gci": gci,
     "bounds": bounds,
+    "directions": directions,
     "sobol": sobol,
 }
 

@@ -115,10 +115,12 @@ def test_a_part_replaces_its_figures_and_leaves_the_others(tmp_path, monkeypatch
 
 @pytest.mark.parametrize("case", grid_convergence.CASES, ids=str)
 def test_meshes_of_the_index_are_refined_alike_in_all_directions(case):
+    """Rings across the rim and over the height: along the rim they have two elements each."""
     meshes = similar(case)
-    coarse = np.array(meshes[0].numbers)
+    directions = slice(2) if case.pin == "round" else slice(3)
+    coarse = np.array(meshes[0].numbers[directions])
     for mesh in meshes[1:]:
-        assert np.ptp(np.array(mesh.numbers) / coarse) == 0.0
+        assert np.ptp(np.array(mesh.numbers[directions]) / coarse) == 0.0
     assert len({mesh.step for mesh in meshes}) == 1
 
 
