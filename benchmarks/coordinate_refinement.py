@@ -46,7 +46,7 @@ class Share(NamedTuple):
     """between 1 and 2; 1 also where the coarser or the finer mesh is missing"""
 
 
-def share(values: Array, numbers: tuple[float, float, float]) -> Share:
+def share(values: Array, numbers: tuple[int, int, int]) -> Share:
     """Share of a coordinate in the error of the middle one of three meshes.
 
     `values` are (3, n_step, n_value) of the coarser mesh, the mesh itself and the finer one, and
@@ -55,7 +55,7 @@ def share(values: Array, numbers: tuple[float, float, float]) -> Share:
     f r_f / (r_f - 1), both with order 1.  Raises ValueError unless the numbers grow.
     """
     coarse, own, fine = numbers
-    if not 0.0 < coarse < own < fine:
+    if not 0 < coarse < own < fine:
         raise ValueError(f"numbers: expected three that grow, found {numbers}")
     to_coarse, to_fine = own / coarse, fine / own
     c, f = values[0] - values[1], values[1] - values[2]

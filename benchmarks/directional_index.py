@@ -2,12 +2,12 @@
 
 Beside each fitting mesh stand one with half and one with twice as many elements along x, along y
 and along z, or of rings, layers and sectors; all else is alike
-(`benchmarks.coordinate_refinement`).  Where material sticks or rubs, the load step is a fourth
-coordinate, stated beside the sum.
+(`benchmarks.coordinate_refinement`), also the load step.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
@@ -17,12 +17,14 @@ import numpy.typing as npt
 from benchmarks.coordinate_refinement import Share, share
 from benchmarks.grid_convergence import CASES
 from benchmarks.mesh_convergence import RATIOS, TRAVEL, Case, Mesh, fitting, simulate
+from benchmarks.meshes import name_of
 from fe import Response, Rings
 
 Array = npt.NDArray[np.float64]
 
-STEP = "step"
-"""name of the load step among the coordinates"""
+BEFORE: dict[str, Mesh] = {"slide": Mesh((16, 5, 2), 0.05)}
+"""by case: the mesh that was refined first, whose sum was over 1 % or 0.005 mm: of the coordinate
+with the largest share the fitting mesh has twice as many elements"""
 FEWEST_RUBBING = 3
 """elements along a bar with friction: one or two keep lines of a design sample's mesh"""
 
@@ -33,8 +35,8 @@ class Neighbours(NamedTuple):
     name: str
     coarse: Mesh
     fine: Mesh
-    numbers: tuple[float, float, float]
-    """of elements, or steps a mm, of coarse, own and fine mesh"""
+    numbers: tuple[int, int, int]
+    """of elements, of coarse, own and fine mesh"""
 
 
 class Index(NamedTuple):
@@ -47,7 +49,7 @@ class Index(NamedTuple):
 
 
 def neighbours(case: Case, mesh: Mesh) -> list[Neighbours]:
-    """Half as many elements, rounded up, and twice as many of each coordinate in turn."""
+    """With half as many elements, rounded up, and twice as many, of each coordinate in turn."""
     rings = isinstance(mesh.cells, Rings)
     found = []
     for axis, name in enumerate(("rings", "layers", "sectors") if rings else ("x", "y", "z")):
@@ -57,10 +59,6 @@ def neighbours(case: Case, mesh: Mesh) -> list[Neighbours]:
             half = max(half, FEWEST_RUBBING)
         numbers = (half, own, 2 * own)
         found.append(Neighbours(name, _with(mesh, axis, half), _with(mesh, axis, 2 * own), numbers))
-    if case.interface != "slide":
-        steps = [mesh._replace(step=mesh.step * factor) for factor in (2.0, 0.5)]
-        by_mm = (0.5 / mesh.step, 1.0 / mesh.step, 2.0 / mesh.step)
-        found.append(Neighbours(STEP, *steps, by_mm))
     return found
 
 
@@ -73,37 +71,43 @@ def _with(mesh: Mesh, axis: int, number: int) -> Mesh:
     return mesh._replace(cells=Rings(one, two, three) if rings else (one, two, three))
 
 
-def index(own: Response, beside: list[tuple[Neighbours, Response, Response]]) -> Index:
-    """Index of a mesh from its own run and those of its neighbours."""
+def index(triples: dict[str, tuple[tuple[int, int, int], Sequence[Response]]]) -> Index:
+    """Index from the numbers and runs of each coordinate's coarse, own and fine mesh."""
     force, field = {}, {}
-    for of, coarse, fine in beside:
-        runs = (coarse, own, fine)
-        percent = 100.0 * np.array([run.force for run in runs]) / own.force
-        values = np.array([run.displacement for run in runs]).reshape(3, len(own.force), -1)
-        force[of.name] = share(percent[..., None], of.numbers)
-        field[of.name] = share(values, of.numbers)
+    for name, (numbers, runs) in triples.items():
+        own = runs[1].force
+        percent = 100.0 * np.array([run.force for run in runs]) / own
+        values = np.array([run.displacement for run in runs]).reshape(3, len(own), -1)
+        force[name] = share(percent[..., None], numbers)
+        field[name] = share(values, numbers)
     return Index(force, field)
 
 
-def study(folder: Path, case: Case, mesh: Mesh) -> Index:
-    """Index of one mesh; runs that the folder does not hold are made."""
-    own = simulate(folder, case, mesh, RATIOS)
-    beside = [
-        (of, *(simulate(folder, case, one, RATIOS) for one in (of.coarse, of.fine)))
-        for of in neighbours(case, mesh)
-    ]
-    return index(own, beside)
+def study(folder: Path, case: Case, mesh: Mesh, before: Mesh | None = None) -> Index:
+    """Index of one mesh; runs that the folder does not hold are made.
+
+    Where it has as many elements in a coordinate as the mesh `before`, that one's neighbours tell:
+    in a sum of terms of one coordinate each the others do not matter.
+    """
+    triples = {}
+    meshes = (mesh, before or mesh)
+    for own, first in zip(*(neighbours(case, one) for one in meshes), strict=True):
+        same = own.numbers == first.numbers
+        of, middle = (first, meshes[1]) if same else (own, mesh)
+        runs = [simulate(folder, case, one, RATIOS) for one in (of.coarse, middle, of.fine)]
+        triples[of.name] = (of.numbers, runs)
+    return index(triples)
 
 
 def total(shares: dict[str, Share], measure: Literal["index", "first_order"]) -> Array:
-    """(n_step,) sum of a measure over the coordinates of the mesh, without the load step."""
-    parts = [getattr(part, measure) for name, part in shares.items() if name != STEP]
-    return np.asarray(np.sum(parts, axis=0))
+    """(n_step,) sum of a measure over the coordinates."""
+    return np.asarray(np.sum([getattr(part, measure) for part in shares.values()], axis=0))
 
 
 def table_of(folder: Path, case: Case, mesh: Mesh) -> str:
     """Lines of Markdown of one mesh."""
-    return table(study(folder, case, mesh))
+    before = BEFORE.get(str(case)) if mesh == fitting(case) else None
+    return table(study(folder, case, mesh, before))
 
 
 def table(found: Index) -> str:
@@ -126,22 +130,34 @@ def _line(name: str, force: Array, field: Array, *orders: Array) -> str:
 
 
 def figures(folder: Path) -> dict[str, Any]:
-    """Sums and shares of force (%) and field (mm) of fitting meshes by contact and increment."""
+    """Sums and shares of force (%) and field (mm) by contact and increment.
+
+    Of the fitting meshes; of the mesh before, if there is one, under the case and its numbers.
+    """
     found: dict[str, dict[str, Any]] = {}
     for case in CASES:
-        mesh = fitting(case)
-        of = study(folder, case, mesh)
-        print(f"{case}, {mesh}\n{table(of)}", flush=True)
-        row: dict[str, Any] = {"directional_mesh": [*mesh.numbers]}
-        for what, unit, shares in (("force", "percent", of.force), ("field", "mm", of.field)):
-            key = f"{what}_directional"
-            row[f"{key}_{unit}"] = _by_travel(total(shares, "index"))
-            row[f"{key}_order_1_{unit}"] = _by_travel(total(shares, "first_order"))
-            row[f"{key}_shares_{unit}"] = {k: _by_travel(v.index) for k, v in shares.items()}
-            row[f"{key}_orders"] = {k: _by_travel(v.order) for k, v in shares.items()}
-        for key, value in row.items():
-            found.setdefault(key, {})[str(case)] = value
+        name, mesh, before = str(case), fitting(case), BEFORE.get(str(case))
+        rows = {name: (mesh, before)}
+        if before:
+            rows[f"{name}, {name_of(before.cells)}"] = (before, None)
+        for label, (one, first) in rows.items():
+            of = study(folder, case, one, first)
+            print(f"{case}, {one}\n{table(of)}", flush=True)
+            for key, value in _row(one, of).items():
+                found.setdefault(key, {})[label] = value
     return found
+
+
+def _row(mesh: Mesh, of: Index) -> dict[str, Any]:
+    """What the figures say of one mesh."""
+    row: dict[str, Any] = {"directional_mesh": [*mesh.numbers]}
+    for what, unit, shares in (("force", "percent", of.force), ("field", "mm", of.field)):
+        key = f"{what}_directional"
+        row[f"{key}_{unit}"] = _by_travel(total(shares, "index"))
+        row[f"{key}_order_1_{unit}"] = _by_travel(total(shares, "first_order"))
+        row[f"{key}_shares_{unit}"] = {k: _by_travel(v.index) for k, v in shares.items()}
+        row[f"{key}_orders"] = {k: _by_travel(v.order) for k, v in shares.items()}
+    return row
 
 
 def _by_travel(values: Array) -> dict[str, float | None]:

@@ -22,7 +22,7 @@ SAMPLING_CELLS: dict[str, Cells] = {
 FITTING_CELLS: dict[str, Cells | Rings] = {
     "bar, stick": (15, 14, 5),
     "bar, friction": (16, 8, 4),
-    "bar, frictionless": (16, 5, 2),
+    "bar, frictionless": (16, 5, 4),
     "round, stick": Rings(16, 16, 2),
     "round, friction": Rings(9, 6, 2),
     "round, frictionless": Rings(12, 8, 2),

@@ -9,9 +9,10 @@ import pytest
 
 from benchmarks import directional_index
 from benchmarks.coordinate_refinement import share
-from benchmarks.directional_index import STEP, index, neighbours, total
+from benchmarks.directional_index import index, neighbours, total
 from benchmarks.grid_convergence import CASES
 from benchmarks.mesh_convergence import Case, Mesh, fitting
+from benchmarks.meshes import name_of
 from fe import Rings
 
 NUMBERS = ((8, 16, 32), (3, 5, 10), (1, 2, 4))
@@ -153,40 +154,38 @@ def test_equal_meshes_have_no_share_and_numbers_must_grow():
 def test_neighbours_differ_from_a_fitting_mesh_in_one_coordinate(case):
     own = fitting(case)
     found = neighbours(case, own)
-    assert len(found) == 3 + (case.interface != "slide")
+    assert len(found) == 3
     for axis, of in enumerate(found):
         coarse, n, fine = of.numbers
         assert fine == 2 * n
         assert 1.25 < n / coarse <= 2.0
         for mesh, number in ((of.coarse, coarse), (of.fine, fine)):
-            expected = [*own.numbers, 1.0 / own.step]
+            expected = [*own.numbers]
             expected[axis] = number
-            np.testing.assert_allclose([*mesh.numbers, 1.0 / mesh.step], expected)
+            assert ([*mesh.numbers], mesh.step) == (expected, own.step)
 
 
 def test_the_index_of_a_case_is_that_of_the_errors_of_its_coordinates(tmp_path, monkeypatch):
-    """Errors of order 2 in the numbers of elements, and of order 1 in the step."""
+    """Of order 2 in the numbers of elements: also with two coordinates from the mesh before."""
 
     def error(mesh):
-        return np.array([*(1.0 / np.array(mesh.numbers) ** 2), 0.1 * mesh.step])
+        return 0.01 * float(np.sum(1.0 / np.array(mesh.numbers) ** 2))
 
     def simulate(folder, case, mesh, ratios):
-        size = error(mesh)
-        field = 0.4 + size.sum() * np.ones((5, 7, 3))
-        return SimpleNamespace(force=100.0 * (1.0 + size.sum()) * np.ones(5), displacement=field)
+        field = 0.4 + error(mesh) * np.ones((5, 7, 3))
+        return SimpleNamespace(force=100.0 + 100.0 * error(mesh) * np.ones(5), displacement=field)
 
     monkeypatch.setattr(directional_index, "simulate", simulate)
     found = directional_index.figures(tmp_path)
-    for case in CASES:
-        own = error(fitting(case))
-        force = found["force_directional_percent"][str(case)]
-        expected = 125.0 * own[:3].sum() / (1.0 + own.sum())
-        np.testing.assert_allclose(list(force.values()), expected, rtol=1e-5)
-        field = found["field_directional_mm"][str(case)]
-        np.testing.assert_allclose(list(field.values()), 1.25 * own[:3].sum(), rtol=1e-5)
-        if case.interface != "slide":
-            step = found["field_directional_shares_mm"][str(case)][STEP]
-            np.testing.assert_allclose(list(step.values()), 1.25 * own[3], rtol=1e-5)
+    meshes = {str(case): fitting(case) for case in CASES} | {
+        f"{case}, {name_of(mesh.cells)}": mesh for case, mesh in directional_index.BEFORE.items()
+    }
+    assert set(found["force_directional_percent"]) == set(meshes)
+    for name, mesh in meshes.items():
+        force = found["force_directional_percent"][name]
+        np.testing.assert_allclose(list(force.values()), 125.0 * error(mesh), rtol=5e-3)
+        field = found["field_directional_mm"][name]
+        np.testing.assert_allclose(list(field.values()), 1.25 * error(mesh), rtol=1e-5)
 
 
 def test_a_run_that_stopped_short_leaves_the_later_travels_to_its_opposite():
@@ -197,6 +196,7 @@ def test_a_run_that_stopped_short_leaves_the_later_travels_to_its_opposite():
         displacement=np.array([[[1.1]], [[np.nan]]]) + np.zeros((2, 3, 3)),
     )
     coarse = SimpleNamespace(force=np.array([9.8, 19.0]), displacement=0.8 * np.ones((2, 3, 3)))
-    found = index(own, [(of, coarse, stopped) for of in neighbours(case, mesh)])
+    triples = {of.name: (of.numbers, (coarse, own, stopped)) for of in neighbours(case, mesh)}
+    found = index(triples)
     np.testing.assert_allclose(total(found.force, "first_order"), [3 * 2.5, 3 * 1.25 * 5.0])
     np.testing.assert_allclose(total(found.field, "first_order"), [3 * 0.25, 3 * 0.25])
