@@ -8,6 +8,7 @@ and along z, or of rings, layers and sectors; all else is alike
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
@@ -16,7 +17,7 @@ import numpy.typing as npt
 
 from benchmarks.coordinate_refinement import Share, share
 from benchmarks.grid_convergence import CASES
-from benchmarks.mesh_convergence import RATIOS, TRAVEL, Case, Mesh, fitting, simulate
+from benchmarks.mesh_convergence import RATIOS, TRAVEL, Case, Mesh, fitting, followed, simulate
 from benchmarks.meshes import name_of
 from fe import Response, Rings
 
@@ -94,9 +95,17 @@ def study(folder: Path, case: Case, mesh: Mesh, before: Mesh | None = None) -> I
     for own, first in zip(*(neighbours(case, one) for one in meshes), strict=True):
         same = own.numbers == first.numbers
         of, middle = (first, meshes[1]) if same else (own, mesh)
-        runs = [simulate(folder, case, one, RATIOS) for one in (of.coarse, middle, of.fine)]
+        run = simulate(folder, case, middle, RATIOS)
+        runs = [_beside(folder, case, of.coarse, run), run, _beside(folder, case, of.fine, run)]
         triples[of.name] = (of.numbers, runs)
     return index(triples)
+
+
+def _beside(folder: Path, case: Case, mesh: Mesh, own: Response) -> Response:
+    """Run of a neighbour of the mesh of a run; nothing but NaN if it is not followed at all."""
+    if followed(case, mesh) > 0.0:
+        return simulate(folder, case, mesh, RATIOS)
+    return replace(own, force=np.nan * own.force, displacement=np.nan * own.displacement)
 
 
 def total(shares: dict[str, Share], measure: Literal["index", "first_order"]) -> Array:
@@ -129,13 +138,13 @@ def _line(name: str, force: Array, field: Array, *orders: Array) -> str:
     return f"| {name} | " + " | ".join(words) + " |"
 
 
-def figures(folder: Path) -> dict[str, Any]:
+def figures(folder: Path, cases: Sequence[Case] = CASES) -> dict[str, Any]:
     """Sums and shares of force (%) and field (mm) by contact and increment.
 
     Of the fitting meshes; of the mesh before, if there is one, under the case and its numbers.
     """
     found: dict[str, dict[str, Any]] = {}
-    for case in CASES:
+    for case in cases:
         name, mesh, before = str(case), fitting(case), BEFORE.get(str(case))
         rows = {name: (mesh, before)}
         if before:

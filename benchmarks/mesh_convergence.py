@@ -41,7 +41,8 @@ RUNS = Path(__file__).resolve().parents[1] / "runs" / "verify-fe" / "gci"
 
 
 FOLLOWED = {"friction 0.3, 16 x 16 x 4, 0.05": 1.0}
-"""mm: how far meshes are followed of which a later step was not found within minutes"""
+"""mm: how far meshes are followed of which a later step was not found within minutes; 0 where
+a mesh takes too long, or none of its runs has ended"""
 
 
 class Mesh(NamedTuple):
@@ -108,20 +109,24 @@ def _row(case: Case) -> str:
     return f"{case.pin}, {touch}"
 
 
+def followed(case: Case, mesh: Mesh) -> float:
+    """Travel to which a mesh is followed, mm."""
+    return FOLLOWED.get(f"{case}, {mesh}", TRAVEL[-1])
+
+
 def simulate(folder: Path, case: Case, mesh: Mesh, ratios: Array) -> Response:
     """The thesis specimen, the same interface on pin and base, from the folder if it is there.
 
     `seconds` of the response are of the processor, not of the clock.  A mesh that is not followed
     to the last travel has NaN there.
     """
-    followed = FOLLOWED.get(f"{case}, {mesh}", TRAVEL[-1])
     contact = Contact(case.interface, case.interface)
     steps = StepOptions(largest=mesh.step)
     model = BlockPinModel(
         BlockPin(pin=case.pin),
         contact,
         mesh.cells,
-        tuple(travel for travel in TRAVEL if travel <= followed),
+        tuple(travel for travel in TRAVEL if travel <= followed(case, mesh)),
         steps=steps,
         plane_strain=case.plane_strain,
     )

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
+from dataclasses import dataclass
 
 import numpy as np
 import pytest
 
-from benchmarks import directional_index
+from benchmarks import directional_index, mesh_convergence
 from benchmarks.coordinate_refinement import share
 from benchmarks.directional_index import index, neighbours, total
 from benchmarks.grid_convergence import CASES
@@ -19,6 +19,14 @@ NUMBERS = ((8, 16, 32), (3, 5, 10), (1, 2, 4))
 """of elements in three coordinates, with halves that are rounded up"""
 TRUTH = 50.0
 N = 4000
+
+
+@dataclass(frozen=True)
+class Simple:
+    """What is read of a response."""
+
+    force: np.ndarray
+    displacement: np.ndarray
 
 
 def made(orders, sizes, noise=0.0, seed=0):
@@ -173,7 +181,7 @@ def test_the_index_of_a_case_is_that_of_the_errors_of_its_coordinates(tmp_path, 
 
     def simulate(folder, case, mesh, ratios):
         field = 0.4 + error(mesh) * np.ones((5, 7, 3))
-        return SimpleNamespace(force=100.0 + 100.0 * error(mesh) * np.ones(5), displacement=field)
+        return Simple(force=100.0 + 100.0 * error(mesh) * np.ones(5), displacement=field)
 
     monkeypatch.setattr(directional_index, "simulate", simulate)
     found = directional_index.figures(tmp_path)
@@ -188,14 +196,31 @@ def test_the_index_of_a_case_is_that_of_the_errors_of_its_coordinates(tmp_path, 
         np.testing.assert_allclose(list(field.values()), 1.25 * error(mesh), rtol=1e-5)
 
 
+def test_a_mesh_that_is_not_followed_is_not_run_and_its_opposite_tells(tmp_path, monkeypatch):
+    case, mesh = Case("bar", "stick"), Mesh((4, 4, 2), 0.05)
+    run = []
+
+    def simulate(folder, case, mesh, ratios):
+        run.append(mesh.cells)
+        size = float(np.sum(1.0 / np.array(mesh.numbers)))
+        return Simple(force=100.0 + size * np.ones(5), displacement=size * np.ones((5, 7, 3)))
+
+    monkeypatch.setattr(directional_index, "simulate", simulate)
+    monkeypatch.setitem(mesh_convergence.FOLLOWED, "stick, 4 x 8 x 2, 0.05", 0.0)
+    found = directional_index.study(tmp_path, case, mesh)
+    assert (4, 8, 2) not in run
+    np.testing.assert_allclose(found.field["y"].index, 1.25 / 4)
+    np.testing.assert_allclose(total(found.field, "index"), 1.25 * (1 / 4 + 1 / 4 + 1 / 2))
+
+
 def test_a_run_that_stopped_short_leaves_the_later_travels_to_its_opposite():
     case, mesh = Case("round", "slide"), Mesh(Rings(4, 4, 2), 0.05)
-    own = SimpleNamespace(force=np.array([10.0, 20.0]), displacement=np.ones((2, 3, 3)))
-    stopped = SimpleNamespace(
+    own = Simple(force=np.array([10.0, 20.0]), displacement=np.ones((2, 3, 3)))
+    stopped = Simple(
         force=np.array([10.1, np.nan]),
         displacement=np.array([[[1.1]], [[np.nan]]]) + np.zeros((2, 3, 3)),
     )
-    coarse = SimpleNamespace(force=np.array([9.8, 19.0]), displacement=0.8 * np.ones((2, 3, 3)))
+    coarse = Simple(force=np.array([9.8, 19.0]), displacement=0.8 * np.ones((2, 3, 3)))
     triples = {of.name: (of.numbers, (coarse, own, stopped)) for of in neighbours(case, mesh)}
     found = index(triples)
     np.testing.assert_allclose(total(found.force, "first_order"), [3 * 2.5, 3 * 1.25 * 5.0])

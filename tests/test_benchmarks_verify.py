@@ -113,6 +113,23 @@ def test_a_part_replaces_its_figures_and_leaves_the_others(tmp_path, monkeypatch
     assert json.loads(out.read_text()) == {"taylor_order": 2.0, "draws": 7}
 
 
+def test_some_cases_of_a_part_leave_the_other_cases(tmp_path, monkeypatch):
+    out = tmp_path / "fe.json"
+
+    def part(settings):
+        return {"force": {str(case): settings.draws for case in settings.cases}}
+
+    monkeypatch.setitem(verify_fe.PARTS, "directions", part)
+    verify_fe.main(["--only", "directions", "--draws", "1", "--out", str(out)])
+    some = ["--cases", "slide", "round, stick"]
+    verify_fe.main(["--only", "directions", *some, "--draws", "2", "--out", str(out)])
+    found = json.loads(out.read_text())["force"]
+    assert len(found) == len(grid_convergence.CASES)
+    assert {case for case, value in found.items() if value == 2} == {"slide", "round, stick"}
+    verify_fe.main(["--only", "directions", "--draws", "3", "--out", str(out)])
+    assert set(json.loads(out.read_text())["force"].values()) == {3}
+
+
 @pytest.mark.parametrize("case", grid_convergence.CASES, ids=str)
 def test_meshes_of_the_index_are_refined_alike_in_all_directions(case):
     """Rings across the rim and over the height: along the rim they have two elements each."""
