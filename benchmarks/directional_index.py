@@ -23,7 +23,10 @@ from fe import Response, Rings
 
 Array = npt.NDArray[np.float64]
 
-BEFORE: dict[str, Mesh] = {"slide": Mesh((16, 5, 2), 0.05)}
+BEFORE: dict[str, Mesh] = {
+    "slide": Mesh((16, 5, 2), 0.05),
+    "round, friction 0.3": Mesh(Rings(9, 6, 2), 0.05),
+}
 """by case: the mesh that was refined first, whose sum was over 1 % or 0.005 mm: of the coordinate
 with the largest share the fitting mesh has twice as many elements"""
 FEWEST_RUBBING = 3

@@ -40,7 +40,15 @@ RATIOS = np.array([0.5, 0.05])
 RUNS = Path(__file__).resolve().parents[1] / "runs" / "verify-fe" / "gci"
 
 
-FOLLOWED = {"friction 0.3, 16 x 16 x 4, 0.05": 1.0}
+FOLLOWED = {
+    "stick, 15 x 28 x 5, 0.05": 0.0,
+    "stick, 15 x 14 x 10, 0.05": 0.0,
+    "friction 0.3, 16 x 16 x 4, 0.05": 0.0,
+    "round, stick, 16 x 32 x 2, 0.05": 0.0,
+    "round, friction 0.3, 36 x 6 x 2, 0.05": 1.0,
+    "round, friction 0.3, 9 x 12 x 2, 0.05": 0.0,
+    "round, friction 0.3, 9 x 6 x 4, 0.05": 0.0,
+}
 """mm: how far meshes are followed of which a later step was not found within minutes; 0 where
 a mesh takes too long, or none of its runs has ended"""
 
@@ -81,9 +89,9 @@ GLUED = tuple(Mesh((4 * n, 4 * n, 2 * n), 0.05) for n in (2, 3, 4))
 SLIDING = tuple(Mesh((4 * n, 2 * n, n), 0.05) for n in (2, 3, 4))
 STUCK_TO_ROUND = tuple(Mesh(Rings(4 * n, 4 * n), 0.05) for n in (2, 3, 4))
 UNDER_ROUND = tuple(Mesh(Rings(3 * n, 2 * n), 0.05) for n in (2, 3, 4))
-RUBBING_ROUND = tuple(Mesh(Rings(3 * n, 2 * n), 0.05) for n in (1, 2, 3))
+RUBBING_ROUND = tuple(Mesh(Rings(6 * n, 2 * n), 0.05) for n in (1, 2, 3))
 """coarse to fine, similar to each other; rings in the section across the rim, with two elements
-along an eighth of it on all.  12 rings and 8 layers with friction stop at 1.23 mm"""
+along an eighth of it on all"""
 
 
 def similar(case: Case) -> tuple[Mesh, ...]:

@@ -24,7 +24,7 @@ FITTING_CELLS: dict[str, Cells | Rings] = {
     "bar, friction": (16, 8, 4),
     "bar, frictionless": (16, 5, 4),
     "round, stick": Rings(16, 16, 2),
-    "round, friction": Rings(9, 6, 2),
+    "round, friction": Rings(18, 6, 2),
     "round, frictionless": Rings(12, 8, 2),
 }
 """of the runs that a fit is checked or corrected with; rings, layers, sectors where they follow the
