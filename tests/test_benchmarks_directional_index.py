@@ -184,6 +184,7 @@ def test_the_index_of_a_case_is_that_of_the_errors_of_its_coordinates(tmp_path, 
         return Simple(force=100.0 + 100.0 * error(mesh) * np.ones(5), displacement=field)
 
     monkeypatch.setattr(directional_index, "simulate", simulate)
+    monkeypatch.setattr(mesh_convergence, "FOLLOWED", {})
     found = directional_index.figures(tmp_path)
     meshes = {str(case): fitting(case) for case in CASES} | {
         f"{case}, {name_of(mesh.cells)}": mesh for case, mesh in directional_index.BEFORE.items()
