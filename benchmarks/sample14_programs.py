@@ -14,7 +14,18 @@ import numpy as np
 
 from benchmarks.dic_peers import PEERS
 from benchmarks.peer_process import run_peer
-from benchmarks.sample14 import BOX, LEVELS, Sample, averaged, file_of, grid, ours, trade_off
+from benchmarks.sample14 import (
+    BOX,
+    LEVELS,
+    Sample,
+    averaged,
+    effective_subset,
+    file_of,
+    grid,
+    ours,
+    resolution,
+    trade_off,
+)
 from calib.dic import CorrelationSettings
 from calib.dic.interpolation import Array
 
@@ -23,6 +34,7 @@ SETTINGS = ((1, 31), (2, 51))
 """order and subset"""
 GLOBAL = ("muDIC",)
 """programs with elements in place of subsets, whose nodes stand an element apart"""
+OF_SUBSETS = ("filter_loss_px", "mean_filter_loss_px", "indicator_px2")
 LIMIT = 600.0
 """s for one program at one setting and level"""
 MARGIN = 0.5
@@ -42,6 +54,8 @@ def programs(sample: Sample, data: Path, peers: Path) -> dict[str, Any]:
             "python benchmarks/dic.py --install makes them",
             file=sys.stderr,
         )
+    if len(missing) == len(there):
+        return {}
     figures: dict[str, Any] = {}
     for order, subset in SETTINGS:
         name = f"order_{order}_subset_{subset}"
@@ -49,7 +63,7 @@ def programs(sample: Sample, data: Path, peers: Path) -> dict[str, Any]:
         for peer, python in there.items():
             if python.exists():
                 figures[name][peer] = _theirs(sample, data, peer, python, order, subset)
-    return {} if len(missing) == len(PEERS) else figures
+    return figures
 
 
 def _ours(sample: Sample, order: int, subset: int) -> dict[str, Any]:
@@ -57,22 +71,32 @@ def _ours(sample: Sample, order: int, subset: int) -> dict[str, Any]:
     settings = CorrelationSettings(subset=subset, order=order)
     return {
         level: _judged(
-            points, ours(sample, level, points, settings).displacement[:, 0], truth, subset, order
+            points,
+            ours(sample, level, points, settings).displacement[:, 0],
+            sample,
+            level,
+            settings,
         )
-        for level, truth in sample.truth.items()
+        for level in LEVELS
     }
 
 
-def _judged(points: Array, u: Array, truth: Array, subset: int, order: int) -> dict[str, Any]:
+def _judged(
+    points: Array, u: Array, sample: Sample, level: str, settings: CorrelationSettings
+) -> dict[str, Any]:
+    """Trade-off of a program, and in one number where its loss is large enough to be measured."""
     left, top, right, bottom = BOX
     x, y = points.T
     inside = (x > left - MARGIN) & (x < right + MARGIN)
     inside &= (y > top - MARGIN) & (y < bottom + MARGIN)
-    wave = averaged(points[inside], u[inside])
-    return {
-        "points": int(np.isfinite(u[inside]).sum()),
-        **trade_off(wave, truth, subset, order),
-    }
+    wave, truth = averaged(points[inside], u[inside]), sample.truth[level]
+    figures: dict[str, Any] = {"points": int(np.isfinite(u[inside]).sum())}
+    figures |= trade_off(wave, truth, settings.subset, settings.order)
+    if level == "L5" and settings.order == 1:
+        side = effective_subset(wave, truth, settings.subset, settings.order)
+        indicator = figures["noise_px"] * resolution(side, settings.order)
+        figures["indicator_px2"] = round(indicator, 3)
+    return figures
 
 
 def _theirs(
@@ -106,9 +130,10 @@ def _theirs(
         if isinstance(found, str):
             return {"failed": found}
         points, displacement, _, _ = found
-        truth = sample.truth[level]
-        figures[level] = _judged(points, displacement[:, 0], truth, subset, order)
+        settings = CorrelationSettings(subset=subset, order=order)
+        figures[level] = _judged(points, displacement[:, 0], sample, level, settings)
         if peer in GLOBAL:
             # what a subset would pass says nothing of elements
-            del figures[level]["filter_loss_px"], figures[level]["mean_filter_loss_px"]
+            for name in OF_SUBSETS:
+                figures[level].pop(name, None)
     return figures

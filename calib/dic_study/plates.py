@@ -117,10 +117,11 @@ def _calibrated(
         else:
             say(f"left out: {seen[0].name}: the plate stands as in {twin}, expected another pose")
     if first is None or len(views) < plates.least_poses:
+        fewer = f"= {len(views)} takes them" if len(views) >= 3 else "may be as low as 3"
         raise ValueError(
             f"calibration: found {len(views)} poses in {len(left)} pairs of images in which both "
             f"cameras see the plate, each pose counted once, expected {plates.least_poses} or more "
-            "(calibration.least_poses may be as low as 3)"
+            f"(calibration.least_poses {fewer})"
         )
     size = (first.grey.shape[1], first.grey.shape[0])
     ours, theirs = ([pair[side] for pair in views] for side in (0, 1))
