@@ -78,8 +78,7 @@ def run_stereo(study: StereoStudy, folder: Path, out: Path, say: Say, bars: Bars
     """
     left, right = _pairs(study, folder)
     calibration = calibration_of(study, folder, out / STORE, say)
-    with bars("reference") as bar:
-        ready = _prepare(study, folder, calibration, say, bar)
+    ready = _prepare(study, folder, calibration, say, bars)
     check_files(ready.left, left + right)
     for name in (POINTS, PICTURES, STORE):
         (out / name).mkdir(parents=True, exist_ok=True)
@@ -161,7 +160,7 @@ def _as_used(calibration: Calibration, ready: Prepared, study: StereoStudy) -> C
 
 
 def _prepare(
-    study: StereoStudy, folder: Path, calibration: Calibration, say: Say, bar: Progress
+    study: StereoStudy, folder: Path, calibration: Calibration, say: Say, bars: Bars
 ) -> Prepared:
     left = read_image(folder / study.images.reference)
     right = read_image(folder / study.stereo.right_reference)
@@ -177,9 +176,10 @@ def _prepare(
         repeat = read_image(folder / study.images.repeat)
         check_sizes([left, repeat])
         check_repeat(repeat, left, mask)
-    reference = place_reference(
-        calibration.rig, left.grey, right.grey, points, study.settings, mask, bar
-    )
+    with bars("reference") as bar:
+        reference = place_reference(
+            calibration.rig, left.grey, right.grey, points, study.settings, mask, bar
+        )
     if study.stereo.refine_pose:
         say(
             f"warning: the relative pose of the cameras was found again; it is turned by "
