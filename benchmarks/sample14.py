@@ -238,7 +238,8 @@ def resolution(subset: float, order: int) -> float:
 def effective_subset(wave: Wave, truth: Array, subset: int, order: int) -> float:
     """Side of the subset whose polynomial passes most nearly what was measured, px.
 
-    By the sum of squares over all columns, a parabola through it about its least.
+    By the sum of squares over all columns, a parabola through it about its least. Raises ValueError
+    where it has none: what was measured is not that of a subset.
     """
     sides = np.arange(max(subset // 2 * 2 - 19, 5), subset + 21, 2)
     columns = np.arange(truth.size)
@@ -249,6 +250,8 @@ def effective_subset(wave: Wave, truth: Array, subset: int, order: int) -> float
     power = sides.astype(float) ** (2 * order)
     # what is lost of a wave grows with this power of the side, so its square is a parabola in it
     a, b, _ = np.polyfit(power, off, 2)
+    if not (a > 0 and b < 0):
+        raise ValueError(f"mean: expected a wave as a subset of some {subset} px passes it")
     return float((-b / (2 * a)) ** (1 / (2 * order)))
 
 

@@ -34,7 +34,6 @@ SETTINGS = ((1, 31), (2, 51))
 """order and subset"""
 GLOBAL = ("muDIC",)
 """programs with elements in place of subsets, whose nodes stand an element apart"""
-OF_SUBSETS = ("filter_loss_px", "mean_filter_loss_px", "indicator_px2")
 LIMIT = 600.0
 """s for one program at one setting and level"""
 MARGIN = 0.5
@@ -63,6 +62,7 @@ def programs(sample: Sample, data: Path, peers: Path) -> dict[str, Any]:
         for peer, python in there.items():
             if python.exists():
                 figures[name][peer] = _theirs(sample, data, peer, python, order, subset)
+                print(f"sample14, {name}, {peer}: {figures[name][peer]}", flush=True)
     return figures
 
 
@@ -82,7 +82,12 @@ def _ours(sample: Sample, order: int, subset: int) -> dict[str, Any]:
 
 
 def _judged(
-    points: Array, u: Array, sample: Sample, level: str, settings: CorrelationSettings
+    points: Array,
+    u: Array,
+    sample: Sample,
+    level: str,
+    settings: CorrelationSettings,
+    of_subsets: bool = True,
 ) -> dict[str, Any]:
     """Trade-off of a program, and in one number where its loss is large enough to be measured."""
     left, top, right, bottom = BOX
@@ -92,7 +97,10 @@ def _judged(
     wave, truth = averaged(points[inside], u[inside]), sample.truth[level]
     figures: dict[str, Any] = {"points": int(np.isfinite(u[inside]).sum())}
     figures |= trade_off(wave, truth, settings.subset, settings.order)
-    if level == "L5" and settings.order == 1:
+    if not of_subsets:
+        # what a subset would pass says nothing of elements
+        del figures["filter_loss_px"], figures["mean_filter_loss_px"]
+    elif level == "L5" and settings.order == 1:
         side = effective_subset(wave, truth, settings.subset, settings.order)
         indicator = figures["noise_px"] * resolution(side, settings.order)
         figures["indicator_px2"] = round(indicator, 3)
@@ -131,9 +139,7 @@ def _theirs(
             return {"failed": found}
         points, displacement, _, _ = found
         settings = CorrelationSettings(subset=subset, order=order)
-        figures[level] = _judged(points, displacement[:, 0], sample, level, settings)
-        if peer in GLOBAL:
-            # what a subset would pass says nothing of elements
-            for name in OF_SUBSETS:
-                figures[level].pop(name, None)
+        figures[level] = _judged(
+            points, displacement[:, 0], sample, level, settings, peer not in GLOBAL
+        )
     return figures
