@@ -1,12 +1,13 @@
 """Speed and error of image correlation beside SUN-DIC, muDIC and pyvale, on the same images.
 
-    python benchmarks/dic.py [--json FILE] [--peers DIR] [--install] [--step 5]
+    python benchmarks/dic.py [--json FILE] [--peers DIR] [--install] [--step 5] [--limit 1800]
 
 The pair is synthetic with exact truth: 1280 x 960 px, 8 bit, noise 1 % of full scale, shifted by a
 few px and stretched by 1 %; subset 31, step 5, as many threads as cores. Each program runs twice;
 the second run counts. On a machine that others use, processor seconds say more than seconds
 (they do not hold those of SUN-DIC's Ray workers). --peers names a folder with one virtual
-environment a program, which --install makes from PyPI; a program without one is left out and named.
+environment a program, which --install makes from PyPI; a program without one is left out and named,
+one that is not done after --limit seconds is ended and named.
 """
 
 from __future__ import annotations
@@ -28,14 +29,15 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from benchmarks.dic_peers import PEERS
 from benchmarks.exact_speckle import Array, exposed, speckle
+from benchmarks.peer_process import run_peer
 from calib.dic import CorrelationSettings, correlate, read_image
 
 WIDTH, HEIGHT, SUBSET = 1280, 960, 31
 BOX = (40, 40, 1240, 920)
 STRETCH, SHIFT = np.array([1.01, 0.99]), np.array([2.37, -3.61])
 CENTRE = np.array([WIDTH / 2, HEIGHT / 2])
-LONGEST = 1800
-"""s that a program may take"""
+LONGEST = 1800.0
+"""s that a program may take for its two runs"""
 
 
 def truth(points: Array) -> Array:
@@ -56,8 +58,10 @@ def write_pair(folder: Path, step: int) -> None:
         grey = exposed(brightness, rng, spread=spread).astype(np.uint8)
         io.imsave(folder / "pair" / f"{name}.tif", grey, check_contrast=False)
     job = {
+        "order": 1,
         "subset": SUBSET,
         "step": step,
+        "runs": 2,
         "box": BOX,
         "threads": len(os.sched_getaffinity(0)),
         "shape": [HEIGHT, WIDTH],
@@ -96,24 +100,10 @@ def ours(folder: Path, degree: int, step: int) -> dict[str, Any]:
     return judged(points, found.displacement, seconds, processor)
 
 
-def peer(name: str, python: Path, folder: Path) -> dict[str, Any]:
-    """Another program in its own environment."""
-    script = Path(__file__).with_name("dic_peers.py")
-    try:
-        run = subprocess.run(
-            [python, script, name, folder], capture_output=True, text=True, timeout=LONGEST
-        )
-    except subprocess.TimeoutExpired:
-        return {"failed": f"not done after {LONGEST} s"}
-    lines = [line for line in run.stdout.splitlines() if line.startswith("SECONDS ")]
-    if run.returncode != 0 or not lines:
-        reason = (run.stderr.strip().splitlines() or ["no output"])[-1]
-        return {"failed": reason}
-    with np.load(folder / "found.npz") as found:
-        points = np.column_stack([found["x"], found["y"]])
-        displacement = np.column_stack([found["u"], found["v"]])
-    _, seconds, processor = lines[0].split()
-    return judged(points, displacement, float(seconds), float(processor))
+def peer(name: str, python: Path, folder: Path, limit: float) -> dict[str, Any]:
+    """Another program in its own environment, for no longer than `limit` s."""
+    found = run_peer(name, python, folder, limit)
+    return {"failed": found} if isinstance(found, str) else judged(*found)
 
 
 def install(name: str, place: Path) -> None:
@@ -128,6 +118,7 @@ def main() -> None:
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures there too")
     parser.add_argument("--peers", type=Path, default=Path("runs/dic-peers"), metavar="DIR")
     parser.add_argument("--step", type=int, default=5, help="px between points")
+    parser.add_argument("--limit", type=float, default=LONGEST, help="seconds a program may take")
     parser.add_argument("--install", action="store_true", help="make missing environments")
     options = parser.parse_args()
     figures: dict[str, Any] = {"subset": SUBSET, "step": options.step}
@@ -144,7 +135,9 @@ def main() -> None:
                 install(name, home)
             python = home / "bin" / "python"
             figures[name] = (
-                peer(name, python, folder) if python.exists() else {"failed": "not installed"}
+                peer(name, python, folder, options.limit)
+                if python.exists()
+                else {"failed": "not installed"}
             )
             print(name, figures[name], flush=True)
     figures["load_average"] = [round(value, 2) for value in os.getloadavg()]

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from scipy import ndimage
-from scipy.signal import savgol_filter
 
 from calib.data.readers import read_dic
 from calib.dic import (
@@ -63,66 +61,6 @@ def sample5(data: Path) -> dict[str, Any]:
             "standardised_sd": round(float(np.std((error - bias) / found.sigma)), 4),
         }
     return {"sample5_bias_px": round(worst, 6), "sample5": figures}
-
-
-def sample14(data: Path) -> dict[str, Any]:
-    """Sinusoids of 0.1 px of rising frequency: loss of amplitude against noise, by subset.
-
-    The truth is u(x); measured u is averaged over the rows of points. Over each half wave the
-    amplitude error is the difference of measured and true extreme; stated is the largest.
-    `filter_loss_px` is the same of what a subset cannot follow: the polynomial of its order fitted
-    to the truth by least squares (Schreier, Sutton 2002, Exp. Mech. 42:303), without any noise.
-    """
-    folder = data / "dic2d_sample14_sinusoid"
-    a = read_image(folder / "Sample14 Reference.tif").grey
-    table = np.loadtxt(folder / "command.csv", delimiter=",")
-    points = _grid(a, (40, 30, 2008, 560), 8)
-    columns = np.unique(points[:, 0])
-    figures: dict[str, Any] = {}
-    for order, subset in ((1, 21), (1, 31), (2, 31), (2, 41), (2, 51)):
-        settings = CorrelationSettings(subset=subset, order=order)
-        name = f"order_{order}_subset_{subset}"
-        figures[name] = {}
-        for level, column in (("L1", 1), ("L5", 5)):
-            found = correlate(
-                a, read_image(folder / f"Sample14 {level} Amp0.1b.tif").grey, points, settings
-            )
-            u = found.displacement[:, 0].reshape(-1, columns.size)
-            truth = np.interp(columns, table[:, 0], table[:, column])
-            mean = np.nanmean(u, axis=0)
-            followed = np.interp(
-                columns, table[:, 0], savgol_filter(table[:, column], subset, order)
-            )
-            figures[name][level] = {
-                "amplitude_error_px": round(_amplitude_error(columns, mean, truth), 5),
-                "filter_loss_px": round(_amplitude_error(columns, followed, truth), 5),
-                "rms_of_mean_px": round(float(np.sqrt(np.mean((mean - truth) ** 2))), 5),
-                "noise_px": round(float(np.sqrt(np.nanmean(np.nanvar(u, axis=0)))), 5),
-                "lost": int(np.sum(~found.valid)),
-            }
-    best = figures["order_2_subset_51"]
-    return {
-        "sample14_amplitude_error_px": best["L5"]["amplitude_error_px"],
-        "sample14_noise_px": best["L5"]["noise_px"],
-        "sample14": figures,
-    }
-
-
-def _amplitude_error(x: Array, mean: Array, truth: Array) -> float:
-    """Largest relative loss over the half waves, as px of a 0.1 px wave.
-
-    The amplitude measured in a half wave is the factor by which the true wave fits it best.
-    """
-    edges = np.flatnonzero(np.diff(np.sign(truth)) != 0) + 1
-    errors = []
-    for start, end in pairwise(edges):
-        part = slice(start, end)
-        size = float(np.abs(truth[part]).max())
-        if end - start < 3 or size < 0.05:
-            continue
-        factor = float(mean[part] @ truth[part] / (truth[part] @ truth[part]))
-        errors.append(abs(factor - 1) * size)
-    return max(errors) if errors else float("nan")
 
 
 def stretch(data: Path) -> dict[str, Any]:

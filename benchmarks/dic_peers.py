@@ -1,11 +1,11 @@
-"""One other DIC program on one pair of images; run by `benchmarks/dic.py` in that program's venv.
+"""One other DIC program on one pair of images; run by `benchmarks/peer_process.py` in its venv.
 
     PYTHON benchmarks/dic_peers.py NAME FOLDER
 
-FOLDER holds pair/a.tif, pair/b.tif and job.json (subset, step, box, threads, affine truth). Writes
-FOLDER/found.npz with x, y, u, v of the points (px) and prints the seconds of the second of two
-runs, so that compilation and imports do not count. Settings are the program's own but for subset,
-step, region and threads.
+FOLDER holds pair/a.tif, pair/b.tif and job.json (order, subset, step, box, threads, affine start,
+runs). Writes FOLDER/found.npz with x, y, u, v of the points (px) and prints the seconds of the last
+run, so that with two of them compilation and imports do not count. Settings are the program's own
+but for order, subset, step, region and threads.
 """
 
 from __future__ import annotations
@@ -34,6 +34,7 @@ def sundic(folder: Path, job: dict[str, Any]) -> Found:
     settings.ImageFolder = str(folder / "pair")
     settings.SubsetSize, settings.StepSize = job["subset"], job["step"]
     settings.ROI = [left, top, right - left, bottom - top]
+    settings.ShapeFunctions = {1: "Affine", 2: "Quadratic"}[job["order"]]
     settings.CPUCount = job["threads"]
     settings.ReferenceStrategy = "Absolute"
     results = str(folder / "results.sdic")
@@ -46,6 +47,8 @@ def mudic(folder: Path, job: dict[str, Any]) -> Found:
     """muDIC: global; Q4 elements of the subset's side, the field taken at the centres."""
     import muDIC
 
+    if job["order"] != 1:
+        raise ValueError("order: expected 1, its elements are bilinear here")
     left, top, right, bottom = job["box"]
     images = muDIC.IO.image_stack_from_folder(str(folder / "pair"), file_type=".tif")
     mesh = muDIC.Mesher(type="q4").mesh(
@@ -95,6 +98,7 @@ def pyvale(folder: Path, job: dict[str, Any]) -> Found:
         seed=seed,
         subset_size=job["subset"],
         subset_step=job["step"],
+        shape_function={1: "AFFINE", 2: "QUAD"}[job["order"]],
         num_threads=job["threads"],
         output_basepath=folder,
         output_prefix="pyvale_",
@@ -114,16 +118,16 @@ PEERS: dict[str, Callable[[Path, dict[str, Any]], Found]] = {
 
 
 def main() -> None:
-    """Run NAME twice in FOLDER."""
+    """Run NAME in FOLDER as often as the job says."""
     name, folder = sys.argv[1], Path(sys.argv[2]).resolve()
     job = json.loads((folder / "job.json").read_text())
     os.chdir(folder)
-    PEERS[name](folder, job)
-    for old in folder.glob("pyvale_*"):
-        old.unlink()
-    start, before = time.perf_counter(), os.times()
-    x, y, u, v = PEERS[name](folder, job)
-    seconds, after = time.perf_counter() - start, os.times()
+    for _ in range(job["runs"]):
+        for old in folder.glob("pyvale_*"):
+            old.unlink()
+        start, before = time.perf_counter(), os.times()
+        x, y, u, v = PEERS[name](folder, job)
+        seconds, after = time.perf_counter() - start, os.times()
     # with processes that have ended; those of Ray live on, and are not counted
     processor = sum(after[:4]) - sum(before[:4])
     np.savez(folder / "found.npz", x=x, y=y, u=u, v=v)

@@ -110,9 +110,13 @@ def direct_chain_verb(arguments: argparse.Namespace) -> int:
 
 def dic_verb(arguments: argparse.Namespace) -> int:
     """Correlate images."""
-    from calib.dic_study import run
+    from functools import partial
 
-    run(arguments.study, arguments.out, _say)
+    from calib.dic_study import run
+    from calib.study.progress import progress_bar
+
+    bars = partial(progress_bar, unit="point", shown=sys.stderr.isatty(), leave=False)
+    run(arguments.study, arguments.out, _say, bars)
     return 0
 
 

@@ -98,6 +98,9 @@ def test_dices_other_powers_of_the_radius_are_kept(tmp_path):
     [
         ("", "not a calibration"),
         ("{}", "format"),
+        ('{"format": "softcal stereo calibration 1"}', 'expected the entry "left", found none'),
+        ('{"format"', "begins like one, but cannot be read on"),
+        ("hello\n", "expected one number a line, found 'hello'"),
         ("1\n2\n3\n", "found 3"),
         ("<project></project>", "camera 0"),
         ("<project>", "not a calibration"),
@@ -110,9 +113,12 @@ def test_dices_other_powers_of_the_radius_are_kept(tmp_path):
 def test_files_that_are_none_are_refused_in_one_sentence(tmp_path, content, words):
     with pytest.raises(ValueError, match=words) as caught:
         read(tmp_path, content)
-    assert "\n" not in str(caught.value) and "file" in str(caught.value)
-    with pytest.raises(ValueError, match="expected a file"):
+    said = str(caught.value)
+    assert "\n" not in said and "file" in said and "Error" not in said
+    with pytest.raises(ValueError, match="expected a file of a calibration, found a folder"):
         read_calibration(tmp_path)
+    with pytest.raises(ValueError, match="found no such file"):
+        read_calibration(tmp_path / "none")
 
 
 @pytest.mark.skipif(not (DATA / "dic_exports").exists(), reason="no real files; set SOFTCAL_DATA")

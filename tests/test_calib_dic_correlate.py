@@ -17,6 +17,7 @@ from calib.dic import (
 )
 from calib.dic.interpolation import grid_slopes, spline_of, values_at
 from calib.dic.noise_response import noise_of_spline
+from calib.dic.progress import in_turn
 from calib.dic.subset import FACTOR, POWER_A, POWER_B
 from calib.dic.warp import compose_inverse
 
@@ -299,6 +300,19 @@ def test_strain_of_a_linear_field_is_exact():
     )
     log = strain(points, u, 12.0, order=2, measure="log")
     assert log.xx[9] + log.yy[9] == pytest.approx(np.log(np.linalg.det(F)))
+
+
+def test_progress_of_correlations_in_turn_is_that_of_one():
+    told = []
+    following = in_turn(lambda done, total: told.append((done, total)), least=8)
+    first = following()
+    first(0, 4)
+    first(4, 4)
+    second = following()
+    second(0, 4)
+    second(3, 6)
+    assert told == [(0, 8), (4, 8), (4, 8), (7, 10)]
+    assert in_turn(None)() is None
 
 
 @pytest.mark.parametrize(

@@ -261,10 +261,10 @@ def test_a_stopped_series_goes_on_with_the_same_bits(folder, capsys, monkeypatch
     (folder / "long.toml").write_text(text.replace("[2.5]", "[2.5, 3.5]"))
     assert main(["dic", str(folder / "long.toml"), "--out", str(folder / "whole")]) == 0
 
-    def stopped_at_the_second(reference, left, right, settings, before):
+    def stopped_at_the_second(reference, left, right, settings, before, bar):
         if before.left.last is not None:
             raise KeyboardInterrupt
-        return follow_pair(reference, left, right, settings, before)
+        return follow_pair(reference, left, right, settings, before, bar)
 
     with monkeypatch.context() as patch:
         patch.setattr("calib.dic_study.stereo_run.follow_pair", stopped_at_the_second)

@@ -1,6 +1,7 @@
 """`calib dic`: image files, quality, point files that the readers read, going on, wrong input."""
 
 import json
+from contextlib import contextmanager
 
 import numpy as np
 import pytest
@@ -21,7 +22,7 @@ from calib.dic import (
     rectangle_mask,
 )
 from calib.dic.follow import Base
-from calib.dic_study import frame_store
+from calib.dic_study import frame_store, run
 from calib.dic_study.named_files import named_files
 
 W, H = 160, 110
@@ -173,9 +174,20 @@ def test_a_stored_frame_brings_back_the_state_with_its_renewed_reference(tmp_pat
             "region: expected a pixel that rectangle_px and polygon_px have in common, found none",
         ),
         (("mm_per_px = 0.02", "mm_per_px = 0.0"), "mm_per_px: found 0"),
+        (("a.tif", "more"), "more: found a folder, expected an image"),
+        (
+            (CORNERS, "[[20, 20], [20, 20], [20, 20]]"),
+            "region: expected room for 25% of a subset of 21 px about a point, found at most 0.2% "
+            "in 1 x 1 px",
+        ),
+        (
+            ("polygon_px = " + CORNERS, "rectangle_px = [20, 20, 140, 22]"),
+            "found at most 9.5% in 120 x 2 px; it needs a larger region or smaller subsets",
+        ),
     ],
 )  # fmt: skip
 def test_wrong_studies_are_refused_in_one_sentence(folder, capsys, change, message):
+    (folder / "more").mkdir()
     text = (folder / "study.toml").read_text()
     assert change[0] in text
     (folder / "study.toml").write_text(text.replace(*change))
@@ -282,6 +294,36 @@ def test_quality_finds_speckle_size_noise_and_gradient_of_a_known_pattern(patter
     text = " ".join(quality(dull, mask, 11).warnings)
     assert "saturated" in text
     assert "a subset of 11 px has few speckles" in text
+
+
+def test_a_repeat_that_is_the_reference_itself_and_a_strain_without_neighbours_are_told(
+    folder, capsys
+):
+    text = STUDY.replace("radius_px = 25.0", "radius_px = 5.0").replace("r.png", "same.png")
+    (folder / "same.png").write_bytes((folder / "a.tif").read_bytes())
+    (folder / "study.toml").write_text(text)
+    assert main(["dic", str(folder / "study.toml")]) == 0
+    said = capsys.readouterr().out
+    assert "warning: same.png is pixel for pixel a.tif, so it shows no noise" in said
+    assert "warning: strain.radius_px: found no point with enough neighbours within it" in said
+
+
+def test_progress_within_an_image_begins_at_nothing_and_ends_with_all_points(folder):
+    told, labels = {}, []
+
+    @contextmanager
+    def bars(label):
+        labels.append(label)
+        yield lambda done, total: told.setdefault(label, []).append((done, total))
+
+    run(folder / "study.toml", None, lambda line: None, bars)
+    assert labels == ["d1.bmp", "d2.bmp"]
+    for steps in told.values():
+        assert steps[0] == (0, 104) and steps[-1] == (104, 104)
+        assert steps == sorted(steps)
+    told.clear()
+    run(folder / "study.toml", None, lambda line: None, bars)
+    assert not told
 
 
 def test_region_and_grid_are_in_px_of_the_image():

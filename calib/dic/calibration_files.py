@@ -66,8 +66,13 @@ def read_calibration(path: Path | str) -> Calibration:
     Raises ValueError naming the file when it is none of them or lacks a number.
     """
     path = Path(path)
-    if not path.is_file() or path.stat().st_size > LARGEST:
-        raise ValueError(f"{path}: expected a file of a calibration, found none of usual size")
+    if not path.is_file():
+        found = "a folder" if path.is_dir() else "no such file"
+        raise ValueError(f"{path}: expected a file of a calibration, found {found}")
+    if path.stat().st_size > LARGEST:
+        raise ValueError(
+            f"{path}: expected a file of a calibration, found {path.stat().st_size / 1e6:.0f} MB"
+        )
     text = path.read_bytes().decode("utf-8", errors="replace")
     try:
         if text.lstrip().startswith("{"):
@@ -80,9 +85,19 @@ def read_calibration(path: Path | str) -> Calibration:
         ElementTree.ParseError,
     ) as error:  # fmt: skip
         raise ValueError(
-            f"{path}: not a calibration of softcal, VIC-3D or DICe "
-            f"({type(error).__name__}: {error})"
+            f"{path}: not a calibration of softcal, VIC-3D or DICe ({_told(error)})"
         ) from error
+
+
+def _told(error: Exception) -> str:
+    """What a reader found wrong, without the names of what Python raises."""
+    if isinstance(error, KeyError):
+        return f"expected the entry {json.dumps(error.args[0])}, found none"
+    if isinstance(error, json.JSONDecodeError | ElementTree.ParseError):
+        return f"it begins like one, but cannot be read on: {error}"
+    if isinstance(error, ValueError):
+        return str(error)
+    return "expected numbers, each in its place, found others"
 
 
 def _softcal(content: dict[str, Any]) -> Calibration:
@@ -202,10 +217,17 @@ def _dice_camera(node: ElementTree.Element, values: dict[str, str]) -> Camera:
     return Camera(intrinsics, turn, shift)
 
 
+def _number(line: str) -> float:
+    try:
+        return float(line)
+    except ValueError:
+        raise ValueError(f"expected one number a line, found {line[:40]!r}") from None
+
+
 def _dice_text(text: str) -> Calibration:
     """One number a line: 8 a camera, then 3 angles or 9 of a rotation, 3 of a translation."""
     lines = [line.split("#")[0].strip() for line in text.splitlines()]
-    values = np.array([float(line) for line in lines if line])
+    values = np.array([_number(line) for line in lines if line])
     if values.size in (22, 24):
         turn, rest = _turn(values[16:19]), values[19:]
     elif values.size in (28, 30):

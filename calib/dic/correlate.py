@@ -17,7 +17,9 @@ from calib.dic.prepared import (
     deformed_spline,
     prepare,
     refine,
+    report,
 )
+from calib.dic.progress import Progress
 from calib.dic.propagate import propagate, unreached
 from calib.dic.reasons import Reason
 from calib.dic.seeds import find_seeds
@@ -91,6 +93,7 @@ def correlate_prepared(
     points: npt.ArrayLike,
     settings: CorrelationSettings,
     guess: npt.ArrayLike | None = None,
+    progress: Progress | None = None,
 ) -> Correlation:
     """The same with images that are ready, for series of images."""
     places = np.ascontiguousarray(points, dtype=np.float64)
@@ -103,7 +106,8 @@ def correlate_prepared(
     parameters, known = _start(guess, len(places), settings)
     parameters = carried(parameters, pixels - places)
     results = unreached(len(places))
-    task = Task(reference, deformed, pixels, parameters, results, settings)
+    task = Task(reference, deformed, pixels, parameters, results, settings, progress)
+    report(task)
     if known.any():
         refine(task, np.flatnonzero(known))
     if not known.all():

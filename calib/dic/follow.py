@@ -8,7 +8,7 @@ was found, is added, and with it the variance of that step.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -17,6 +17,7 @@ import numpy as np
 from calib.dic.correlate import Correlation, correlate_prepared
 from calib.dic.interpolation import Array, Spline
 from calib.dic.prepared import BoolArray, Reference, as_image, deformed_spline, prepare
+from calib.dic.progress import Progress, in_turn
 from calib.dic.reasons import Reason
 from calib.dic.settings import CorrelationSettings
 
@@ -75,6 +76,7 @@ def next_state(
     points: Array,
     settings: CorrelationSettings,
     state: State,
+    progress: Progress | None = None,
 ) -> State:
     """Correlate one more frame (h, w); the result is `last.found`.
 
@@ -84,12 +86,13 @@ def next_state(
     image = as_image(frame, f"frame {number}")
     spline = deformed_spline(image, settings)
     previous = None if state.last is None else state.last.found
-    found = _direct(reference, image, spline, points, settings, previous)
+    following = in_turn(progress)
+    found = _direct(reference, image, spline, points, settings, previous, following)
     base = state.base
     for candidate, least in ((state.base, GOOD), (state.last, 0.0)):
         if candidate is not None and _broken(found, candidate.found).any():
             asked = replace(settings, min_zncc=max(settings.min_zncc, least))
-            found = _renewed(candidate, image, spline, points, asked, found)
+            found = _renewed(candidate, image, spline, points, asked, found, following())
             base = candidate
     return State(Base(number, image, found), base)
 
@@ -101,14 +104,17 @@ def _direct(
     points: Array,
     settings: CorrelationSettings,
     previous: Correlation | None,
+    following: Callable[[], Progress | None],
 ) -> Correlation:
     """Against the first image, from where the points were in the frame before."""
     if previous is None or not previous.valid.any():
-        return correlate_prepared(reference, image, spline, points, settings)
-    found = correlate_prepared(reference, image, spline, points, settings, previous.parameters)
+        return correlate_prepared(reference, image, spline, points, settings, progress=following())
+    found = correlate_prepared(
+        reference, image, spline, points, settings, previous.parameters, following()
+    )
     if found.valid.sum() >= LEAST_KEPT * previous.valid.sum():
         return found
-    again = correlate_prepared(reference, image, spline, points, settings)
+    again = correlate_prepared(reference, image, spline, points, settings, progress=following())
     return again if again.valid.sum() > found.valid.sum() else found
 
 
@@ -125,13 +131,14 @@ def _renewed(
     points: Array,
     settings: CorrelationSettings,
     found: Correlation,
+    progress: Progress | None,
 ) -> Correlation:
     """`found` with broken points measured from the base image, where that has less uncertainty."""
     lost = np.flatnonzero(_broken(found, base.found))
     before = base.found
     places = points[lost] + before.displacement[lost]
     renewed = prepare(base.image, settings.degree, blur=settings.blur)
-    step = correlate_prepared(renewed, image, spline, places, settings)
+    step = correlate_prepared(renewed, image, spline, places, settings, progress=progress)
     sigma_sum = np.hypot(before.sigma[lost], step.sigma)
     worse = found.valid[lost] & ~(sigma_sum.max(axis=1) < found.sigma[lost].max(axis=1))
     good = step.valid & ~worse & (sigma_sum.max(axis=1) <= settings.max_sigma)

@@ -35,7 +35,8 @@ def read_image(path: Path | str) -> GreyImage:
     """
     path = Path(path)
     if not path.is_file():
-        raise ValueError(f"{path}: found no such file, expected an image (TIFF, PNG or BMP)")
+        found = "a folder" if path.is_dir() else "no such file"
+        raise ValueError(f"{path}: found {found}, expected an image (TIFF, PNG or BMP)")
     values = _values(path)
     if values.dtype == np.bool_ or values.dtype.kind not in "u" or values.dtype.itemsize > 2:
         raise ValueError(f"{path}: expected 8 to 16 bit grey levels, found {values.dtype}")

@@ -14,6 +14,8 @@ from calib.dic.gauss_newton import correlate_range
 from calib.dic.interpolation import Array, Degree, Spline, grid_slopes, spline_of
 from calib.dic.interpolation_bias import error_images
 from calib.dic.noise_response import noise_of_spline
+from calib.dic.progress import Progress
+from calib.dic.reasons import Reason
 from calib.dic.settings import CorrelationSettings
 from calib.dic.subset import N_PARAMETER
 
@@ -22,7 +24,8 @@ IntArray = npt.NDArray[np.int64]
 N_RESULT = 7
 PARTS_PER_THREAD = 8
 """so that threads end together, though points differ in their iterations"""
-LEAST_PART = 8
+LEAST_PART, MOST_PART = 8, 1024
+"""points: few enough for a word of how far it has come, each second or so"""
 
 
 class Reference(NamedTuple):
@@ -53,6 +56,7 @@ class Task(NamedTuple):
     results: Array
     """(n, 7) zncc, sigma of u and v, reason, iterations, interpolation's deviation of u and v"""
     settings: CorrelationSettings
+    progress: Progress | None = None
 
 
 def as_image(image: npt.ArrayLike, name: str) -> Array:
@@ -124,10 +128,21 @@ def refine(task: Task, todo: IntArray) -> None:
 
     threads = n_threads(settings)
     size = max(todo.size // (PARTS_PER_THREAD * threads), LEAST_PART)
+    size = min(size, MOST_PART)
     parts = [todo[start : start + size] for start in range(0, todo.size, size)]
     threads = min(threads, len(parts))
     if threads <= 1:
-        run(todo)
+        for part in parts:
+            run(part)
+            report(task)
     else:
         with ThreadPoolExecutor(threads) as pool:
-            list(pool.map(run, parts))
+            for _ in pool.map(run, parts):
+                report(task)
+
+
+def report(task: Task) -> None:
+    """Tell how many points have been looked at."""
+    if task.progress is not None:
+        reached = int(np.count_nonzero(task.results[:, 3] != Reason.NOT_REACHED))
+        task.progress(reached, len(task.results))

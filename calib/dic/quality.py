@@ -99,6 +99,9 @@ def quality(
     sigma = np.sqrt(2) * noise / (subset * np.sqrt(squares)) if squares > 0 else float("inf")
     size = speckle_size(grey, mask)
     contrast = float(values.std() / full)
+    warnings = []
+    if repeat is not None and np.array_equal(repeat.grey, grey):
+        warnings.append(f"{repeat.name} is pixel for pixel {image.name}, so it shows no noise")
     dark, saturated = float(np.mean(values <= 0)), float(np.mean(values >= values.max()))
     return Quality(
         mean=float(values.mean()),
@@ -109,7 +112,7 @@ def quality(
         mean_gradient=float(np.mean(np.hypot(slope_x, slope_y))),
         noise=noise,
         predicted_sigma=float(sigma),
-        warnings=_warnings(contrast, dark, saturated, size, subset),
+        warnings=(*warnings, *_warnings(contrast, dark, saturated, size, subset)),
     )
 
 
@@ -118,15 +121,20 @@ def _warnings(
 ) -> tuple[str, ...]:
     found = []
     if contrast < LEAST_CONTRAST:
-        found.append(f"contrast is {contrast:.1%} of full scale, expected {LEAST_CONTRAST:.0%}")
+        found.append(
+            f"contrast is {contrast:.1%} of full scale, expected {LEAST_CONTRAST:.0%} or more"
+        )
     for name, share in (("black", dark), ("saturated", saturated)):
         if share > MOST_SATURATED:
-            found.append(f"{share:.0%} of the pixels are {name}, expected {MOST_SATURATED:.0%}")
+            most = f"{MOST_SATURATED:.0%} or less"
+            found.append(f"{share:.0%} of the pixels are {name}, expected {most}")
     if np.isfinite(size):
         if size < SMALLEST_SPECKLE:
             found.append(f"speckles of {size:.1f} px alias, expected {SMALLEST_SPECKLE} or more")
         if size > LARGEST_SPECKLE:
-            found.append(f"speckles of {size:.1f} px are coarse, expected {LARGEST_SPECKLE:g} px")
+            found.append(
+                f"speckles of {size:.1f} px are coarse, expected {LARGEST_SPECKLE:g} at most"
+            )
         if subset < LEAST_SPECKLES * size:
             needed = int(np.ceil(LEAST_SPECKLES * size)) // 2 * 2 + 1
             found.append(f"a subset of {subset} px has few speckles, expected {needed} px or more")

@@ -22,6 +22,7 @@ from calib.dic.distortion import Array
 from calib.dic.follow import State, next_state
 from calib.dic.pose_check import check_belongs, check_order, refine_pose
 from calib.dic.prepared import BoolArray, Reference, as_image, deformed_spline, prepare
+from calib.dic.progress import Progress, in_turn
 from calib.dic.settings import CorrelationSettings
 from calib.dic.triangulate import Triangulated, triangulate
 
@@ -135,6 +136,7 @@ def place_reference(
     points: Array,
     settings: StereoSettings | None = None,
     mask: BoolArray | None = None,
+    progress: Progress | None = None,
 ) -> StereoReference:
     """Match points (n, 2) [px] of the left reference image with the right one and place them.
 
@@ -146,7 +148,7 @@ def place_reference(
     left_grey, right_grey = as_image(left_image, "left"), as_image(right_image, "right")
     left_ready = prepare(left_grey, options.degree, mask, options.blur)
     spline = deformed_spline(right_grey, options)
-    match = correlate_prepared(left_ready, right_grey, spline, points, options)
+    match = correlate_prepared(left_ready, right_grey, spline, points, options, progress=progress)
     right = points + match.displacement
     if not match.valid.any():
         raise ValueError(
@@ -188,6 +190,7 @@ def follow_pair(
     right_image: Array,
     settings: StereoSettings | None = None,
     before: Tracked | None = None,
+    progress: Progress | None = None,
 ) -> tuple[StereoFrame, Tracked]:
     """Displacements in a later pair of images; `before`: where the pair before it left off.
 
@@ -197,6 +200,7 @@ def follow_pair(
     placed = np.flatnonzero(reference.reason == StereoReason.VALID)
     start = before or Tracked(State(), State())
     states = []
+    following = in_turn(progress, 2 * len(placed))
     for side, ready, image, points, state in (
         ("left", reference.left_ready, left_image, reference.left, start.left),
         ("right", reference.right_ready, right_image, reference.right, start.right),
@@ -206,7 +210,9 @@ def follow_pair(
                 f"{side}: expected an image of {ready.image.shape} px (rows, columns) as the "
                 f"reference, found {image.shape}"
             )
-        states.append(next_state(ready, image, points[placed], settings.correlation, state))
+        states.append(
+            next_state(ready, image, points[placed], settings.correlation, state, following())
+        )
     tracked = Tracked(*states)
     return frame_of(reference, tracked, settings), tracked
 

@@ -43,6 +43,11 @@ def empty_frame(*images: GreyImage) -> str:
     return f"no point was found in {names}: expected the speckle of the reference image"
 
 
+def no_strain(key: str) -> str:
+    """Why a table of strains is empty; `key` names their radius."""
+    return f"{key}: found no point with enough neighbours within it for a strain, expected more"
+
+
 def check_series_found(frames: Sequence[dict[str, Any]], reference: str) -> None:
     """Raises ValueError when no frame of a series, as `dic.json` has it, has a valid point."""
     if any(frame["valid"] for frame in frames):

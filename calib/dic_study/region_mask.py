@@ -6,11 +6,12 @@ from pathlib import Path
 
 import numpy as np
 
-from calib.dic import GreyImage, polygon_mask, read_image, rectangle_mask
+from calib.dic import CorrelationSettings, GreyImage, polygon_mask, read_image, rectangle_mask
 from calib.dic.images import check_sizes
 from calib.dic.prepared import BoolArray
 from calib.dic_study.config import Region
 from calib.toml_file import Contradiction
+from fe.response import Array
 
 
 def region_mask(region: Region, folder: Path, reference: GreyImage) -> BoolArray:
@@ -39,6 +40,27 @@ def region_mask(region: Region, folder: Path, reference: GreyImage) -> BoolArray
             f"region: expected a pixel that {' and '.join(given)} have in common, found none"
         )
     return mask
+
+
+def check_room(mask: BoolArray, points: Array, settings: CorrelationSettings) -> None:
+    """Raises ValueError when no point (n, 2) px has enough of its subset in the mask (h, w).
+
+    A thin or tiny region would else lose all its points, each as outside of it.
+    """
+    h, w = mask.shape
+    sums = np.pad(mask.astype(np.int64).cumsum(axis=0).cumsum(axis=1), ((1, 0), (1, 0)))
+    x, y = np.round(points).astype(np.int64).T
+    left, right = (np.clip(x + by, 0, w) for by in (-settings.radius, settings.radius + 1))
+    top, bottom = (np.clip(y + by, 0, h) for by in (-settings.radius, settings.radius + 1))
+    count = sums[bottom, right] - sums[top, right] - sums[bottom, left] + sums[top, left]
+    share = float(count.max() / settings.subset**2)
+    if share < settings.min_share:
+        wide, high = (int(np.ptp(np.flatnonzero(mask.any(axis=axis)))) + 1 for axis in (0, 1))
+        raise ValueError(
+            f"region: expected room for {settings.min_share:.0%} of a subset of {settings.subset} "
+            f"px about a point, found at most {share:.1%} in {wide} x {high} px; it needs a larger "
+            "region or smaller subsets (correlation.subset_px)"
+        )
 
 
 def _check_within(

@@ -27,18 +27,21 @@ from calib.dic import (
     strain,
 )
 from calib.dic.images import check_sizes
+from calib.dic.progress import Progress
 from calib.dic_study import frame_store
+from calib.dic_study.bars import Bars, no_bars
 from calib.dic_study.config import DicStudy, read_study
 from calib.dic_study.exposure import (
     check_exposure,
     check_repeat,
     check_series_found,
     empty_frame,
+    no_strain,
 )
 from calib.dic_study.named_files import check_files, check_series, named_files
 from calib.dic_study.pictures import lost_points, overlay, save_png
 from calib.dic_study.point_frame import point_frame
-from calib.dic_study.region_mask import region_mask
+from calib.dic_study.region_mask import check_room, region_mask
 from calib.dic_study.stale_frames import finite, remove_stale
 from calib.dic_study.stereo_config import StereoStudy, has_stereo
 from calib.dic_study.stereo_run import run_stereo
@@ -62,10 +65,11 @@ class Prepared(NamedTuple):
     key: str
 
 
-def run(path: Path, out: Path | None, say: Say) -> Path:
+def run(path: Path, out: Path | None, say: Say, bars: Bars = no_bars) -> Path:
     """Measure all images of the study at `path`; returns the folder of the results.
 
-    Frames that are done, from the same images with the same settings, are not done again.
+    Frames that are done, from the same images with the same settings, are not done again. `say`
+    gets a line for each, `bars` shows how far one has come.
     Raises ValueError, in one sentence, for wrong input.
     """
     document, folder = read_study(path), path.parent
@@ -74,13 +78,13 @@ def run(path: Path, out: Path | None, say: Say) -> Path:
         raise ValueError(f"--out: found the file {out}, expected a folder or a new name")
     try:
         if has_stereo(document):
-            return run_stereo(document.checked(StereoStudy), folder, out, say)
-        return _run_one_camera(document.checked(DicStudy), folder, out, say)
+            return run_stereo(document.checked(StereoStudy), folder, out, say, bars)
+        return _run_one_camera(document.checked(DicStudy), folder, out, say, bars)
     except Contradiction as error:
         raise document.refuse(error.refusal()) from error
 
 
-def _run_one_camera(study: DicStudy, folder: Path, out: Path, say: Say) -> Path:
+def _run_one_camera(study: DicStudy, folder: Path, out: Path, say: Say, bars: Bars) -> Path:
     images = study.images
     paths = named_files(
         images.deformed, folder, "images.deformed", {images.reference, images.repeat}
@@ -98,16 +102,19 @@ def _run_one_camera(study: DicStudy, folder: Path, out: Path, say: Say) -> Path:
     for number, file in enumerate(paths):
         image = read_image(file)
         key = frame_store.next_key(key, [image])
-        state, again = _frame(out / STORE / f"{file.stem}.npz", key, image, ready, state)
+        with bars(file.name) as bar:
+            state, again = _frame(out / STORE / f"{file.stem}.npz", key, image, ready, state, bar)
         assert state.last is not None
         found = state.last.found
         frames.append(_summary(file, found))
         time = None if images.times_s is None else images.times_s[number]
-        _write(out, file.stem, image, found, ready, study, time, again)
+        has_strain = _write(out, file.stem, image, found, ready, study, time, again)
         done = "kept" if not again else "measured"
         say(f"{number + 1}/{len(paths)} {file.name}: {_sentence(found)} ({done})")
         if not found.valid.any():
             say(f"warning: {empty_frame(image)}")
+        elif not has_strain:
+            say(f"warning: {no_strain('strain.radius_px')}")
     _report(out, study, ready, frames)
     check_series_found(frames, ready.reference.name)
     say(f"wrote {out}")
@@ -117,28 +124,29 @@ def _run_one_camera(study: DicStudy, folder: Path, out: Path, say: Say) -> Path:
 def _prepare(study: DicStudy, folder: Path) -> Prepared:
     reference = read_image(folder / study.images.reference)
     mask = region_mask(study.region, folder, reference)
+    settings = study.correlation.settings
+    points, grid = grid_points(mask, study.correlation.step_px)
+    check_room(mask, points, settings)
     check_exposure(reference, mask)
     repeat = None
     if study.images.repeat is not None:
         repeat = read_image(folder / study.images.repeat)
         check_sizes([reference, repeat])
         check_repeat(repeat, reference, mask)
-    settings = study.correlation.settings
     judged = quality(reference, mask, settings.subset, repeat)
-    points, grid = grid_points(mask, study.correlation.step_px)
     key = frame_store.first_key(settings, [reference.grey, mask, points])
     image = prepare(reference.grey, settings.degree, mask, settings.blur)
     return Prepared(reference, image, points, grid, judged, settings, key)
 
 
 def _frame(
-    store: Path, key: str, image: GreyImage, ready: Prepared, state: State
+    store: Path, key: str, image: GreyImage, ready: Prepared, state: State, bar: Progress
 ) -> tuple[State, bool]:
     """The state after one more frame, and whether it was measured now."""
     stored = frame_store.load(store, key, [state], [image])
     if stored is not None:
         return stored[0], False
-    state = next_state(ready.ready, image.grey, ready.points, ready.settings, state)
+    state = next_state(ready.ready, image.grey, ready.points, ready.settings, state, bar)
     frame_store.save(store, key, [state])
     return state, True
 
@@ -180,9 +188,10 @@ def _write(
     study: DicStudy,
     time: float | None,
     again: bool,
-) -> None:
+) -> bool:
     """What is in mm follows from more than the measurement and is written each time; pictures,
-    which are in px, where they are missing or were measured now (`again`)."""
+    which are in px, where they are missing or were measured now (`again`). Returns False where a
+    strain was wanted and there is none at any point."""
     frame = point_frame(stem, ready.points, found, study.scale, ready.grid, time)
     with replacing(out / POINTS / f"{stem}.csv") as temporary:
         write_points(temporary, frame)
@@ -191,12 +200,13 @@ def _write(
         save_png(overlay(image, ready.points, found), overall)
     if again or not lost.exists():
         save_png(lost_points(ready.reference, ready.points, found), lost)
-    if study.strain is not None:
-        _write_strain(out / f"{stem}-strain.csv", found, ready.points, study)
+    if study.strain is None:
+        return True
+    return _write_strain(out / f"{stem}-strain.csv", found, ready.points, study)
 
 
-def _write_strain(path: Path, found: Correlation, points: Array, study: DicStudy) -> None:
-    """Strains with y up: of a tensor, xy changes its sign with the axis."""
+def _write_strain(path: Path, found: Correlation, points: Array, study: DicStudy) -> bool:
+    """Strains with y up: of a tensor, xy changes its sign with the axis. Whether there is any."""
     assert study.strain is not None
     options = study.strain
     result = strain(points, found.displacement, options.radius_px, options.order, options.measure)
@@ -204,6 +214,7 @@ def _write_strain(path: Path, found: Correlation, points: Array, study: DicStudy
     head = f"x_px,y_px,{options.measure}_xx,{options.measure}_yy,{options.measure}_xy"
     with replacing(path) as temporary:
         np.savetxt(temporary, columns, delimiter=",", header=head, comments="", fmt="%.9g")
+    return bool(np.isfinite(result.xx).any())
 
 
 def _report(out: Path, study: DicStudy, ready: Prepared, frames: list[dict[str, Any]]) -> None:

@@ -16,9 +16,9 @@ from calib.dic.calibration import Calibration
 from calib.dic.calibration_files import write_calibration
 from calib.dic.images import check_sizes
 from calib.dic.prepared import BoolArray
+from calib.dic.progress import Progress
 from calib.dic.scale_error import scale_sd
 from calib.dic.stereo import (
-    StereoFrame,
     StereoReason,
     StereoReference,
     Tracked,
@@ -29,19 +29,22 @@ from calib.dic.stereo import (
 from calib.dic.surface_frame import SurfaceFrame, surface_frame, unturned
 from calib.dic.surface_strain import surface_strain
 from calib.dic_study import frame_store
+from calib.dic_study.bars import Bars, no_bars
 from calib.dic_study.exposure import (
     check_exposure,
     check_repeat,
     check_series_found,
     empty_frame,
+    no_strain,
 )
 from calib.dic_study.named_files import check_files, check_series, named_files
 from calib.dic_study.pictures import save_png
 from calib.dic_study.plates import calibration_of
-from calib.dic_study.region_mask import region_mask
+from calib.dic_study.region_mask import check_room, region_mask
 from calib.dic_study.stale_frames import finite, remove_stale
 from calib.dic_study.stereo_config import StereoStudy
 from calib.dic_study.stereo_pictures import stereo_overlay
+from calib.dic_study.stereo_summary import sentence, summary
 from calib.stereo_points import point_frame, reference_frame
 from calib.toml_file import Contradiction
 from fe.atomic_file import replacing
@@ -65,16 +68,17 @@ class Prepared(NamedTuple):
     """of the reference images, by camera"""
 
 
-def run_stereo(study: StereoStudy, folder: Path, out: Path, say: Say) -> Path:
+def run_stereo(study: StereoStudy, folder: Path, out: Path, say: Say, bars: Bars = no_bars) -> Path:
     """Measure all pairs of images of a study in `folder`; returns the folder of the results.
 
-    Pairs that are done, from the same images with the same calibration, are not done again.
+    Pairs that are done, from the same images with the same calibration, are not done again, nor is
+    a calibration from the same images of a plate.
     Raises ValueError, in one sentence, for wrong input: no calibration that fits, swapped cameras,
     images of different sizes or numbers.
     """
     left, right = _pairs(study, folder)
-    calibration = calibration_of(study, folder, say)
-    ready = _prepare(study, folder, calibration, say)
+    calibration = calibration_of(study, folder, out / STORE, say)
+    ready = _prepare(study, folder, calibration, say, bars)
     check_files(ready.left, left + right)
     for name in (POINTS, PICTURES, STORE):
         (out / name).mkdir(parents=True, exist_ok=True)
@@ -92,17 +96,20 @@ def run_stereo(study: StereoStudy, folder: Path, out: Path, say: Say) -> Path:
     for number, paths in enumerate(zip(left, right, strict=True)):
         images = [read_image(path) for path in paths]
         key, stem = frame_store.next_key(key, images), paths[0].stem
-        before, again = _pair(out / STORE / f"{stem}.npz", key, images, ready, before)
+        with bars(paths[0].name) as bar:
+            before, again = _pair(out / STORE / f"{stem}.npz", key, images, ready, before, bar)
         found = frame_of(ready.reference, before, study.settings)
-        frames.append(_summary(paths[0], found))
+        frames.append(summary(paths[0], found))
         frame = point_frame(
             found, stem, None if times is None else times[number], ready.grid, ready.axes
         )
-        _write(out, stem, replace(frame, scale_sd=scale), ready, again)
+        has_strain = _write(out, stem, replace(frame, scale_sd=scale), ready, again)
         done = "measured" if again else "kept"
-        say(f"{number + 1}/{len(left)} {paths[0].name}: {_sentence(found, ready.axes)} ({done})")
+        say(f"{number + 1}/{len(left)} {paths[0].name}: {sentence(found, ready.axes)} ({done})")
         if not found.valid.any():
             say(f"warning: {empty_frame(*images)}")
+        elif not has_strain:
+            say(f"warning: {no_strain('stereo.strain_radius_mm')}")
     _report(out, ready, calibration, scale, frames)
     check_series_found(frames, ready.left.name)
     say(f"wrote {out}")
@@ -110,14 +117,19 @@ def run_stereo(study: StereoStudy, folder: Path, out: Path, say: Say) -> Path:
 
 
 def _pair(
-    store: Path, key: str, images: list[GreyImage], ready: Prepared, before: Tracked
+    store: Path,
+    key: str,
+    images: list[GreyImage],
+    ready: Prepared,
+    before: Tracked,
+    bar: Progress,
 ) -> tuple[Tracked, bool]:
     """Both cameras after one more pair of images, and whether it was measured now."""
     stored = frame_store.load(store, key, before, images)
     if stored is not None:
         return Tracked(*stored), False
     left, right = (image.grey for image in images)
-    _, tracked = follow_pair(ready.reference, left, right, ready.study.settings, before)
+    _, tracked = follow_pair(ready.reference, left, right, ready.study.settings, before, bar)
     frame_store.save(store, key, tracked)
     return tracked, True
 
@@ -147,12 +159,16 @@ def _as_used(calibration: Calibration, ready: Prepared, study: StereoStudy) -> C
     return Calibration(ready.reference.rig, calibration.size)
 
 
-def _prepare(study: StereoStudy, folder: Path, calibration: Calibration, say: Say) -> Prepared:
+def _prepare(
+    study: StereoStudy, folder: Path, calibration: Calibration, say: Say, bars: Bars
+) -> Prepared:
     left = read_image(folder / study.images.reference)
     right = read_image(folder / study.stereo.right_reference)
     for image in (left, right):
         _check_size(image, calibration)
     mask: BoolArray = region_mask(study.region, folder, left)
+    points, grid = grid_points(mask, study.correlation.step_px)
+    check_room(mask, points, study.settings.correlation)
     check_exposure(left, mask)
     check_exposure(right, np.ones(right.grey.shape, dtype=np.bool_))
     repeat = None
@@ -160,10 +176,10 @@ def _prepare(study: StereoStudy, folder: Path, calibration: Calibration, say: Sa
         repeat = read_image(folder / study.images.repeat)
         check_sizes([left, repeat])
         check_repeat(repeat, left, mask)
-    points, grid = grid_points(mask, study.correlation.step_px)
-    reference = place_reference(
-        calibration.rig, left.grey, right.grey, points, study.settings, mask
-    )
+    with bars("reference") as bar:
+        reference = place_reference(
+            calibration.rig, left.grey, right.grey, points, study.settings, mask, bar
+        )
     if study.stereo.refine_pose:
         say(
             f"warning: the relative pose of the cameras was found again; it is turned by "
@@ -213,29 +229,6 @@ def _check_size(image: GreyImage, calibration: Calibration) -> None:
         )
 
 
-def _summary(path: Path, found: StereoFrame) -> dict[str, Any]:
-    valid = found.valid
-    lost = {r.name.lower(): int(np.sum(found.reason == r)) for r in list(StereoReason)[1:]}
-    middle = np.median(found.sigma[valid], axis=0).tolist() if valid.any() else None
-    return {
-        "image": path.name,
-        "points": int(valid.size),
-        "valid": int(valid.sum()),
-        "lost": {name: count for name, count in lost.items() if count},
-        "median_sigma_mm": middle,
-        "epipolar_rms_px": float(np.sqrt(np.nanmean(found.epipolar**2))) if valid.any() else None,
-    }
-
-
-def _sentence(found: StereoFrame, axes: SurfaceFrame) -> str:
-    valid = found.valid
-    text = f"{int(valid.sum())} of {valid.size} points"
-    if valid.any():
-        moved = np.median(axes.vectors(found.displacement[valid]), axis=0)
-        text += ", median displacement " + ", ".join(f"{value:.4f}" for value in moved) + " mm"
-    return text
-
-
 def _scale_sd(ready: Prepared, calibration: Calibration) -> float | None:
     """Relative SD of all lengths; None for a calibration of another program, which states none."""
     if calibration.covariance is None:
@@ -244,24 +237,29 @@ def _scale_sd(ready: Prepared, calibration: Calibration) -> float | None:
     return scale_sd(placed.rig, calibration.covariance, placed.left, placed.right)
 
 
-def _write(out: Path, stem: str, frame: PointFrame, ready: Prepared, again: bool) -> None:
-    """Points and strain each time; the picture where it is missing or was measured now."""
+def _write(out: Path, stem: str, frame: PointFrame, ready: Prepared, again: bool) -> bool:
+    """Points and strain each time; the picture where it is missing or was measured now.
+
+    Returns False where a strain was wanted and there is none at any point.
+    """
     with replacing(out / POINTS / f"{stem}.csv") as temporary:
         write_points(temporary, frame)
     picture = out / PICTURES / f"{stem}.png"
     if again or not picture.exists():
         save_png(stereo_overlay(ready.left, ready.reference.left, frame.displacement), picture)
     radius = ready.study.stereo.strain_radius_mm
-    if radius is not None:
-        _write_strain(out / f"{stem}-strain.csv", frame.position, frame.displacement, radius)
+    if radius is None:
+        return True
+    return _write_strain(out / f"{stem}-strain.csv", frame.position, frame.displacement, radius)
 
 
-def _write_strain(path: Path, position: Array, displacement: Array, radius: float) -> None:
+def _write_strain(path: Path, position: Array, displacement: Array, radius: float) -> bool:
     strain = surface_strain(position, displacement, radius)
     columns = np.column_stack([position, strain.xx, strain.yy, strain.xy])
     head = "x_mm,y_mm,z_mm,green_xx,green_yy,green_xy"
     with replacing(path) as temporary:
         np.savetxt(temporary, columns, delimiter=",", header=head, comments="", fmt="%.9g")
+    return bool(np.isfinite(strain.xx).any())
 
 
 def _report(

@@ -14,11 +14,13 @@ Progress = Callable[[int, int], None]
 
 
 @contextmanager
-def progress_bar(label: str, unit: str, *, shown: bool = True) -> Iterator[Progress]:
+def progress_bar(
+    label: str, unit: str, *, shown: bool = True, leave: bool = True
+) -> Iterator[Progress]:
     """A bar that is told (done, total); it starts at the first call and estimates the time left.
 
     Work found finished when the bar starts counts as done but not as speed, so the time left is
-    right when an interrupted campaign goes on.
+    right when an interrupted campaign goes on. `leave`: whether the bar stays on the terminal.
     """
     bar: tqdm[Any] | None = None
 
@@ -31,6 +33,7 @@ def progress_bar(label: str, unit: str, *, shown: bool = True) -> Iterator[Progr
                 desc=label,
                 unit=unit,
                 disable=not shown,
+                leave=leave,
                 file=sys.stderr,
                 dynamic_ncols=True,
                 mininterval=0.5,
