@@ -11,29 +11,26 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
-from scipy.special import logsumexp
 
 from benchmarks import calibration_runs as runs
 from benchmarks.calibration_experiments import Experiments, by_runs, likelihood_of, sbc_prior
 from benchmarks.calibration_figures import points, trained
 from benchmarks.calibration_refined import Refined, experiment, refined
+from benchmarks.direct_rule import N_KAPPA, Known, Moments, Rule, box_about, nodes_of
 from calib.inference import (
     PARAMETERS,
     DirectForward,
     EmulatorForward,
-    Likelihood,
     Posterior,
     emulator_map,
     refine_map,
-    theta_of,
 )
 from calib.inference.forward_errors import DirectWithErrors
-from calib.inference.gaussian import log_density_along
-from calib.inference.shared_error import marginal
 from calib.inference.weighted_draws import WeightedDraws, draw_weighted
+from calib.study.artifacts import read_json, write_json
 from calib.study.context import block_pin_model
 from calib.study.simulations import StoredSimulate
 from calib.study.training_runs import training_set
@@ -46,13 +43,6 @@ N_FURTHER = 3
 """experiments at other ratios"""
 CONTACT = "stuck"
 """hypothesis of the study"""
-N_NODES = 9
-"""in r and in s"""
-WIDTH = 4.0
-"""posterior SDs covered to each side"""
-N_KAPPA = 61
-DEGREE = 4
-"""of the polynomial of the nodes' ln density that counts as smooth"""
 
 
 def truths() -> Array:
@@ -63,10 +53,7 @@ def truths() -> Array:
 
 def figures(store: Path) -> dict[str, Any]:
     """Of all experiments the worst, by parameter, and each by itself."""
-    each = []
-    for index, truth in enumerate(truths()):
-        each.append(_Case(store, index, truth).figures())
-        print(f"  {truth}: {each[-1]}", flush=True)
+    each = [_Case(store, index, truth).kept() for index, truth in enumerate(truths())]
     told: dict[str, Any] = {
         f"emulator_vs_fe_{name}": _worst([one[name] for one in each], about)
         for name, about in (("mean_sd", 0.0), ("sd_ratio", 1.0))
@@ -96,6 +83,15 @@ class _Case:
     index: int
     truth: Array
     """(2,) (r, s)"""
+
+    def kept(self) -> dict[str, Any]:
+        """The figures, of the store where they are there: give another after a change of code."""
+        path = self.store / f"{self._folder('figures')}.json"
+        if not path.exists():
+            write_json(path, self.figures())
+        found: dict[str, Any] = read_json(path)
+        print(f"  {found}", flush=True)
+        return found
 
     def figures(self) -> dict[str, Any]:
         """Means and SDs of the posteriors on the same nodes, and the distance of two maxima."""
@@ -131,12 +127,13 @@ class _Case:
             n_local,
         )
 
-    def _rule(self, posterior: Posterior, draws: WeightedDraws) -> _Rule:
+    def _rule(self, posterior: Posterior, draws: WeightedDraws) -> Rule:
         """FE runs at the nodes that cover a posterior."""
-        nodes, weights = _nodes(_box(draws.mean[1:], draws.sd[1:], posterior.prior.bounds[1:]))
+        box = box_about(draws.mean[1:], draws.sd[1:], posterior.prior.bounds[1:])
+        nodes, weights = nodes_of(box)
         known = self._solved("nodes", nodes, runs.told("nodes"))
         ln_kappa = draws.mean[0] + draws.sd[0] * np.linspace(-8.0, 8.0, N_KAPPA)
-        return _Rule(nodes, weights, ln_kappa, DirectForward(_Known(known), with_field=True))
+        return Rule(nodes, weights, ln_kappa, DirectForward(Known(known), with_field=True))
 
     def _solved(self, part: str, ratios: Array, progress: runs.Progress | None = None) -> Campaign:
         folder = self._folder(part)
@@ -161,7 +158,7 @@ class _Case:
         }
 
 
-def _held(found: Refined, rule: _Rule, by_fe: Moments) -> dict[str, Any]:
+def _held(found: Refined, rule: Rule, by_fe: Moments) -> dict[str, Any]:
     """A posterior by emulator beside that by FE, and what was foretold of their distance."""
     return {
         "n_added": len(found.loop.ratios),
@@ -169,125 +166,21 @@ def _held(found: Refined, rule: _Rule, by_fe: Moments) -> dict[str, Any]:
         "predicted_shift_sd": found.shift,
         "foretold_shift_sd": found.foretold,
         "stated_sd_ratio": found.sd_ratio,
-    } | rule.held_to_fe(found.posterior, by_fe)
+    } | _held_to_fe(rule, found.posterior, by_fe)
 
 
-def _box(mean: Array, sd: Array, bounds: Array) -> Array:
-    """(2, 2) range of (r, s) of so many SDs, cut off at the prior's bounds."""
-    low, high = mean - WIDTH * sd, mean + WIDTH * sd
-    return np.column_stack([np.maximum(low, bounds[:, 0]), np.minimum(high, bounds[:, 1])])
-
-
-def _nodes(box: Array) -> tuple[Array, Array]:
-    """(n^2, 2) nodes and weights of a box."""
-    unit, weight = np.polynomial.legendre.leggauss(N_NODES)
-    r, s = (low + (high - low) * 0.5 * (unit + 1.0) for low, high in box)
-    nodes = np.stack(np.meshgrid(r, s, indexing="ij"), axis=-1).reshape(-1, 2)
-    return nodes, np.outer(weight, weight).ravel()
-
-
-class Moments(NamedTuple):
-    """Of x = (ln kappa, r, s), (3,) each."""
-
-    mean: Array
-    sd: Array
-    error: Array
-    """SD of the mean by this rule, where the model is rough from node to node"""
-
-
-@dataclass(frozen=True)
-class _Rule:
-    """Nodes at which FE runs are known."""
-
-    nodes: Array
-    weights: Array
-    ln_kappa: Array
-    exact: DirectForward
-
-    def moments(self, posterior: Posterior) -> Moments:
-        """Of x by the rule; a run that ended early has no weight."""
-        n, m = len(self.nodes), len(self.ln_kappa)
-        x = np.empty((n, m, 3))
-        x[:, :, 0], x[:, :, 1:] = self.ln_kappa, self.nodes[:, None]
-        log_density = np.array(
-            [
-                posterior.prior.log_prob(row) + _log_likelihood(posterior.likelihood, row)
-                for row in x
-            ]
-        )
-        total = log_density + np.log(self.weights)[:, None]
-        probability = np.exp(total - logsumexp(total))
-        mean = np.einsum("nk,nki->i", probability, x)
-        sd = np.sqrt(np.einsum("nk,nki->i", probability, (x - mean) ** 2))
-        share = probability.sum(axis=1)
-        off = np.einsum("nk,nki->ni", probability, x) / share[:, None] - mean
-        error = rough_error(
-            logsumexp(log_density, axis=1), share, off, (self.nodes - mean[1:]) / sd[1:]
-        )
-        return Moments(mean, sd, error)
-
-    def held_to_fe(self, posterior: Posterior, by_fe: Moments) -> dict[str, Any]:
-        """A posterior by emulator beside that by FE, and by FE with the emulator's errors."""
-        own = self.moments(posterior)
-        errors = DirectWithErrors(self.exact, posterior.likelihood.forward)
-        told: dict[str, Any] = {}
-        for suffix, other in (
-            ("", by_fe),
-            ("_same_errors", self.moments(posterior.with_forward(errors))),
-        ):
-            told[f"mean_sd{suffix}"] = _named((own.mean - other.mean) / other.sd)
-            told[f"sd_ratio{suffix}"] = _named(own.sd / other.sd)
-        return told
-
-
-def rough_error(value: Array, share: Array, off: Array, place: Array) -> Array:
-    """(d,) SD of a mean by what is rough in a density, taken as independent at the nodes.
-
-    `value` (n,) is ln density at the nodes, `share` (n,) their probabilities, `off` (n, d) of what
-    the mean is taken, less the mean, `place` (n, 2) where they are. Rough is what a polynomial of
-    degree `DEGREE` leaves, which itself is fitted and takes part of it along.
-    """
-    powers = [(i, j) for i in range(DEGREE + 1) for j in range(DEGREE + 1 - i)]
-    terms = np.array([place[:, 0] ** i * place[:, 1] ** j for i, j in powers]).T
-    weight = np.sqrt(share)[:, None]
-    fit = np.linalg.lstsq(terms * weight, value * weight[:, 0], rcond=None)[0]
-    hat = np.einsum("ni,in->n", terms * weight, np.linalg.pinv(terms * weight))
-    freedom = np.sum(share * (1.0 - hat))
-    rough = np.sum(share * (value - terms @ fit) ** 2) / freedom
-    found: Array = np.sqrt(rough * np.sum((share[:, None] * off) ** 2, axis=0))
-    return found
-
-
-def _log_likelihood(likelihood: Likelihood, x: Array) -> Array:
-    """(m,) of rows of x that share (r, s): the field, which does not know kappa, is seen once."""
-    theta, errors = theta_of(x), likelihood.errors
-    stated = likelihood.forward.predict(theta[:1])
-    scale = theta[:, 0] / theta[0, 0]
-    force = np.outer(stated.force[0], scale)
-    covariance = None
-    if stated.force_covariance is not None:
-        covariance = scale[:, None, None] ** 2 * stated.force_covariance
-    by_force = log_density_along(
-        errors.covariance(force, covariance),
-        likelihood.force[:, None] - force,
-        errors.shifts(force),
-    )
-    basis = likelihood.forward.field_basis
-    assert likelihood.field is not None and basis is not None
-    by_field = likelihood.field.with_basis(basis).along(stated)
-    return marginal([by_force, by_field])
-
-
-class _Known:
-    """Runs of a campaign, by their ratios."""
-
-    def __init__(self, campaign: Campaign) -> None:
-        self._runs = {
-            row.tobytes(): run for row, run in zip(campaign.theta, campaign.responses, strict=True)
-        }
-
-    def __call__(self, ratios: Array) -> Any:
-        return self._runs[np.ascontiguousarray(ratios).tobytes()]
+def _held_to_fe(rule: Rule, posterior: Posterior, by_fe: Moments) -> dict[str, Any]:
+    """A posterior by emulator beside that by FE, and by FE with the emulator's errors."""
+    own = rule.moments(posterior)
+    errors = DirectWithErrors(rule.exact, posterior.likelihood.forward)
+    told: dict[str, Any] = {}
+    for suffix, other in (
+        ("", by_fe),
+        ("_same_errors", rule.moments(posterior.with_forward(errors))),
+    ):
+        told[f"mean_sd{suffix}"] = _named((own.mean - other.mean) / other.sd)
+        told[f"sd_ratio{suffix}"] = _named(own.sd / other.sd)
+    return told
 
 
 def _named(values: Array) -> dict[str, float]:

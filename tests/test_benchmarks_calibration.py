@@ -13,7 +13,6 @@ import numpy as np
 import pytest
 from analytic_models import AnalyticBlock, AnalyticForward
 
-from benchmarks.calibration_direct import _log_likelihood, rough_error
 from benchmarks.calibration_experiments import (
     Certain,
     Experiments,
@@ -23,6 +22,7 @@ from benchmarks.calibration_experiments import (
     sbc_prior,
 )
 from benchmarks.calibration_misspecified import COARSE, SHARES, _worth
+from benchmarks.direct_rule import log_likelihood, rough_error
 from benchmarks.mesh_statement import fitted
 from calib.data import FieldData, thesis_forces
 from calib.inference import Likelihood, NoiseSettings, build_likelihood, theta_of
@@ -134,7 +134,7 @@ def test_the_density_along_kappa_is_that_of_the_likelihood() -> None:
     one = replace(own, force=some.force[0], field=own.field.of_fields(some.field[:1])[0])
     x = np.repeat(some.x[:1], 5, axis=0)
     x[:, 0] += np.linspace(-0.05, 0.05, len(x))
-    assert _log_likelihood(one, x) == pytest.approx(one.log_prob(theta_of(x)), rel=1e-9)
+    assert log_likelihood(one, x) == pytest.approx(one.log_prob(theta_of(x)), rel=1e-9)
 
 
 def test_shares_that_count_are_looked_at_closely() -> None:
