@@ -33,9 +33,9 @@ def box_about(mean: Array, sd: Array, bounds: Array) -> Array:
     return np.column_stack([np.maximum(low, bounds[:, 0]), np.minimum(high, bounds[:, 1])])
 
 
-def nodes_of(box: Array) -> tuple[Array, Array]:
+def nodes_of(box: Array, n: int = N_NODES) -> tuple[Array, Array]:
     """(n^2, 2) nodes and weights of a box."""
-    unit, weight = np.polynomial.legendre.leggauss(N_NODES)
+    unit, weight = np.polynomial.legendre.leggauss(n)
     r, s = (low + (high - low) * 0.5 * (unit + 1.0) for low, high in box)
     nodes = np.stack(np.meshgrid(r, s, indexing="ij"), axis=-1).reshape(-1, 2)
     return nodes, np.outer(weight, weight).ravel()
