@@ -30,7 +30,6 @@ from calib.inference import (
 )
 from calib.inference.forward_errors import DirectWithErrors
 from calib.inference.weighted_draws import WeightedDraws, draw_weighted
-from calib.study.artifacts import read_json, write_json
 from calib.study.context import block_pin_model
 from calib.study.simulations import StoredSimulate
 from calib.study.training_runs import training_set
@@ -41,6 +40,8 @@ from surrogate import sobol_design
 FIRST_TRUTH = (0.4, 0.25)
 N_FURTHER = 3
 """experiments at other ratios"""
+N_BY_STUDY = 2
+"""experiments whose emulators go all the way of a study's; `local_runs` has them all"""
 CONTACT = "stuck"
 """hypothesis of the study"""
 
@@ -53,7 +54,8 @@ def truths() -> Array:
 
 def figures(store: Path) -> dict[str, Any]:
     """Of all experiments the worst, by parameter, and each by itself."""
-    each = [_Case(store, index, truth).kept() for index, truth in enumerate(truths())]
+    cases = [_Case(store, index, truth) for index, truth in enumerate(truths()[:N_BY_STUDY])]
+    each = [runs.kept(store / f"direct-{case.index}.json", case.figures) for case in cases]
     told: dict[str, Any] = {
         f"emulator_vs_fe_{name}": _worst([one[name] for one in each], about)
         for name, about in (("mean_sd", 0.0), ("sd_ratio", 1.0))
@@ -65,6 +67,14 @@ def figures(store: Path) -> dict[str, Any]:
         "map_fe_solves": max(one["map_fe_solves"] for one in each),
         "map_status": sorted({one["map_status"] for one in each}),
     }
+
+
+def drawn_at(store: Path, truth: Campaign, index: int) -> Experiments:
+    """The experiment of this number, whose truth is a run."""
+    first = runs.coarse_design(store, CONTACT)
+    known = trained(store, training_set([first], gradients=True))
+    likelihood = likelihood_of(known, points())
+    return by_runs(likelihood, sbc_prior(), truth, 1, runs.SEED + 6 + index)
 
 
 def _worst(each: list[dict[str, float]], about: float) -> dict[str, float]:
@@ -84,22 +94,10 @@ class _Case:
     truth: Array
     """(2,) (r, s)"""
 
-    def kept(self) -> dict[str, Any]:
-        """The figures, of the store where they are there: give another after a change of code."""
-        path = self.store / f"{self._folder('figures')}.json"
-        if not path.exists():
-            write_json(path, self.figures())
-        found: dict[str, Any] = read_json(path)
-        print(f"  {found}", flush=True)
-        return found
-
     def figures(self) -> dict[str, Any]:
         """Means and SDs of the posteriors on the same nodes, and the distance of two maxima."""
         first = runs.coarse_design(self.store, CONTACT)
-        known = trained(self.store, training_set([first], gradients=True))
-        truth = self._solved("truth", self.truth[None])
-        seed = runs.SEED + 6 + self.index
-        drawn = by_runs(likelihood_of(known, points()), sbc_prior(), truth, 1, seed)
+        drawn = drawn_at(self.store, self._solved("truth", self.truth[None]), self.index)
         found = self._by_study(first, drawn, runs.study().design.n_local)
         draws = draw_weighted(found.posterior, np.random.default_rng(1), 16384)
         rule = self._rule(found.posterior, draws)

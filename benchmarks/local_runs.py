@@ -16,14 +16,13 @@ from typing import Any
 import numpy as np
 
 from benchmarks import calibration_runs as runs
-from benchmarks.calibration_direct import CONTACT, truths
-from benchmarks.calibration_experiments import Experiments, by_runs, likelihood_of, sbc_prior
-from benchmarks.calibration_figures import points, trained
+from benchmarks.calibration_direct import CONTACT, drawn_at, truths
+from benchmarks.calibration_experiments import Experiments, sbc_prior
+from benchmarks.calibration_figures import trained
 from benchmarks.calibration_refined import experiment
 from benchmarks.direct_rule import N_KAPPA, N_NODES, Known, Moments, Rule, box_about, nodes_of
 from calib.inference import PARAMETERS, DirectForward, EmulatorForward, Posterior
 from calib.inference.quadrature import Quadrature, integrate
-from calib.study.artifacts import read_json, write_json
 from calib.study.local_design import box_of, local_points, within
 from calib.study.refinement import outlook
 from calib.study.training_runs import rows, training_set
@@ -39,7 +38,8 @@ ROUGHEST, OTHER_NODES = 1, 10
 
 def figures(store: Path) -> dict[str, Any]:
     """Each experiment by itself; a store keeps them one by one."""
-    each = [_Case(store, index, truth).kept() for index, truth in enumerate(truths())]
+    cases = [_Case(store, index, truth) for index, truth in enumerate(truths())]
+    each = [runs.kept(store / f"local-runs-{case.index}.json", case.figures) for case in cases]
     rms = {
         str(n): float(np.sqrt(np.mean([np.square(one["runs"][str(n)]["mean_sd"]) for one in each])))
         for n in N_LOCAL
@@ -53,15 +53,6 @@ class _Case:
     index: int
     truth: Array
     """(2,) (r, s)"""
-
-    def kept(self) -> dict[str, Any]:
-        """The figures, of the store where they are there: give another after a change of code."""
-        path = self.store / f"local-runs-{self.index}.json"
-        if not path.exists():
-            write_json(path, self.figures())
-        found: dict[str, Any] = read_json(path)
-        print(f"  {found}", flush=True)
-        return found
 
     def figures(self) -> dict[str, Any]:
         """Emulators of more and more runs beside FE, in SDs of FE."""
@@ -107,9 +98,7 @@ class _Case:
         """The experiment, the run at the first mean, and the box of the posterior after it."""
         first = runs.coarse_design(self.store, CONTACT)
         known = trained(self.store, training_set([first], gradients=True))
-        truth = self._solved("truth", self.truth[None])
-        seed = runs.SEED + 6 + self.index
-        drawn = by_runs(likelihood_of(known, points()), sbc_prior(), truth, 1, seed)
+        drawn = drawn_at(self.store, self._solved("truth", self.truth[None]), self.index)
         mean = self._solved("mean", integrate(experiment(known, drawn, 0)[1]).mean[None, 1:])
         again = trained(self.store, training_set([first, mean], gradients=True))
         found = integrate(experiment(again, drawn, 0)[1])
