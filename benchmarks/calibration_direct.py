@@ -1,10 +1,10 @@
 """The posterior by FE itself, at every node of a quadrature, beside that by emulator.
 
-One experiment, forces and field, on a coarse mesh; the emulator is refined at its posterior as a
-study's is, with a second design in the posterior's box, and without one. A tensor Gauss-Legendre
-rule over (r, s) covers the emulator's posterior; at each node the mean of the force at kappa = 1
-MPa and the field come from a run, and ln kappa is integrated on a fine even grid, for which no
-further run is needed.
+A few experiments, forces and field, on a coarse mesh; the emulator is refined at the posterior of
+each as a study's is, with a second design in the posterior's box, and for the first one without,
+too. A tensor Gauss-Legendre rule over (r, s) covers the emulator's posterior; at each node the mean
+of the force at kappa = 1 MPa and the field come from a run, and ln kappa is integrated on a fine
+even grid, for which no further run is needed.
 """
 
 from __future__ import annotations
@@ -14,192 +14,171 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.special import logsumexp
 
 from benchmarks import calibration_runs as runs
-from benchmarks.calibration_experiments import by_runs, likelihood_of, sbc_prior
+from benchmarks.calibration_experiments import Experiments, by_runs, likelihood_of, sbc_prior
 from benchmarks.calibration_figures import points, trained
 from benchmarks.calibration_refined import Refined, experiment, refined
+from benchmarks.direct_rule import N_KAPPA, Known, Moments, Rule, box_about, nodes_of
 from calib.inference import (
     PARAMETERS,
     DirectForward,
     EmulatorForward,
-    Likelihood,
     Posterior,
     emulator_map,
     refine_map,
-    theta_of,
 )
 from calib.inference.forward_errors import DirectWithErrors
-from calib.inference.gaussian import log_density_along
-from calib.inference.shared_error import marginal
-from calib.inference.weighted_draws import draw_weighted
+from calib.inference.weighted_draws import WeightedDraws, draw_weighted
 from calib.study.context import block_pin_model
 from calib.study.simulations import StoredSimulate
 from calib.study.training_runs import training_set
 from fe.campaign_result import Campaign
 from fe.response import Array
+from surrogate import sobol_design
 
-TRUTH = np.array([[0.4, 0.25]])
-"""(r, s) of the experiment"""
+FIRST_TRUTH = (0.4, 0.25)
+N_FURTHER = 3
+"""experiments at other ratios"""
+N_BY_STUDY = 2
+"""experiments whose emulators go all the way of a study's; `local_runs` has them all"""
 CONTACT = "stuck"
 """hypothesis of the study"""
-N_NODES = 9
-"""in r and in s"""
-WIDTH = 4.0
-"""posterior SDs covered to each side"""
-N_KAPPA = 61
+
+
+def truths() -> Array:
+    """(1 + N_FURTHER, 2) ratios (r, s) of the experiments: one, and those of a Sobol sequence."""
+    further = sobol_design(N_FURTHER, runs.prior().bounds[1:], runs.SEED, n_corners=0)
+    return np.vstack([FIRST_TRUTH, further])
 
 
 def figures(store: Path) -> dict[str, Any]:
-    """Means and SDs of the posteriors on the same nodes, and the distance of two maxima."""
-    first = runs.coarse_design(store, CONTACT)
-    started = likelihood_of(trained(store, training_set([first], gradients=True)), points())
-    drawn = by_runs(started, sbc_prior(), _solved(store, "truth", TRUTH), 1, runs.SEED + 6)
+    """Of all experiments the worst, by parameter, and each by itself."""
+    cases = [_Case(store, index, truth) for index, truth in enumerate(truths()[:N_BY_STUDY])]
+    each = [runs.kept(store / f"direct-{case.index}.json", case.figures) for case in cases]
+    told: dict[str, Any] = {
+        f"emulator_vs_fe_{name}": _worst([one[name] for one in each], about)
+        for name, about in (("mean_sd", 0.0), ("sd_ratio", 1.0))
+    }
+    return told | {
+        "emulator_vs_fe_contact": CONTACT,
+        "emulator_vs_fe_experiments": each,
+        "map_difference_sd": _worst([one["map_difference_sd"] for one in each], 0.0),
+        "map_fe_solves": max(one["map_fe_solves"] for one in each),
+        "map_status": sorted({one["map_status"] for one in each}),
+    }
 
-    def by_study(n_local: int) -> Refined:
+
+def drawn_at(store: Path, truth: Campaign, index: int) -> Experiments:
+    """The experiment of this number, whose truth is a run."""
+    first = runs.coarse_design(store, CONTACT)
+    known = trained(store, training_set([first], gradients=True))
+    likelihood = likelihood_of(known, points())
+    return by_runs(likelihood, sbc_prior(), truth, 1, runs.SEED + 6 + index)
+
+
+def _worst(each: list[dict[str, float]], about: float) -> dict[str, float]:
+    """By parameter the value furthest from `about`."""
+    return {
+        name: max((one[name] for one in each), key=lambda value: abs(value - about))
+        for name in PARAMETERS
+    }
+
+
+@dataclass(frozen=True)
+class _Case:
+    """One experiment, its runs in folders of its own."""
+
+    store: Path
+    index: int
+    truth: Array
+    """(2,) (r, s)"""
+
+    def figures(self) -> dict[str, Any]:
+        """Means and SDs of the posteriors on the same nodes, and the distance of two maxima."""
+        first = runs.coarse_design(self.store, CONTACT)
+        drawn = drawn_at(self.store, self._solved("truth", self.truth[None]), self.index)
+        found = self._by_study(first, drawn, runs.study().design.n_local)
+        draws = draw_weighted(found.posterior, np.random.default_rng(1), 16384)
+        rule = self._rule(found.posterior, draws)
+        by_fe = rule.moments(found.posterior.with_forward(rule.exact))
+        off = rule.moments(found.posterior).mean - draws.mean
+        told: dict[str, Any] = {
+            "ratios": self.truth.tolist(),
+            "n_fe_nodes": len(rule.nodes),
+            "fe_sd": _named(by_fe.sd),
+            "fe_error_sd": _named(by_fe.error / by_fe.sd),
+            "rule_against_draws_sd": _named(off / draws.sd),
+        }
+        told |= _held(found, rule, by_fe) | self._maxima(found.posterior, draws.sd)
+        if not self.index:
+            told["whole_box"] = _held(self._by_study(first, drawn, 0), rule, by_fe)
+        return told
+
+    def _by_study(self, first: Campaign, drawn: Experiments, n_local: int) -> Refined:
         return refined(
             first,
             lambda own: experiment(own, drawn, 0)[1],
-            lambda ratios: _solved(store, f"refine-{n_local}", ratios),
+            lambda ratios: self._solved(f"refine-{n_local}", ratios),
             runs.study().design.n_refine,
             runs.SEED + 9,
             n_local,
         )
 
-    whole, found = by_study(0), by_study(runs.study().design.n_local)
-    posterior = found.posterior
-    draws = draw_weighted(posterior, np.random.default_rng(1), 16384)
-    box = _box(draws.mean[1:], draws.sd[1:], posterior.prior.bounds[1:])
-    nodes, weights = _nodes(box)
-    known = _solved(store, "nodes", nodes, runs.told("nodes"))
-    ln_kappa = draws.mean[0] + draws.sd[0] * np.linspace(-8.0, 8.0, N_KAPPA)
-    rule = _Rule(nodes, weights, ln_kappa, DirectForward(_Known(known), with_field=True))
-    by_fe = rule.moments(posterior.with_forward(rule.exact))
-    told: dict[str, Any] = {
-        "emulator_vs_fe_contact": CONTACT,
-        "emulator_vs_fe_n_runs": len(nodes),
-        "emulator_vs_fe_sd": _named(by_fe[1]),
-        "emulator_vs_fe_rule_against_draws_sd": _named(
-            (rule.moments(posterior)[0] - draws.mean) / draws.sd
-        ),
-    }
-    for name, each in (("", found), ("_whole", whole)):
-        told[f"emulator_vs_fe_n_added{name}"] = len(each.loop.ratios)
-        told[f"emulator_vs_fe_n_training{name}"] = each.emulator.header.n_train
-        told[f"emulator_vs_fe_predicted_shift_sd{name}"] = each.shift
-        told[f"emulator_vs_fe_foretold_shift_sd{name}"] = each.foretold
-        told[f"emulator_vs_fe_stated_sd_ratio{name}"] = each.sd_ratio
-        told |= rule.held_to_fe(each.posterior, by_fe, name)
-    return told | _maxima(store, posterior, draws.sd)
+    def _rule(self, posterior: Posterior, draws: WeightedDraws) -> Rule:
+        """FE runs at the nodes that cover a posterior."""
+        box = box_about(draws.mean[1:], draws.sd[1:], posterior.prior.bounds[1:])
+        nodes, weights = nodes_of(box)
+        known = self._solved("nodes", nodes, runs.told("nodes"))
+        ln_kappa = draws.mean[0] + draws.sd[0] * np.linspace(-8.0, 8.0, N_KAPPA)
+        return Rule(nodes, weights, ln_kappa, DirectForward(Known(known), with_field=True))
 
+    def _solved(self, part: str, ratios: Array, progress: runs.Progress | None = None) -> Campaign:
+        folder = self._folder(part)
+        return runs.solved(self.store, CONTACT, folder, ratios, runs.COARSE_CELLS, progress)
 
-def _solved(
-    store: Path, part: str, ratios: Array, progress: runs.Progress | None = None
-) -> Campaign:
-    folder = f"coarse-{CONTACT}-{part}"
-    return runs.solved(store, CONTACT, folder, ratios, runs.COARSE_CELLS, progress)
+    def _folder(self, part: str) -> str:
+        return f"coarse-{CONTACT}-{part}" + (f"-{self.index}" if self.index else "")
 
-
-def _box(mean: Array, sd: Array, bounds: Array) -> Array:
-    """(2, 2) range of (r, s) of so many SDs, cut off at the prior's bounds."""
-    low, high = mean - WIDTH * sd, mean + WIDTH * sd
-    return np.column_stack([np.maximum(low, bounds[:, 0]), np.minimum(high, bounds[:, 1])])
-
-
-def _nodes(box: Array) -> tuple[Array, Array]:
-    """(n^2, 2) nodes and weights of a box."""
-    unit, weight = np.polynomial.legendre.leggauss(N_NODES)
-    r, s = (low + (high - low) * 0.5 * (unit + 1.0) for low, high in box)
-    nodes = np.stack(np.meshgrid(r, s, indexing="ij"), axis=-1).reshape(-1, 2)
-    return nodes, np.outer(weight, weight).ravel()
-
-
-@dataclass(frozen=True)
-class _Rule:
-    """Nodes at which FE runs are known."""
-
-    nodes: Array
-    weights: Array
-    ln_kappa: Array
-    exact: DirectForward
-
-    def moments(self, posterior: Posterior) -> tuple[Array, Array]:
-        """Posterior mean and SD of x by the rule; a run that ended early has no weight."""
-        n, m = len(self.nodes), len(self.ln_kappa)
-        x = np.empty((n, m, 3))
-        x[:, :, 0], x[:, :, 1:] = self.ln_kappa, self.nodes[:, None]
-        log_weight = [
-            posterior.prior.log_prob(row) + _log_likelihood(posterior.likelihood, row) for row in x
-        ]
-        total = np.array(log_weight) + np.log(self.weights)[:, None]
-        probability = np.exp(total - logsumexp(total))
-        mean = np.einsum("nk,nki->i", probability, x)
-        return mean, np.sqrt(np.einsum("nk,nki->i", probability, (x - mean) ** 2))
-
-    def held_to_fe(
-        self, posterior: Posterior, by_fe: tuple[Array, Array], name: str
-    ) -> dict[str, Any]:
-        """A posterior by emulator beside that by FE, and by FE with the emulator's errors."""
-        mean, sd = self.moments(posterior)
-        errors = DirectWithErrors(self.exact, posterior.likelihood.forward)
-        told: dict[str, Any] = {}
-        for suffix, other in (
-            ("", by_fe),
-            ("_same_errors", self.moments(posterior.with_forward(errors))),
-        ):
-            told[f"emulator_vs_fe_mean_sd{suffix}{name}"] = _named((mean - other[0]) / other[1])
-            told[f"emulator_vs_fe_sd_ratio{suffix}{name}"] = _named(sd / other[1])
-        return told
-
-
-def _log_likelihood(likelihood: Likelihood, x: Array) -> Array:
-    """(m,) of rows of x that share (r, s): the field, which does not know kappa, is seen once."""
-    theta, errors = theta_of(x), likelihood.errors
-    stated = likelihood.forward.predict(theta[:1])
-    scale = theta[:, 0] / theta[0, 0]
-    force = np.outer(stated.force[0], scale)
-    covariance = None
-    if stated.force_covariance is not None:
-        covariance = scale[:, None, None] ** 2 * stated.force_covariance
-    by_force = log_density_along(
-        errors.covariance(force, covariance),
-        likelihood.force[:, None] - force,
-        errors.shifts(force),
-    )
-    basis = likelihood.forward.field_basis
-    assert likelihood.field is not None and basis is not None
-    by_field = likelihood.field.with_basis(basis).along(stated)
-    return marginal([by_force, by_field])
-
-
-class _Known:
-    """Runs of a campaign, by their ratios."""
-
-    def __init__(self, campaign: Campaign) -> None:
-        self._runs = {
-            row.tobytes(): run for row, run in zip(campaign.theta, campaign.responses, strict=True)
+    def _maxima(self, posterior: Posterior, sd: Array) -> dict[str, Any]:
+        """The emulator's maximum refined by FE, as `calib map` does."""
+        model = block_pin_model(runs.study(), runs.hypothesis(CONTACT), runs.COARSE_CELLS)
+        refinement = self._folder(f"refine-{runs.study().design.n_local}")
+        parts = (self.store / f"coarse-{CONTACT}", self.store / refinement)
+        simulate = StoredSimulate(model, self.store / self._folder("map"), parts)
+        start = emulator_map(posterior, sd, np.random.default_rng(2))
+        assert isinstance(posterior.likelihood.forward, EmulatorForward)
+        found = refine_map(posterior, DirectForward(simulate, with_field=True), start, sd)
+        return {
+            "map_difference_sd": _named(found.difference_sd),
+            "map_fe_solves": found.n_solves,
+            "map_status": str(found.status),
         }
 
-    def __call__(self, ratios: Array) -> Any:
-        return self._runs[np.ascontiguousarray(ratios).tobytes()]
 
-
-def _maxima(store: Path, posterior: Posterior, sd: Array) -> dict[str, Any]:
-    """The emulator's maximum refined by FE, as `calib map` does."""
-    model = block_pin_model(runs.study(), runs.hypothesis(CONTACT), runs.COARSE_CELLS)
-    parts = tuple(
-        store / f"coarse-{CONTACT}{part}" for part in ("", f"-refine-{runs.study().design.n_local}")
-    )
-    simulate = StoredSimulate(model, store / f"coarse-{CONTACT}-map", parts)
-    start = emulator_map(posterior, sd, np.random.default_rng(2))
-    assert isinstance(posterior.likelihood.forward, EmulatorForward)
-    found = refine_map(posterior, DirectForward(simulate, with_field=True), start, sd)
+def _held(found: Refined, rule: Rule, by_fe: Moments) -> dict[str, Any]:
+    """A posterior by emulator beside that by FE, and what was foretold of their distance."""
     return {
-        "map_difference_sd": _named(found.difference_sd),
-        "map_fe_solves": found.n_solves,
-        "map_status": str(found.status),
-    }
+        "n_added": len(found.loop.ratios),
+        "n_training": found.emulator.header.n_train,
+        "predicted_shift_sd": found.shift,
+        "foretold_shift_sd": found.foretold,
+        "stated_sd_ratio": found.sd_ratio,
+    } | _held_to_fe(rule, found.posterior, by_fe)
+
+
+def _held_to_fe(rule: Rule, posterior: Posterior, by_fe: Moments) -> dict[str, Any]:
+    """A posterior by emulator beside that by FE, and by FE with the emulator's errors."""
+    own = rule.moments(posterior)
+    errors = DirectWithErrors(rule.exact, posterior.likelihood.forward)
+    told: dict[str, Any] = {}
+    for suffix, other in (
+        ("", by_fe),
+        ("_same_errors", rule.moments(posterior.with_forward(errors))),
+    ):
+        told[f"mean_sd{suffix}"] = _named((own.mean - other.mean) / other.sd)
+        told[f"sd_ratio{suffix}"] = _named(own.sd / other.sd)
+    return told
 
 
 def _named(values: Array) -> dict[str, float]:

@@ -12,11 +12,13 @@ import argparse
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from benchmarks.emulator_runs import CELLS, DESIGNS, family, simulate
 from calib.inference import Prior
+from calib.study.artifacts import read_json, write_json
 from calib.study.config import Study, load_study
 from calib.study.context import block_pin_model
 from calib.study.posterior_setup import prior_of
@@ -255,6 +257,18 @@ def main(arguments: list[str] | None = None) -> None:
     options = parser.parse_args(arguments)
     for name in options.only:
         PARTS[name](options.store, told(name))
+
+
+def kept(path: Path, figures: Callable[[], dict[str, Any]]) -> dict[str, Any]:
+    """Figures that a file of the store holds, made where there is none.
+
+    Stored figures do not know of a change of code: give another store after one.
+    """
+    if not path.exists():
+        write_json(path, figures())
+    found: dict[str, Any] = read_json(path)
+    print(f"  {path.stem}: {found}", flush=True)
+    return found
 
 
 def told(name: str) -> Progress:

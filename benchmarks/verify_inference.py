@@ -5,9 +5,10 @@
 Parts: sbc and power (virtual experiments drawn from the prior), refined (the same with emulators
 refined as a study's are), mesh (whether its stated error covers finer truths), emcee (some of their
 posteriors by a chain), misspecified (truths of another law and contact, with and without a
-discrepancy), direct (posterior by FE at every node of a quadrature, and the two maxima).  FE runs
-and posteriors are kept in --store, so that an interrupted part goes on where it was.  Each part
-replaces its own figures in FILE and leaves the others.
+discrepancy), direct (posterior by FE at every node of a quadrature, and the two maxima), local (how
+many runs in the posterior's box its emulator needs).  FE runs and posteriors are kept in --store,
+so that an interrupted part goes on where it was.  Each part replaces its own figures in FILE and
+leaves the others.
 """
 
 from __future__ import annotations
@@ -28,6 +29,7 @@ from benchmarks import (
     calibration_figures,
     calibration_misspecified,
     calibration_refined,
+    local_runs,
     mesh_statement,
 )
 from benchmarks.calibration_runs import ROOT, STORE
@@ -43,6 +45,7 @@ PARTS: dict[str, Callable[[Path, int], dict[str, Any]]] = {
     "power": calibration_figures.power,
     "misspecified": lambda store, n: calibration_misspecified.figures(store, max(n // 3, 1)),
     "direct": lambda store, n: calibration_direct.figures(store),
+    "local": lambda store, n: local_runs.figures(store),
 }
 
 

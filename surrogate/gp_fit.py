@@ -2,37 +2,28 @@
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import replace
 from typing import Literal, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from sklearn.exceptions import ConvergenceWarning
-from sklearn.gaussian_process import GaussianProcessRegressor
-from sklearn.gaussian_process.kernels import RBF, ConstantKernel, Matern, WhiteKernel
 
 from surrogate.covariance import FAMILIES, rows_of
 from surrogate.evidence import (
-    LENGTH_BOUNDS,
-    NUGGET_BOUNDS,
-    ROUGHNESS_BOUNDS,
     Fitted,
-    Hyperparameters,
     bounds_reached,
     maximise_evidence,
     nuggets_of,
     spectrum,
 )
 from surrogate.gp import GaussianProcesses
+from surrogate.regressor import fit_regressor, from_regressor
 from surrogate.warp import warp_slope, warped
 
 Array = npt.NDArray[np.float64]
 Sharing = Literal["auto", "all", "leading", "none"]
 """whether all outputs share a covariance, all but the first two, or none; "auto": see `_groups`"""
 
-AMPLITUDE_BOUNDS = (1e-2, 1e4)
-"""variance of a process over that of its outputs, in the search of scikit-learn"""
 _N_LEADING = 2
 _MANY_RUNS = 40
 """runs without derivatives above which covariances are shared: what a search costs is cubic"""
@@ -42,7 +33,6 @@ and a product of that size in predictions"""
 _MOST_GROUPS = 3
 _NOISE = 0.01
 """nugget above which a process is next to noise to the covariance of its group"""
-_MATERN_NU = {"matern32": 1.5, "matern52": 2.5}
 
 
 class Scaled(NamedTuple):
@@ -266,38 +256,3 @@ def _fit_group(
     family = families[best]
     again = fit_regressor(scaled.inputs, targets, number, FAMILIES[family], n_restarts=n_restarts)
     return from_regressor(again, family)
-
-
-def fit_regressor(
-    x: Array, y: Array, seed: int, family: str, *, n_restarts: int
-) -> GaussianProcessRegressor:
-    """Scikit-learn's regressor of scaled outputs y (n, k) over inputs x (n, d) of the unit box."""
-    lengths = np.full(x.shape[1], 1.0)
-    shape = RBF(lengths, LENGTH_BOUNDS)
-    if family in _MATERN_NU:
-        shape = Matern(lengths, LENGTH_BOUNDS, nu=_MATERN_NU[family])
-    noise = WhiteKernel(1e-4, (NUGGET_BOUNDS[0], 2.0))
-    regressor = GaussianProcessRegressor(
-        ConstantKernel(1.0, AMPLITUDE_BOUNDS) * shape + noise,
-        alpha=0.0,
-        n_restarts_optimizer=n_restarts,
-        random_state=seed,
-    )
-    with warnings.catch_warnings():
-        # A nugget at its lower bound (exact data) or a length at its upper bound (an input
-        # without influence) is an answer, not a failure; `at_bounds` tells it.
-        warnings.simplefilter("ignore", ConvergenceWarning)
-        regressor.fit(x, y)
-    return regressor
-
-
-def from_regressor(regressor: GaussianProcessRegressor, family: int) -> Fitted:
-    """Hyperparameters at unit amplitude of a fitted regressor of `fit_regressor`."""
-    kernel = regressor.kernel_
-    amplitude, shape = kernel.k1.k1.constant_value, kernel.k1.k2
-    length = np.array(np.broadcast_to(shape.length_scale, regressor.X_train_.shape[1]), dtype=float)
-    nugget = max(kernel.k2.noise_level / amplitude, NUGGET_BOUNDS[0])
-    parameters = Hyperparameters(length, ROUGHNESS_BOUNDS[0])  # there are no derivatives
-    n = len(regressor.X_train_)
-    value = float(regressor.log_marginal_likelihood_value_)
-    return Fitted(family, parameters, np.array([nugget]), value, np.arange(n), n)

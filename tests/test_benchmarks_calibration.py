@@ -13,7 +13,6 @@ import numpy as np
 import pytest
 from analytic_models import AnalyticBlock, AnalyticForward
 
-from benchmarks.calibration_direct import _log_likelihood
 from benchmarks.calibration_experiments import (
     Certain,
     Experiments,
@@ -23,6 +22,7 @@ from benchmarks.calibration_experiments import (
     sbc_prior,
 )
 from benchmarks.calibration_misspecified import COARSE, SHARES, _worth
+from benchmarks.direct_rule import log_likelihood, rough_error
 from benchmarks.mesh_statement import fitted
 from calib.data import FieldData, thesis_forces
 from calib.inference import Likelihood, NoiseSettings, build_likelihood, theta_of
@@ -134,7 +134,7 @@ def test_the_density_along_kappa_is_that_of_the_likelihood() -> None:
     one = replace(own, force=some.force[0], field=own.field.of_fields(some.field[:1])[0])
     x = np.repeat(some.x[:1], 5, axis=0)
     x[:, 0] += np.linspace(-0.05, 0.05, len(x))
-    assert _log_likelihood(one, x) == pytest.approx(one.log_prob(theta_of(x)), rel=1e-9)
+    assert log_likelihood(one, x) == pytest.approx(one.log_prob(theta_of(x)), rel=1e-9)
 
 
 def test_shares_that_count_are_looked_at_closely() -> None:
@@ -154,3 +154,19 @@ def test_a_field_off_along_a_ratio_is_fitted_as_that_ratio() -> None:
     found = fitted(own, ratios, basis.fields(moved)[0])
     assert found.off == pytest.approx([0.03, -0.01], rel=1e-8)
     assert np.all(found.sd > 0.0) and found.misfit < 1.0
+
+
+def test_the_error_of_a_rule_over_a_rough_density_is_that_of_repeats() -> None:
+    unit, weight = np.polynomial.legendre.leggauss(9)
+    place = np.stack(np.meshgrid(4.0 * unit, 4.0 * unit, indexing="ij"), axis=-1).reshape(-1, 2)
+    smooth = -0.5 * np.sum(place**2, axis=1) + 0.03 * place[:, 0] ** 3
+    rng, means, errors = np.random.default_rng(3), [], []
+    for _ in range(400):
+        value = smooth + 0.1 * rng.standard_normal(len(place))
+        share = np.exp(value) * np.outer(weight, weight).ravel()
+        share /= share.sum()
+        means.append(share @ place)
+        errors.append(rough_error(value, share, place - means[-1], place))
+    np.testing.assert_allclose(
+        np.sqrt(np.mean(np.square(errors), axis=0)), np.std(means, axis=0), rtol=0.15
+    )

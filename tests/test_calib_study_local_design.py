@@ -80,6 +80,27 @@ def test_a_box_holds_the_posterior_within_the_design_and_is_small_or_not() -> No
     assert len(few) == 8 and len(np.unique(more, axis=0)) == 16
 
 
+def test_a_posterior_that_leans_on_a_bound_is_held_by_its_first_box() -> None:
+    wide = np.array([[0.0, 0.25], [0.2, 0.3]])
+    found = a_normal((0.4, 0.25), (1.0, 0.002), wide)
+    leaning = found.weights * np.exp(-found.x[:, 1] / 0.01)
+    found = replace(found, weights=leaning / leaning.sum())
+    assert found.mean[1] == pytest.approx(0.01, rel=0.02)
+    box = box_of(found, DESIGN)
+    assert box[0, 0] == 0.0 and 0.10 < box[0, 1] < 0.12
+    np.testing.assert_allclose(box[1], [0.241, 0.259], atol=1e-4)
+    narrow = np.array([[0.0, found.mean[1] + 4.5 * found.sd[1]], box[1]])
+    assert mass_beyond(inside_of(found, narrow), narrow, DESIGN) > MOST_CUT
+    assert mass_beyond(inside_of(found, box), box, DESIGN) < MOST_CUT
+
+
+def inside_of(found: Quadrature, box: Array) -> Quadrature:
+    """The nodes within a box."""
+    kept = ((found.x[:, 1:] >= box[:, 0]) & (found.x[:, 1:] <= box[:, 1])).all(axis=1)
+    weights = found.weights[kept]
+    return Quadrature(found.x[kept], weights / weights.sum(), 0.0, 0.0)
+
+
 def test_a_prior_within_a_box_is_the_same_density_there_and_zero_outside() -> None:
     box = np.array([[0.3, 0.4], [0.2, 0.3]])
     cut = PRIOR.within(box)
@@ -161,6 +182,7 @@ def test_a_box_that_cuts_the_posterior_off_is_moved(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(local_design, "WIDTH", 1.0)
+    monkeypatch.setattr(local_design, "TAIL", 0.2)
     study = narrow()
     found = Context(
         study, tmp_path, analytic_block, serial_map, lambda _: None, show_progress=False

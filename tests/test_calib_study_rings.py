@@ -11,6 +11,7 @@ from calib.study.assumptions import assumptions_table
 from calib.study.block_cells import RingCells, n_elements
 from calib.study.config import read_study
 from calib.study.context import block_pin_model
+from calib.study.data_stage import measured
 from fe import BlockPinModel, Rings
 from tests.test_calib_study_config import BASE, FORCES
 
@@ -54,7 +55,8 @@ def test_rival_pins_have_shapes_and_meshes_of_their_own(tmp_path):
 
 
 def test_the_reports_assumptions_name_the_rings(tmp_path):
-    rows = assumptions_table(read(ROUND, tmp_path)).rows
+    study = read(ROUND, tmp_path)
+    rows = assumptions_table(study, measured(study).dataset).rows
     assert "12 rings x 8 layers x 2 sectors" in {value for _, value, _ in rows}
 
 

@@ -263,6 +263,12 @@ def force_errors(
     )
 
 
+def field_scale_sd(dataset: Dataset, settings: NoiseSettings) -> float:
+    """Relative SD of the field's scale: the study's, or that of the calibration where larger."""
+    stated = 0.0 if dataset.field is None else dataset.field.scale_sd
+    return max(settings.field_scale_sd, stated)
+
+
 def further_errors(dataset: Dataset, settings: NoiseSettings) -> tuple[SharedError, ...]:
     """Compliance of the machine, gain of the load cell, scale of the field; those with an SD.
 
@@ -272,8 +278,7 @@ def further_errors(dataset: Dataset, settings: NoiseSettings) -> tuple[SharedErr
     n = dataset.travel.size
     nothing, one = np.zeros((n, n)), np.eye(n)
     by_travel = -dataset.force_mean[:, None] * slope_matrix(dataset.travel)
-    stated = 0.0 if dataset.field is None else dataset.field.scale_sd
-    scale_sd = max(settings.field_scale_sd, stated)
+    scale_sd = field_scale_sd(dataset, settings)
     known = (
         SharedError(COMPLIANCE, "mm/N", settings.compliance_sd, by_travel, by_travel),
         SharedError(GAIN, "1", settings.gain_sd, one, nothing),

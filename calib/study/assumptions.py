@@ -2,20 +2,25 @@
 
 from __future__ import annotations
 
+from calib.data import Dataset
 from calib.inference.field_noise import FLOOR_LENGTH, FLOOR_NUGGET
 from calib.inference.laws import RATIOS
+from calib.inference.noise import field_scale_sd
 from calib.study.block_cells import written
 from calib.study.config import Study
-from calib.study.data_source import measured_dataset
 from calib.study.mesh_error import left_share
-from calib.study.sections import VIRTUAL, ParameterPrior, Virtual
+from calib.study.posterior_setup import noise_of
+from calib.study.prior_limits import is_positive
+from calib.study.sections import ParameterPrior, Virtual
 from calib.study.tables import Table
-from calib.study.unknown_checks import is_positive
 from calib.study.unknowns import ERRORS, INPUTS, law_of
 
 
-def assumptions_table(study: Study) -> Table:
-    """Everything that is set rather than measured: geometry, contact, material, noise, prior."""
+def assumptions_table(study: Study, dataset: Dataset) -> Table:
+    """Everything that is set rather than measured: geometry, contact, material, noise, prior.
+
+    Where the `dataset` brings an SD of its own, that used is given, with where it is from.
+    """
     geometry, noise = study.geometry, study.noise
     rows = [
         (
@@ -37,9 +42,9 @@ def assumptions_table(study: Study) -> Table:
             )
         )
     rows += [
-        *_force_rows(study),
+        *_force_rows(study, dataset),
         ("zero of the travel, SD", f"{noise.travel_zero_sd:g}", "mm"),
-        *_nuisance_rows(study),
+        *_nuisance_rows(study, dataset),
         *_prior_rows(study),
     ]
     for hypothesis in study.hypotheses:
@@ -73,13 +78,15 @@ def assumptions_table(study: Study) -> Table:
     )
 
 
-def _nuisance_rows(study: Study) -> list[tuple[str, str, str]]:
+def _nuisance_rows(study: Study, dataset: Dataset) -> list[tuple[str, str, str]]:
     """Nuisances of the test that the study allows for."""
     noise = study.noise
+    scale = field_scale_sd(dataset, noise_of(study))
+    stated = scale > noise.field_scale_sd
     known = (
         ("compliance of the machine, SD", noise.compliance_sd, "mm/N"),
         ("gain of the load cell, relative SD", noise.gain_sd, "-"),
-        ("scale of the field, relative SD", noise.field_scale_sd, "-"),
+        (f"scale of the field, relative SD{', stated by the data' * stated}", scale, "-"),
         ("rigid translation of the field at each increment, SD", noise.translation_sd, "mm"),
         ("rigid rotation of the field at each increment, SD", noise.rotation_sd, "degrees"),
     )
@@ -137,10 +144,10 @@ def _prior_rows(study: Study) -> list[tuple[str, str, str]]:
     return [*rows, ("negative constants", word, "-")]
 
 
-def _force_rows(study: Study) -> list[tuple[str, str, str]]:
+def _force_rows(study: Study, dataset: Dataset) -> list[tuple[str, str, str]]:
     """What the covariance of the mean force is made of."""
-    noise, data = study.noise, study.data
-    if data.source != VIRTUAL and measured_dataset(data).force_covariance is not None:
+    noise = study.noise
+    if dataset.force_covariance is not None:
         return [("covariance of the mean force", "measured between the samples", "-")]
     return [
         ("load cell, SD of one reading", f"{noise.load_cell_sd:g}", "N"),

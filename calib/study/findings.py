@@ -7,10 +7,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from calib.data import Dataset
 from calib.inference.coordinates import CONSTANTS
 from calib.study.artifacts import read_json
 from calib.study.assumptions import assumptions_table
 from calib.study.config import Study
+from calib.study.data_stage import load_data
 from calib.study.emulator_tables import (
     emulator_table,
     emulator_tables,
@@ -55,6 +57,8 @@ class Findings:
     """Everything that is shown, as read from the artifacts of a study."""
 
     data: dict[str, Any]
+    dataset: Dataset
+    """that the posterior is conditioned on"""
     mesh: dict[str, Any]
     """hypothesis -> mesh_error.json"""
     diagnostics: dict[str, Any]
@@ -90,6 +94,7 @@ def read_findings(out: Path, study: Study, summaries: Sequence[Summary]) -> Find
     """Read the artifacts of a finished study; raises ValueError naming a damaged one."""
     return Findings(
         data=read_json(out / "data.json"),
+        dataset=load_data(out).dataset,
         mesh={
             h.name: read_json(check_folder(out, h) / "mesh_error.json") for h in study.hypotheses
         },
@@ -186,7 +191,8 @@ def sections(findings: Findings, pictures: dict[str, Picture], study: Study) -> 
     tables = _tables(findings, study)
     judged = _kept(emulator_tables(findings.judged, limits_of(study)))
     checks = [*tables["checks"], *_kept(field_checks_tables(findings.predictive))]
-    assumed = [assumptions_table(study), *tables["nuisances"], *tables["correlation"]]
+    further = [*tables["nuisances"], *tables["correlation"]]
+    assumed = [assumptions_table(study, findings.dataset), *further]
     return [
         Section(
             "Constants",

@@ -23,6 +23,9 @@ LOCAL = "local"
 """folder of the emulators of posteriors' boxes"""
 WIDTH = 4.5
 """posterior SDs from the mean to either side; a normal has 7e-6 of its mass beyond"""
+TAIL = 1e-5
+"""mass of a posterior beyond an edge where that lies further out: one that leans on a bound of the
+prior falls as an exponential away from it, and has 4e-3 beyond `WIDTH`"""
 SMALL = 0.1
 """share of the prior's box below which a second design in the posterior's is worth its runs"""
 MOST_CUT = 1e-4
@@ -37,8 +40,20 @@ def box_of(found: Quadrature, design_box: Array) -> Array:
     """(d, 2) range of the emulator's inputs that holds a posterior, within that of the design."""
     d = len(design_box)
     mean, sd = found.mean[1 : 1 + d], found.sd[1 : 1 + d]
-    low, high = mean - WIDTH * sd, mean + WIDTH * sd
+    tails = np.array([_tails(at, found.weights) for at in found.x[:, 1 : 1 + d].T])
+    low, high = (
+        np.minimum(mean - WIDTH * sd, tails[:, 0]),
+        np.maximum(mean + WIDTH * sd, tails[:, 1]),
+    )
     return np.column_stack([np.maximum(low, design_box[:, 0]), np.minimum(high, design_box[:, 1])])
+
+
+def _tails(at: Array, weights: Array) -> tuple[float, float]:
+    """The outermost nodes (n,) beyond which, themselves counted, there is more than `TAIL`."""
+    order = np.argsort(at)
+    mass = np.cumsum(weights[order])
+    first, last = np.searchsorted(mass, [TAIL, mass[-1] - TAIL])
+    return float(at[order[first]]), float(at[order[min(last, len(at) - 1)]])
 
 
 def is_small(box: Array, design_box: Array) -> bool:

@@ -1,0 +1,197 @@
+"""How far priors may reach: what laws, constants, inputs and sizes of errors allow."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from calib.inference.laws import Ratio
+from calib.study.prior_sections import ParameterPrior
+from calib.study.unknowns import (
+    ERRORS,
+    FRICTION,
+    INPUTS,
+    OF_FIELD,
+    allowed,
+    by_constants,
+    given,
+    law_of,
+    prior_of,
+    ratio_bounds,
+    rubs,
+)
+from calib.toml_file.refusal import Contradiction
+
+if TYPE_CHECKING:
+    from calib.study.config import Study
+    from calib.study.sections import Hypothesis
+
+LARGEST_S = 10.0  # C11 / kappa, far beyond any published for a silicone or tissue
+WIDEST = 1e4  # range of a size of the errors, whose table grows with the logarithm of it
+SHARPEST = 0.05  # mm, as of geometry.pin_fillet
+_NEGATIVE = {"r": ("C01", "C10"), "s": ("C11", None), "c20": ("C20", None), "c30": ("C30", None)}
+"""constants that are negative below and above the interval of a ratio"""
+
+
+def is_positive(study: Study) -> bool:
+    """Whether the study keeps constants from being negative."""
+    return study.prior.positive is not False
+
+
+def key_of(index: int, hypothesis: Hypothesis, name: str) -> str:
+    """Where the prior of this name stands in the file: under the hypothesis or in [prior]."""
+    own = hypothesis.prior is not None and getattr(hypothesis.prior, name) is not None
+    return f"hypothesis.{index}.prior.{name}" if own else f"prior.{name}"
+
+
+def check_law(study: Study, index: int, hypothesis: Hypothesis) -> None:
+    """Raise Contradiction for constants or ratios that the law, or the sign asked for, forbids."""
+    law, positive = law_of(study, hypothesis), is_positive(study)
+    of = by_constants(study, hypothesis)
+    if of:
+        _check_constants(study, index, hypothesis, of)
+    else:
+        kappa = given(study, hypothesis, "kappa")
+        assert kappa is not None
+        if kappa.low <= 0:
+            key = f"{key_of(index, hypothesis, 'kappa')}.low"
+            raise Contradiction(key, kappa.low, "greater than 0: kappa is a stiffness")
+        for ratio in law.ratios:
+            prior = given(study, hypothesis, ratio.name)
+            assert prior is not None
+            _check_ratio(key_of(index, hypothesis, ratio.name), prior, ratio, positive=positive)
+    shares = [given(study, hypothesis, r.name) for r in law.ratios if r.name.startswith("share")]
+    highest = sum(prior.high for prior in shares if prior is not None)
+    if positive and highest > 1:
+        key = f"{key_of(index, hypothesis, 'share2')}.high"
+        expected = "shares that leave the first term 0 or more (sum of their high 1 or less)"
+        raise Contradiction(key, highest, expected)
+    if not law.ratios and not any(_used(study, hypothesis, name) for name in INPUTS):
+        key = "material.law" if hypothesis.law is None else f"hypothesis.{index}.law"
+        expected = "a further unknown with it, e.g. [prior.bulk_ratio]: it has no ratio for an "
+        raise Contradiction(key, law.name, expected + "emulator to learn over")
+
+
+def _check_ratio(key: str, prior: ParameterPrior, ratio: Ratio, *, positive: bool) -> None:
+    low, high = allowed(ratio, positive=positive)
+    below, above = _NEGATIVE.get(ratio.name, ("a term of the law", "another one"))
+    if prior.low < low:
+        raise Contradiction(f"{key}.low", prior.low, f"{low:g} or more: below, {below} is negative")
+    if prior.high > high:
+        expected = f"{high:g} or less: above, {above} is negative"
+        raise Contradiction(f"{key}.high", prior.high, expected)
+    if ratio.name == "s" and prior.high > LARGEST_S:
+        expected = f"{LARGEST_S:g} or less: no soft solid stiffens more"
+        raise Contradiction(f"{key}.high", prior.high, expected)
+    if ratio.nonzero and prior.low <= 0 <= prior.high:
+        raise Contradiction(f"{key}.low", prior.low, "an interval of exponents without 0")
+
+
+def _check_constants(
+    study: Study, index: int, hypothesis: Hypothesis, names: tuple[str, ...]
+) -> None:
+    priors = {name: given(study, hypothesis, name) for name in names}
+    for name, prior in priors.items():
+        assert prior is not None
+        if is_positive(study) and prior.low < 0:
+            key = f"{key_of(index, hypothesis, name)}.low"
+            raise Contradiction(key, prior.low, "0 or more, or prior.positive = false")
+    first, second = priors["C10"], priors["C01"]
+    assert first is not None and second is not None
+    lowest = first.low + second.low
+    if lowest <= 0:
+        key = f"{key_of(index, hypothesis, 'C10')}.low"
+        expected = f"C10 + C01 above 0 MPa at the lower bounds of both (their sum is {lowest:g})"
+        raise Contradiction(key, first.low, expected)
+    for key, limits in (("design.r", study.design.r), ("design.s", study.design.s)):
+        if limits is not None and limits[0] >= limits[1]:
+            raise Contradiction(key, limits, "two numbers low < high")
+    if len(names) > 2:
+        widest = ratio_bounds(study, hypothesis)[1].high
+        if widest > LARGEST_S:
+            expected = f"a range that ends at {LARGEST_S:g} or less: the priors of the constants "
+            expected += f"allow C11 / kappa up to {widest:g}"
+            raise Contradiction("design.s", study.design.s, expected)
+    try:
+        mass = prior_of(study, hypothesis, with_field=True).log_mass
+        assert mass <= 0.0
+    except ValueError as error:
+        expected = "ranges that hold more of the constants' priors"
+        raise Contradiction("design.r", study.design.r, expected) from error
+
+
+def _used(study: Study, hypothesis: Hypothesis, name: str) -> bool:
+    return given(study, hypothesis, name) is not None and rubs(hypothesis, name)
+
+
+def check_inputs(study: Study, index: int, hypothesis: Hypothesis) -> None:
+    """Raise Contradiction for inputs of the FE model beyond what it takes, or not there."""
+    for name in INPUTS:
+        prior = given(study, hypothesis, name)
+        if prior is None:
+            continue
+        key = key_of(index, hypothesis, name)
+        if name in FRICTION and not rubs(hypothesis, name):
+            if key.startswith("hypothesis"):
+                expected = f"none: under {hypothesis.name} no coefficient of friction is given"
+                raise Contradiction(key, {}, expected)
+            continue
+        least, greatest, why = _limits(study, hypothesis, name)
+        if prior.low < least:
+            bound = f"more than {least:g}" if name == "height" else f"{least:g} or more"
+            raise Contradiction(f"{key}.low", prior.low, f"{bound}{why}")
+        if prior.high > greatest:
+            raise Contradiction(f"{key}.high", prior.high, f"{greatest:g} or less{why}")
+    if _used(study, hypothesis, "friction"):
+        for name in ("pin_friction", "base_friction"):
+            if _used(study, hypothesis, name):
+                expected = "none beside [prior.friction], which is of pin and base together"
+                raise Contradiction(key_of(index, hypothesis, name), {}, expected)
+    loose = hypothesis.base in ("slide", 0.0) and hypothesis.pin in ("slide", 0.0)
+    if _used(study, hypothesis, "pin_shift") and loose:
+        key = key_of(index, hypothesis, "pin_shift")
+        raise Contradiction(key, {}, "none where nothing keeps the sample from sliding away")
+
+
+def check_errors(study: Study, index: int, hypothesis: Hypothesis) -> None:
+    """Raise Contradiction for sizes of errors not positive or spread beyond what a table holds."""
+    for name in ERRORS:
+        prior = given(study, hypothesis, name)
+        if prior is None:
+            continue
+        key = key_of(index, hypothesis, name)
+        if prior.low <= 0:
+            expected = "greater than 0: it is a size, of which the logarithm is inferred"
+            raise Contradiction(f"{key}.low", prior.low, expected)
+        if prior.high > WIDEST * prior.low:
+            expected = f"at most {WIDEST:g} times low ({prior.low:g})"
+            raise Contradiction(f"{key}.high", prior.high, expected)
+        if name == "discrepancy" and study.noise.force_freedom is not None:
+            expected = "none beside noise.force_freedom: both explain forces that are off"
+            raise Contradiction(key, {}, expected)
+        unknown = given(study, hypothesis, "discrepancy") is not None
+        if name == "discrepancy_of_force" and not (unknown or study.noise.discrepancy > 0):
+            expected = "none without [prior.discrepancy] or noise.discrepancy, which it multiplies"
+            raise Contradiction(key, {}, expected)
+        if name in OF_FIELD and not study.data.has_field:
+            raise Contradiction(key, {}, "none: the data of this study have no field")
+
+
+def _limits(study: Study, hypothesis: Hypothesis, name: str) -> tuple[float, float, str]:
+    """Least and greatest value that the forward model takes, and why."""
+    geometry = study.geometry
+    if name == "bulk_ratio":
+        return 1.0 + 1e-9, 1e5, ": it is the bulk modulus over the shear modulus"
+    if name in FRICTION:
+        return 0.0, 5.0, ": it is a coefficient of friction"
+    if name == "height":
+        last = max(study.increments) * (1 + 1e-9)
+        why = f": beyond the last increment and within a factor 3 of {geometry.height:g} mm"
+        return last, 3.0 * geometry.height, why
+    if name == "fillet":
+        narrow = given(study, hypothesis, "pin_width")
+        widest = (geometry.pin_width if narrow is None else narrow.low) / 2 * (1 - 1e-9)
+        return SHARPEST, widest, ": no sharp edge, and less than half of the pin's width"
+    if name == "pin_width":
+        return 2.0 * geometry.pin_fillet * (1 + 1e-9), geometry.width, ": narrower than the sample"
+    room = 0.5 * (geometry.width - geometry.pin_width)
+    return -room, room, ": the pin stands on the sample"

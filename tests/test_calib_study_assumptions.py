@@ -1,0 +1,58 @@
+"""What a report says is assumed is what is used, also where the data set states it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from calib.data import Dataset, FieldData
+from calib.study import Study
+from calib.study.assumptions import assumptions_table
+from calib.study.config import read_study
+from calib.study.data_stage import measured
+from tests.test_calib_study_config import AS_VIRTUAL, BASE, FORCES
+
+
+@pytest.fixture
+def study(tmp_path: Path) -> Study:
+    (tmp_path / "forces.csv").write_text(FORCES)
+    return read_study(BASE.encode(), file="own.toml", folder=tmp_path)
+
+
+@pytest.fixture
+def virtual(tmp_path: Path) -> Study:
+    text = AS_VIRTUAL.replace("travel_zero_sd", "field_scale_sd = 0.002\ntravel_zero_sd")
+    return read_study(text.encode(), file="own.toml", folder=tmp_path)
+
+
+def with_field(dataset: Dataset, scale_sd: float) -> Dataset:
+    points, noise = np.array([[0.5, 1.0], [1.5, 1.0]]), np.full(3, 0.01)
+    field = FieldData(points, np.ones((2, 2, 3)), noise, 0.5, 0.5, scale_sd=scale_sd)
+    return replace(dataset, field=field)
+
+
+def scale_rows(study: Study, dataset: Dataset) -> list[tuple[str, str]]:
+    rows = assumptions_table(study, dataset).rows
+    return [(name, value) for name, value, _ in rows if name.startswith("scale of the field")]
+
+
+def test_the_scale_of_the_calibration_is_told_where_it_is_the_larger(study, virtual):
+    own, stated = (f"scale of the field, relative SD{end}" for end in ("", ", stated by the data"))
+    dataset = measured(study).dataset
+    assert scale_rows(study, dataset) == []
+    assert scale_rows(study, with_field(dataset, 0.0003)) == [(stated, "0.0003")]
+    assert scale_rows(virtual, with_field(dataset, 0.0003)) == [(own, "0.002")]
+    assert scale_rows(virtual, with_field(dataset, 0.005)) == [(stated, "0.005")]
+
+
+def test_a_measured_covariance_takes_the_place_of_the_assumed_correlation(study):
+    dataset = measured(study).dataset
+    assumed = {name for name, _, _ in assumptions_table(study, dataset).rows}
+    covariance = np.diag(dataset.force_sd**2)
+    known = assumptions_table(study, replace(dataset, force_covariance=covariance)).rows
+    assert ("covariance of the mean force", "measured between the samples", "-") in known
+    gone = assumed - {name for name, _, _ in known}
+    assert "correlation of one sample's deviation between neighbouring increments" in gone
