@@ -83,6 +83,8 @@ def memory_of_holds(time: Array, force: Array, row: list[Hold]) -> Memory:
     time (n,) s and force (n,) N of the record. A step takes time itself, during which its force
     begins to die out; the shares are those of a sudden one. None is negative.
     """
+    if len(row) < 2:
+        return Memory(np.zeros(0), np.zeros(0))
     length = min(hold.end - hold.start for hold in row)
     even = np.arange(0.0, length, max(float(np.median(np.diff(time))), STEP_S))
     together = np.sum([np.interp(hold.start + even, time, force) for hold in row[1:]], axis=0)
