@@ -14,6 +14,7 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 from scipy.optimize import least_squares
 from scipy.signal import lfilter
 
@@ -71,7 +72,7 @@ class Readings(NamedTuple):
     """(n,) mm of the machine, its compliance taken off"""
     force: Array
     """(n,) N"""
-    cycle: Array
+    cycle: npt.NDArray[np.intp]
     """(n,) integers: which of the last cycles, and their number after them"""
     counts: BoolArray
     """(n,) whether the fit is held against it"""
@@ -121,9 +122,13 @@ def recovered_contact(readings: Readings, memory: Memory, start: Contact) -> Con
     shape = [np.log(pressed / deepest), *np.zeros(DEGREE)]
     first = np.array([start.by_force, 0.0, *np.ones(n_cycles), *shape])
     try:
-        found = least_squares(misfit, first, method="lm", x_scale=np.maximum(np.abs(first), 0.05))
+        with np.errstate(over="ignore", invalid="ignore"):  # a trial step may go anywhere
+            found = least_squares(
+                misfit, first, method="lm", x_scale=np.maximum(np.abs(first), 0.05)
+            )
         variance = 2.0 * found.cost / (counts.sum() - size)
-        covariance = variance * np.linalg.inv(found.jac.T @ found.jac)
+        slopes = np.asarray(found.jac, dtype=np.float64)
+        covariance = variance * np.linalg.inv(slopes.T @ slopes)
         spacing = float(np.clip(np.sqrt(covariance[0, 0]), *SPACINGS)) / PER_SD
         places, squares = _profile(misfit, found.x, spacing)
     except (np.linalg.LinAlgError, ValueError):
@@ -170,7 +175,8 @@ def _force(values: Array, n_cycles: int, readings: Readings, memory: Memory) -> 
         depth * np.exp(np.polynomial.polynomial.polyval(depth, values[2 + n_cycles :])) * stiffness
     )
     force = np.maximum(at_rest + memory.force(at_rest, readings.step_s), 0.0)
-    return np.where(depth > 0.0, force, 0.0) + zero
+    total: Array = np.where(depth > 0.0, force, 0.0) + zero
+    return total
 
 
 def contact_after_recovery(
@@ -226,6 +232,8 @@ def readings_before(
 def _highest(time: Array, position: Array, after: float, before: float) -> float:
     """When the pin is highest between two times, s: the last of such."""
     inside = np.flatnonzero((time > after) & (time < before))
+    if not inside.size:
+        return before
     height = position[inside]
     return float(time[inside[np.flatnonzero(height <= height.min() + 1e-3)[-1]]])
 
