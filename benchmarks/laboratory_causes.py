@@ -49,7 +49,8 @@ class Variant(NamedTuple):
 def variants() -> tuple[Variant, ...]:
     """As is, then one thing changed at a time."""
     lab, rubber = LaboratorySettings(), Rubber()
-    elastic, even = replace(rubber, relaxing_shares=(), relaxing_s=()), {"first_cycle_excess": 0.0}
+    elastic = replace(rubber, relaxing_shares=(), relaxing_s=())
+    even = replace(rubber, first_cycle_excess=0.0)
 
     def machine(**changes: float) -> LaboratorySettings:
         return replace(lab, machine=replace(lab.machine, **changes))
@@ -58,7 +59,7 @@ def variants() -> tuple[Variant, ...]:
         Variant("as is", lab),
         Variant("ways down alone", lab, "ways down"),
         Variant(" no relaxation", replace(lab, rubber=elastic), "ways down"),
-        Variant(" no softening", replace(lab, rubber=replace(rubber, **even)), "ways down"),
+        Variant(" no softening", replace(lab, rubber=even), "ways down"),
         Variant(" no drift", machine(force_drift_N=0.0), "ways down"),
         Variant(" no rounding", machine(force_step_N=1e-6, travel_step_mm=1e-6), "ways down"),
         Variant(" no noise", machine(force_noise_N=1e-4, travel_noise_mm=1e-6), "ways down"),
