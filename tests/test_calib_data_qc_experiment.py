@@ -16,6 +16,7 @@ from closed_form_laboratory import EXPERIMENT, Truth, field_at, force_at, write_
 from calib.cli import main
 from calib.data.dataset_file import load_dataset, save_dataset
 from calib.data.qc import analyse, read_experiment
+from calib.data.qc.lab_files import static_folder
 from calib.data.qc.pipeline import QcResult
 from calib.data.qc.rules import Rules
 from calib.data.qc.statistics import accuracy_table, force_table, noise_table, relaxation_table
@@ -290,7 +291,36 @@ def test_missing_files_and_folders_are_named(tmp_path, capsys):
     (tmp_path / "S1" / "dic").mkdir(parents=True)
     (tmp_path / "S1" / "machine.csv").touch()
     assert main(["qc", str(tmp_path)]) == 2
-    assert "frames.csv: expected a file of this sample" in capsys.readouterr().err
+    assert "frames.csv: expected a file of this sample, found none" in capsys.readouterr().err
+
+
+def test_a_folder_in_place_of_a_file_is_called_one_and_the_other_way_round(tmp_path):
+    (tmp_path / "lab" / "experiment.toml").mkdir(parents=True)
+    with pytest.raises(ValueError, match=r"experiment\.toml: found a folder, expected what"):
+        analyse(tmp_path / "lab")
+    lab = tmp_path / "other"
+    (lab / "S1" / "machine.csv").mkdir(parents=True)
+    (lab / "experiment.toml").write_text("")
+    with pytest.raises(ValueError, match=r"machine\.csv: expected a file.*found a folder"):
+        analyse(lab)
+    with pytest.raises(ValueError, match=r"found a file, expected a folder with experiment"):
+        analyse(lab / "experiment.toml")
+    (lab / "static").touch()
+    with pytest.raises(ValueError, match="static: expected a folder of frames, found a file"):
+        static_folder(lab)
+
+
+@pytest.mark.parametrize(
+    "corners", [[[0, 0], [1, 0], [2, 0]], [[-5, 0], [5, 2], [5, 0], [-5, 2]]], ids=["line", "bow"]
+)
+def test_a_polygon_that_encloses_nothing_is_refused_by_its_key(corners, tmp_path):
+    text = str([[float(x), float(y)] for x, y in corners])
+    (tmp_path / "experiment.toml").write_text(f"[mask]\npolygon_mm = {text}\n")
+    with pytest.raises(ValueError, match=r"toml:2: mask\.polygon_mm: .*whose sides do not cross"):
+        read_experiment(tmp_path)
+    good = "[mask]\npolygon_mm = [[0.0, 0.0], [4.0, 0.0], [1.0, 1.0], [0.0, 4.0]]\n"
+    (tmp_path / "experiment.toml").write_text(good)
+    assert read_experiment(tmp_path).mask.polygon_mm is not None
 
 
 def test_an_empty_experiment_file_has_the_defaults_of_the_protocol(tmp_path):
