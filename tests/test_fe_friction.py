@@ -6,6 +6,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from friction_derivatives import (
+    LAW,
+    STATES,
+    TRAVEL,
+    Patch,
+    assert_frozen_potential_has_the_true_forces,
+    assert_pull_of_anchors_and_coefficients_is_the_derivative_of_the_forces,
+    assert_tangent_with_coupling_is_the_derivative_of_the_forces,
+    evaluate,
+    frame_of,
+)
 
 from fe import BlockPin, BlockPinModel, Contact
 from fe.contact import (
@@ -15,13 +26,7 @@ from fe.contact import (
     empty_system,
 )
 from fe.contact_memory import initial_memory, slide_anchors
-from fe.contact_slopes import contact_pull
-from fe.friction import (
-    freeze,
-    friction_system,
-    frozen_energy,
-    slip_potential,
-)
+from fe.friction import freeze, friction_system, frozen_energy, slip_potential
 from fe.linear_solver import SymmetricSolver
 from fe.load_stepping import march
 from fe.material_parameters import ratio_parameters
@@ -35,8 +40,6 @@ from fe.ties import Stick
 from fe.touch import FLOOR, PIN, FrictionLaw, bar_arc
 
 RIGID = RigidPin(2.5, 2.0, 0.3, stiffness=500.0, ramp=0.1, base_stiffness=2e4)
-LAW = FrictionLaw(0.3, 0.7, 0.01)
-TRAVEL = 0.4
 TIGHT = NewtonOptions(tolerance=1e-9)
 RATIOS = np.array([0.4, 0.1])
 
@@ -48,17 +51,11 @@ def model(pin, base, **changes) -> BlockPinModel:
     )
 
 
-def coefficients(faces):
-    """Slopes of two parameters that change no surface, and the coefficients of pin and base."""
-    law = np.eye(4)[[2, 3]]
-    return no_slopes(faces, 4)._replace(friction_pin=law[PIN], friction_base=law[FLOOR])
-
-
-def patch(slipped: float, seed: int = 0):
+def patch(slipped: float) -> Patch:
     """Faces, displacements that touch pin and floor, and anchors a random way `slipped` behind."""
     discrete = model(0.3, 0.7, cells=(4, 2, 2)).discretise()
     faces = discrete.faces
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     u = 0.1 * rng.standard_normal(discrete.elements.positions.shape)
     u[:, 1] -= 0.15
     none = no_slopes(faces, 4)
@@ -66,73 +63,45 @@ def patch(slipped: float, seed: int = 0):
     gradient = rng.standard_normal((*u.shape, 4))
     slide_anchors(memory, faces, u, gradient, TRAVEL - 0.2, RIGID, LAW)
     slide_anchors(memory, faces, u, 0.0 * gradient, TRAVEL, RIGID, LAW)
-    touching = here(faces, u, memory, TRAVEL)
+    touching = here(faces, u)
     memory.slip.place[...] = touching + slipped * rng.standard_normal(touching.shape)
     memory.slip.gradient[...] = rng.standard_normal(memory.slip.gradient.shape)
-    return faces, u, memory
+    return Patch(faces, u, memory, RIGID)
 
 
-def here(faces, u, memory, travel):
+def here(faces, u):
     """(n_face, n_q, 2, 2) places of the points on pin and floor."""
     x = faces.points + np.einsum("cqa,cai->cqi", faces.shape, u[faces.nodes])
     place = np.zeros((*x.shape[:2], 2, 2))
     for at in np.ndindex(*x.shape[:2]):
-        arc = bar_arc(*x[at][:2], RIGID.half_width, RIGID.fillet, RIGID.height - travel)[0]
+        arc = bar_arc(*x[at][:2], RIGID.half_width, RIGID.fillet, RIGID.height - TRAVEL)[0]
         place[at] = [[arc, x[at][2]], [x[at][0], x[at][2]]]
     return place
 
 
-def evaluate(faces, u, memory, travel, law=LAW):
-    """Friction alone: (energy, pin force, system, coupling)."""
-    system = empty_system(faces)
-    coupling = np.zeros_like(system.tangent)
-    frame = freeze(u, faces, memory.ties.kind, memory.slip.place, travel, RIGID, law)
-    energy, force = friction_system(u, faces, frame, travel, RIGID, law, system, coupling)
-    return energy, force, system, coupling
-
-
-def tractions(faces, u, memory, travel, law=LAW):
+def tractions(patch: Patch):
     """(n_face, n_q) size of the friction traction and its limit mu p, MPa."""
-    frame = freeze(u, faces, memory.ties.kind, memory.slip.place, travel, RIGID, law)
+    frame, faces, u = frame_of(patch), patch.faces, patch.u
     x = faces.points + np.einsum("cqa,cai->cqi", faces.shape, u[faces.nodes])
-    x[..., 1] += frame.moves * travel
+    x[..., 1] += frame.moves * TRAVEL
     slip = frame.offset + np.einsum("cqai,cqi->cqa", frame.tangent, x)
-    secant = np.array([slip_potential(*s, law.slip)[1] for s in slip.reshape(-1, 2)])
+    secant = np.array([slip_potential(*s, LAW.slip)[1] for s in slip.reshape(-1, 2)])
     size = frame.limit * secant.reshape(frame.limit.shape) * np.linalg.norm(slip, axis=-1)
     return size, frame.limit
 
 
-STATES = pytest.mark.parametrize("slipped", [1e-3, 7e-3, 0.2], ids=["stick", "between", "slip"])
-
-
 @STATES
 def test_tangent_with_coupling_is_the_derivative_of_the_forces(slipped):
-    faces, u, memory = patch(slipped)
-    _, _, system, coupling = evaluate(faces, u, memory, TRAVEL)
-    du = np.random.default_rng(1).standard_normal(u.shape)
-    h = 1e-8
-    plus, minus = (evaluate(faces, u + k * h * du, memory, TRAVEL) for k in (1, -1))
-    change = np.einsum("caikb,cbk->cai", system.tangent + coupling, du[faces.nodes])
-    expected = (plus[2].force - minus[2].force) / (2 * h)
-    np.testing.assert_allclose(change, expected, atol=2e-5 * np.abs(expected).max())
-    force = np.sum(system.pin_force_by_u * du[faces.nodes])
-    assert force == pytest.approx((plus[1] - minus[1]) / (2 * h), rel=1e-5)
-    plus, minus = (evaluate(faces, u, memory, TRAVEL + k * h) for k in (1, -1))
-    expected = (plus[2].force - minus[2].force) / (2 * h)
-    np.testing.assert_allclose(system.by_travel, expected, atol=2e-5 * np.abs(expected).max())
+    assert_tangent_with_coupling_is_the_derivative_of_the_forces(patch(slipped))
 
 
 @STATES
 def test_frozen_potential_has_the_true_forces_and_its_own_hessian(slipped):
-    faces, u, memory = patch(slipped)
-    frame = freeze(u, faces, memory.ties.kind, memory.slip.place, TRAVEL, RIGID, LAW)
-    energy, _, system, _ = evaluate(faces, u, memory, TRAVEL)
-    assert frozen_energy(u, faces, frame, TRAVEL, LAW.slip) == pytest.approx(energy, rel=1e-12)
+    found = patch(slipped)
+    assert_frozen_potential_has_the_true_forces(found)
+    faces, u, frame = found.faces, found.u, frame_of(found)
+    energy, _, system, _ = evaluate(found)
     du = np.random.default_rng(2).standard_normal(u.shape)
-    h = 1e-6
-    plus, minus = (frozen_energy(u + k * h * du, faces, frame, TRAVEL, LAW.slip) for k in (1, -1))
-    along = np.sum(system.force * du[faces.nodes])
-    assert along == pytest.approx((plus - minus) / (2 * h), rel=1e-6)
     h = 3e-5
     plus, minus = (frozen_energy(u + k * h * du, faces, frame, TRAVEL, LAW.slip) for k in (1, -1))
     curvature = np.einsum("cai,caikb,cbk", du[faces.nodes], system.tangent, du[faces.nodes])
@@ -141,28 +110,11 @@ def test_frozen_potential_has_the_true_forces_and_its_own_hessian(slipped):
 
 @STATES
 def test_pull_of_anchors_and_coefficients_is_the_derivative_of_the_forces(slipped):
-    faces, u, memory = patch(slipped)
-    pull = np.zeros((*faces.points.shape, 4))
-    remembered = (memory.ties, memory.slip)
-    on_pin = contact_pull(u, faces, *remembered, TRAVEL, RIGID, LAW, coefficients(faces), pull)
-    nodal = np.einsum("cqa,cqij->caij", faces.shape, pull)
-    h = 1e-7
-    for j in range(4):
-        sides = []
-        for k in (1, -1):
-            moved = memory.copy()
-            moved.slip.place[...] += k * h * memory.slip.gradient[..., j]
-            law = LAW._replace(
-                pin=LAW.pin + k * h * (j == 2 + PIN), base=LAW.base + k * h * (j == 2 + FLOOR)
-            )
-            sides.append(evaluate(faces, u, moved, TRAVEL, law))
-        expected = (sides[0][2].force - sides[1][2].force) / (2 * h)
-        np.testing.assert_allclose(nodal[..., j], expected, atol=1e-5 * np.abs(expected).max())
-        assert on_pin[j] == pytest.approx((sides[0][1] - sides[1][1]) / (2 * h), rel=1e-5)
+    assert_pull_of_anchors_and_coefficients_is_the_derivative_of_the_forces(patch(slipped))
 
 
 def test_pull_of_the_return_mapping_is_its_derivative():
-    faces, u, memory = patch(0.03)
+    faces, u, memory, _ = patch(0.03)
     direction = np.random.default_rng(3).standard_normal((*u.shape, 4))
     h = 1e-7
 
@@ -182,7 +134,7 @@ def test_pull_of_the_return_mapping_is_its_derivative():
 
 def test_the_traction_reaches_its_limit_after_the_slip_and_never_passes_it():
     for slipped in (1e-3, 7e-3, 0.2):
-        size, limit = tractions(*patch(slipped)[:2], patch(slipped)[2], TRAVEL)
+        size, limit = tractions(patch(slipped))
         assert np.count_nonzero(limit) > 100
         assert np.all(size <= limit * (1 + 1e-12))
     far = slip_potential(0.3, 0.4, 0.01)[1] * 0.5
@@ -350,9 +302,9 @@ def test_a_base_with_friction_does_not_move_up_or_down(rubbing):
 
 
 def test_tied_points_have_no_friction():
-    faces, u, memory = patch(0.2)
-    memory.ties.kind[:] = TIED_TO_PIN
-    energy, force, system, _ = evaluate(faces, u, memory, TRAVEL)
+    tied = patch(0.2)
+    tied.memory.ties.kind[:] = TIED_TO_PIN
+    energy, force, system, _ = evaluate(tied)
     assert energy == force == 0.0
     assert not system.force.any()
 

@@ -6,20 +6,24 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from friction_derivatives import (
+    LAW,
+    STATES,
+    TRAVEL,
+    Patch,
+    assert_frozen_potential_has_the_true_forces,
+    assert_pull_of_anchors_and_coefficients_is_the_derivative_of_the_forces,
+    assert_tangent_with_coupling_is_the_derivative_of_the_forces,
+)
 
 from fe import BlockPin, BlockPinModel, Contact, Status
-from fe.contact import empty_system
 from fe.contact_memory import initial_memory, slide_anchors
-from fe.contact_slopes import contact_pull
-from fe.friction import freeze, friction_system, frozen_energy
 from fe.newton import NewtonOptions
 from fe.pin_surface import ROUND, RigidPin, pin_point
 from fe.surface_slopes import no_slopes
-from fe.touch import FLOOR, PIN, FrictionLaw, chart_pin, empty_chart
+from fe.touch import chart_pin, empty_chart
 
 RIGID = RigidPin(2.5, 2.0, 0.3, 500.0, 0.1, base_stiffness=2e4, shape=ROUND, x=0.2, z=-0.3)
-LAW = FrictionLaw(0.3, 0.7, 0.01)
-TRAVEL = 0.4
 RATIOS = np.array([0.4, 0.1])
 ON_PIN = [(0.7, 2.05, 0.4), (1.9, 2.1, -0.6), (-1.0, 2.2, 1.2), (0.4, 2.8, 1.69)]
 
@@ -36,7 +40,7 @@ def model(pin, base="stick", **changes) -> BlockPinModel:
     return replace(m, **changes)
 
 
-def patch(slipped: float):
+def patch(slipped: float) -> Patch:
     """Faces, displacements that touch pin and floor, and anchors a random way `slipped` behind."""
     specimen = BlockPin(pin="round", pin_shift=(0.2, -0.3))
     rubs = Contact("stick", 0.7)  # for the faces of the base; the law is LAW
@@ -49,16 +53,7 @@ def patch(slipped: float):
     slide_anchors(memory, faces, u, np.zeros((*u.shape, 4)), TRAVEL, RIGID, LAW)
     memory.slip.place[...] += slipped * rng.standard_normal(memory.slip.place.shape)
     memory.slip.gradient[...] = rng.standard_normal(memory.slip.gradient.shape)
-    return faces, u, memory
-
-
-def evaluate(faces, u, memory, travel, law=LAW):
-    """Friction alone: (energy, pin force, system, coupling)."""
-    system = empty_system(faces)
-    coupling = np.zeros_like(system.tangent)
-    frame = freeze(u, faces, memory.ties.kind, memory.slip.place, travel, RIGID, law)
-    energy, force = friction_system(u, faces, frame, travel, RIGID, law, system, coupling)
-    return energy, force, system, coupling
+    return Patch(faces, u, memory, RIGID)
 
 
 def chart_at(x):
@@ -89,61 +84,19 @@ def test_under_the_flat_a_place_is_x_and_z_from_the_axis():
     np.testing.assert_allclose(chart.tangent, [[1, 0, 0], [0, 0, 1]], atol=1e-14)
 
 
-STATES = pytest.mark.parametrize("slipped", [1e-3, 7e-3, 0.2], ids=["stick", "between", "slip"])
-
-
 @STATES
 def test_tangent_with_coupling_is_the_derivative_of_the_forces(slipped):
-    faces, u, memory = patch(slipped)
-    _, _, system, coupling = evaluate(faces, u, memory, TRAVEL)
-    du = np.random.default_rng(1).standard_normal(u.shape)
-    h = 1e-8
-    plus, minus = (evaluate(faces, u + k * h * du, memory, TRAVEL) for k in (1, -1))
-    change = np.einsum("caikb,cbk->cai", system.tangent + coupling, du[faces.nodes])
-    expected = (plus[2].force - minus[2].force) / (2 * h)
-    np.testing.assert_allclose(change, expected, atol=2e-5 * np.abs(expected).max())
-    force = np.sum(system.pin_force_by_u * du[faces.nodes])
-    assert force == pytest.approx((plus[1] - minus[1]) / (2 * h), rel=1e-5)
-    plus, minus = (evaluate(faces, u, memory, TRAVEL + k * h) for k in (1, -1))
-    expected = (plus[2].force - minus[2].force) / (2 * h)
-    np.testing.assert_allclose(system.by_travel, expected, atol=2e-5 * np.abs(expected).max())
+    assert_tangent_with_coupling_is_the_derivative_of_the_forces(patch(slipped))
 
 
 @STATES
 def test_frozen_potential_has_the_true_forces(slipped):
-    faces, u, memory = patch(slipped)
-    frame = freeze(u, faces, memory.ties.kind, memory.slip.place, TRAVEL, RIGID, LAW)
-    energy, _, system, _ = evaluate(faces, u, memory, TRAVEL)
-    assert frozen_energy(u, faces, frame, TRAVEL, LAW.slip) == pytest.approx(energy, rel=1e-12)
-    du = np.random.default_rng(2).standard_normal(u.shape)
-    h = 1e-6
-    plus, minus = (frozen_energy(u + k * h * du, faces, frame, TRAVEL, LAW.slip) for k in (1, -1))
-    along = np.sum(system.force * du[faces.nodes])
-    assert along == pytest.approx((plus - minus) / (2 * h), rel=1e-6)
+    assert_frozen_potential_has_the_true_forces(patch(slipped))
 
 
 @STATES
 def test_pull_of_anchors_and_coefficients_is_the_derivative_of_the_forces(slipped):
-    faces, u, memory = patch(slipped)
-    pull = np.zeros((*faces.points.shape, 4))
-    remembered = (memory.ties, memory.slip)
-    law = np.eye(4)[[2, 3]]
-    slopes = no_slopes(faces, 4)._replace(friction_pin=law[PIN], friction_base=law[FLOOR])
-    on_pin = contact_pull(u, faces, *remembered, TRAVEL, RIGID, LAW, slopes, pull)
-    nodal = np.einsum("cqa,cqij->caij", faces.shape, pull)
-    h = 1e-7
-    for j in range(4):
-        sides = []
-        for k in (1, -1):
-            moved = memory.copy()
-            moved.slip.place[...] += k * h * memory.slip.gradient[..., j]
-            law = LAW._replace(
-                pin=LAW.pin + k * h * (j == 2 + PIN), base=LAW.base + k * h * (j == 2 + FLOOR)
-            )
-            sides.append(evaluate(faces, u, moved, TRAVEL, law))
-        expected = (sides[0][2].force - sides[1][2].force) / (2 * h)
-        np.testing.assert_allclose(nodal[..., j], expected, atol=1e-5 * np.abs(expected).max())
-        assert on_pin[j] == pytest.approx((sides[0][1] - sides[1][1]) / (2 * h), rel=1e-5)
+    assert_pull_of_anchors_and_coefficients_is_the_derivative_of_the_forces(patch(slipped))
 
 
 def test_force_grows_with_friction_from_sliding_towards_sticking():

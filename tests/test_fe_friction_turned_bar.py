@@ -6,30 +6,33 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from friction_derivatives import (
+    LAW,
+    STATES,
+    TRAVEL,
+    Patch,
+    assert_frozen_potential_has_the_true_forces,
+    assert_pull_of_anchors_and_coefficients_is_the_derivative_of_the_forces,
+    assert_tangent_with_coupling_is_the_derivative_of_the_forces,
+)
 
 from fe import BlockPin, BlockPinModel, Contact, Status
-from fe.contact import empty_system
 from fe.contact_memory import initial_memory, slide_anchors
-from fe.contact_slopes import contact_pull
-from fe.friction import freeze, friction_system
 from fe.newton import NewtonOptions
 from fe.pin_surface import RigidPin, pin_point
 from fe.steps import StepOptions
 from fe.surface_slopes import no_slopes
-from fe.touch import FLOOR, PIN, FrictionLaw, chart_pin, empty_chart
+from fe.touch import chart_pin, empty_chart
 
 ANGLE = np.radians(25.0)
 STRAIGHT = RigidPin(2.5, 2.0, 0.3, 500.0, 0.1, base_stiffness=2e4)
 TURNED = STRAIGHT._replace(x=0.2, z=-0.3, across_x=np.cos(ANGLE), across_z=-np.sin(ANGLE))
-LAW = FrictionLaw(0.3, 0.7, 0.01)
-TRAVEL = 0.4
 RATIOS = np.array([0.4, 0.1])
 # columns are the axes of the bar, across and along it, in those of the block
 TURN = np.array([[np.cos(ANGLE), 0, np.sin(ANGLE)], [0, 1, 0], [-np.sin(ANGLE), 0, np.cos(ANGLE)]])
-STATES = pytest.mark.parametrize("slipped", [1e-3, 7e-3, 0.2], ids=["stick", "between", "slip"])
 
 
-def patch(slipped: float, pin: RigidPin = TURNED):
+def patch(slipped: float) -> Patch:
     """Faces, displacements that touch pin and floor, and anchors a random way `slipped` behind."""
     model = BlockPinModel(BlockPin(), Contact("stick", 0.7), (3, 1, 2), (0.1,), symmetry="full")
     faces = model.discretise().faces
@@ -37,20 +40,11 @@ def patch(slipped: float, pin: RigidPin = TURNED):
     u = 0.1 * rng.standard_normal((faces.nodes.max() + 1, 3))
     u[:, 1] -= 0.15
     still = no_slopes(faces, 4)
-    memory = initial_memory(faces, np.zeros(faces.weights.shape, bool), pin, still)
-    slide_anchors(memory, faces, u, np.zeros((*u.shape, 4)), TRAVEL, pin, LAW, still)
+    memory = initial_memory(faces, np.zeros(faces.weights.shape, bool), TURNED, still)
+    slide_anchors(memory, faces, u, np.zeros((*u.shape, 4)), TRAVEL, TURNED, LAW, still)
     memory.slip.place[...] += slipped * rng.standard_normal(memory.slip.place.shape)
     memory.slip.gradient[...] = rng.standard_normal(memory.slip.gradient.shape)
-    return faces, u, memory
-
-
-def evaluate(faces, u, memory, travel, law=LAW, pin=TURNED):
-    """Friction alone: (pin force, system, coupling)."""
-    system = empty_system(faces)
-    coupling = np.zeros_like(system.tangent)
-    frame = freeze(u, faces, memory.ties.kind, memory.slip.place, travel, pin, law)
-    _, force = friction_system(u, faces, frame, travel, pin, law, system, coupling)
-    return force, system, coupling
+    return Patch(faces, u, memory, TURNED)
 
 
 def chart_at(x, pin=TURNED):
@@ -87,43 +81,17 @@ def test_the_chart_has_its_own_derivatives(x):
 
 @STATES
 def test_tangent_with_coupling_is_the_derivative_of_the_forces(slipped):
-    faces, u, memory = patch(slipped)
-    _, system, coupling = evaluate(faces, u, memory, TRAVEL)
-    du = np.random.default_rng(1).standard_normal(u.shape)
-    h = 1e-8
-    plus, minus = (evaluate(faces, u + k * h * du, memory, TRAVEL) for k in (1, -1))
-    change = np.einsum("caikb,cbk->cai", system.tangent + coupling, du[faces.nodes])
-    expected = (plus[1].force - minus[1].force) / (2 * h)
-    np.testing.assert_allclose(change, expected, atol=2e-5 * np.abs(expected).max())
-    force = np.sum(system.pin_force_by_u * du[faces.nodes])
-    assert force == pytest.approx((plus[0] - minus[0]) / (2 * h), rel=1e-5)
-    plus, minus = (evaluate(faces, u, memory, TRAVEL + k * h) for k in (1, -1))
-    expected = (plus[1].force - minus[1].force) / (2 * h)
-    np.testing.assert_allclose(system.by_travel, expected, atol=2e-5 * np.abs(expected).max())
+    assert_tangent_with_coupling_is_the_derivative_of_the_forces(patch(slipped))
+
+
+@STATES
+def test_frozen_potential_has_the_true_forces(slipped):
+    assert_frozen_potential_has_the_true_forces(patch(slipped))
 
 
 @STATES
 def test_pull_of_anchors_and_coefficients_is_the_derivative_of_the_forces(slipped):
-    faces, u, memory = patch(slipped)
-    pull = np.zeros((*faces.points.shape, 4))
-    remembered = (memory.ties, memory.slip)
-    law = np.eye(4)[[2, 3]]
-    slopes = no_slopes(faces, 4)._replace(friction_pin=law[PIN], friction_base=law[FLOOR])
-    on_pin = contact_pull(u, faces, *remembered, TRAVEL, TURNED, LAW, slopes, pull)
-    nodal = np.einsum("cqa,cqij->caij", faces.shape, pull)
-    h = 1e-7
-    for j in range(4):
-        sides = []
-        for k in (1, -1):
-            moved = memory.copy()
-            moved.slip.place[...] += k * h * memory.slip.gradient[..., j]
-            law = LAW._replace(
-                pin=LAW.pin + k * h * (j == 2 + PIN), base=LAW.base + k * h * (j == 2 + FLOOR)
-            )
-            sides.append(evaluate(faces, u, moved, TRAVEL, law))
-        expected = (sides[0][1].force - sides[1][1].force) / (2 * h)
-        np.testing.assert_allclose(nodal[..., j], expected, atol=1e-5 * np.abs(expected).max())
-        assert on_pin[j] == pytest.approx((sides[0][0] - sides[1][0]) / (2 * h), rel=1e-5)
+    assert_pull_of_anchors_and_coefficients_is_the_derivative_of_the_forces(patch(slipped))
 
 
 def model(angle: float, pin: float = 0.3, base="stick", **changes) -> BlockPinModel:
