@@ -82,8 +82,19 @@ def of_seed(truth: TruthResponse, seed: int) -> dict[str, Any]:
         field = field_agreement(one.result.dataset, truth)
         found["field"] = [field.chi2 / field.n, field.p]
         found["force_p"] = force_agreement(one.result.dataset, truth).p
+        found["travel_error"] = _travel_error(one)
     print(f"seed {seed}: {found['counts']}, field {found.get('field')}", flush=True)
     return found
+
+
+def _travel_error(one: Analysed) -> float:
+    """Mean over the kept samples of how much deeper a hold is than its travel says, mm."""
+    errors = []
+    for sample, true, kept in zip(one.result.samples, one.samples, one.result.kept, strict=True):
+        if kept and sample.machine is not None:
+            numbers, travel, _ = sample.machine.loaded()
+            errors.append(np.mean(true.travel[numbers.astype(int) - 1] - travel))
+    return float(np.mean(errors))
 
 
 def over_seeds(
@@ -107,8 +118,10 @@ def over_seeds(
     shift, angle = np.concatenate([one["errors"] for one in every]).T
     ratio, field_p = np.array([one["field"] for one in every if "field" in one]).T
     force_p = np.array([one["force_p"] for one in every if "field" in one])
+    travel = 1e3 * np.array([one["travel_error"] for one in every if "field" in one])
     return counts | {
         "seeds": len(seeds),
+        "first_seed": min(seeds),
         "points": int(np.prod(QUICK)),
         "x_shift_error_sd_mm": round(float(shift.std()), 5),
         "x_shift_error_max_mm": round(float(np.abs(shift).max()), 5),
@@ -118,6 +131,8 @@ def over_seeds(
         "field_chi2_per_number_sd": round(float(ratio.std(ddof=1)), 4),
         "field_p_below_0.05": int((field_p < 0.05).sum()),
         "force_p_below_0.05": int((force_p < 0.05).sum()),
+        "travel_error_um": round(float(travel.mean()), 2),
+        "travel_error_um_sd": round(float(travel.std(ddof=1)), 2),
         # numbers below 0.05 that uniform p would give in 95 of 100 times
         "p_below_0.05_band": [int(n) for n in binom.interval(0.95, len(field_p), 0.05)],
         "field_p_kolmogorov_smirnov": round(float(kstest(field_p, "uniform").pvalue), 4),

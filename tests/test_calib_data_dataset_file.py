@@ -12,7 +12,7 @@ from calib.data import Dataset, FieldData, read_force_csv
 from calib.data.dataset import SampleData
 from calib.data.dataset_file import load_dataset, save_dataset
 from calib.inference.field_noise import field_covariance
-from calib.inference.noise import NoiseSettings, mean_covariance
+from calib.inference.noise import NoiseSettings, force_errors, mean_covariance, slope_matrix
 
 RNG = np.random.default_rng(0)
 FIELD = FieldData(
@@ -216,3 +216,19 @@ def test_forces_of_a_csv_have_no_covariance(tmp_path):
     path = tmp_path / "forces.csv"
     path.write_text("travel_mm,force_mean_N,force_sd_N,n_samples\n0.6,0.9,0.1,23\n")
     assert read_force_csv(path).force_covariance is None
+
+
+@pytest.mark.parametrize("study", [0.0, 0.02])
+def test_the_common_error_of_contact_reaches_the_likelihood_where_it_is_the_larger(study, tmp_path):
+    save_dataset(tmp_path / "d.npz", replace(DATA, travel_zero_sd=0.007))
+    data, _ = load_dataset(tmp_path / "d.npz")
+    assert data.travel_zero_sd == 0.007
+    zero = force_errors(data, NoiseSettings(travel_zero_sd=study)).shared[0]
+    expected = max(study, 0.007)
+    assert zero.sd == expected
+    np.testing.assert_allclose(zero.field, expected * slope_matrix(data.travel), rtol=1e-12)
+
+
+def test_an_impossible_common_error_of_contact_is_refused():
+    with pytest.raises(ValueError, match="travel_zero_sd: expected 0 mm or more"):
+        replace(DATA, travel_zero_sd=-0.01)

@@ -216,3 +216,18 @@ def test_a_value_that_lacks_at_the_next_hold_is_bridged_by_a_line():
     travel = np.array([0.2, 0.4, 0.6])
     values = np.array([[1.0], [2.0], [np.nan]])
     assert at_travel(travel, values, np.array([0.38]), 0.1)[0, 0] == pytest.approx(1.9)
+
+
+def test_five_holds_bring_a_polynomial_of_fourth_degree_to_the_nominal_travels_exactly():
+    travel = INCREMENT * np.arange(1, 8) - 0.012
+    values, nominal = 2 * travel + 7 * travel**4, np.array([0.4, 0.8, 1.4])
+    found = at_travel(travel, values, nominal, 0.1, 5)
+    np.testing.assert_allclose(found, 2 * nominal + 7 * nominal**4, rtol=1e-12)
+    assert np.abs(at_travel(travel, values, nominal, 0.1) / found - 1).max() > 1e-3
+
+
+def test_what_the_force_says_of_contact_has_its_weight_beside_the_operator():
+    test = run(Truth(force_noise=0.07))[0]
+    sds = np.array([test.contact.by_force_sd, MACHINE.contact_sd_mm])
+    assert test.contact.force_share == pytest.approx(sds[0] ** -2 / np.sum(sds**-2.0))
+    assert run(Truth(), contact_sd_mm=0.0)[0].contact.force_share == 0.0

@@ -132,6 +132,9 @@ class Dataset:
     only the SDs are known"""
     samples: SampleData | None = None
     """the samples one by one; None where only their mean is known"""
+    travel_zero_sd: float = 0.0
+    """SD of the error that all samples have in common in where the pin touches, mm; what scatters
+    between them is in the covariances"""
 
     def __post_init__(self) -> None:
         if self.travel.ndim != 1 or self.travel.size == 0:
@@ -148,6 +151,8 @@ class Dataset:
             raise ValueError(f"travel: expected increasing values in mm, got {self.travel}")
         if self.n_samples < 1:
             raise ValueError(f"n_samples: expected at least 1, got {self.n_samples}")
+        if not 0 <= self.travel_zero_sd < np.inf:
+            raise ValueError(f"travel_zero_sd: expected 0 mm or more, got {self.travel_zero_sd}")
         if self.field is not None and self.field.displacement.shape[0] != self.travel.size:
             found = self.field.displacement.shape[0]
             raise ValueError(

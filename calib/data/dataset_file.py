@@ -30,6 +30,8 @@ def dataset_arrays(dataset: Dataset) -> Arrays:
         "synthetic": np.array(dataset.synthetic),
         "n_samples": np.array(dataset.n_samples),
     }
+    if dataset.travel_zero_sd > 0:
+        arrays["travel_zero_sd"] = np.array(dataset.travel_zero_sd)
     if dataset.force_covariance is not None:
         arrays["force_covariance"] = dataset.force_covariance
     field, samples = dataset.field, dataset.samples
@@ -72,6 +74,7 @@ def dataset_of_arrays(arrays: Arrays) -> Dataset:
         field=field,
         force_covariance=arrays.get("force_covariance"),
         samples=samples,
+        travel_zero_sd=float(arrays.get("travel_zero_sd", 0.0)),
         **{name: arrays[name] for name in _FORCES},
     )
 

@@ -62,6 +62,7 @@ def assumption_study(
 def with_noise(dataset: Dataset, posterior: Posterior, settings: NoiseSettings) -> Posterior:
     """The posterior under other assumptions on the force errors and the zero of the travel."""
     likelihood = posterior.likelihood
+    dataset = replace(dataset, travel_zero_sd=0.0)  # each case says what it is
     errors = force_errors(dataset, settings, likelihood.errors.discretisation)
     field = likelihood.field
     if field is not None:

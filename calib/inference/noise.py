@@ -48,7 +48,8 @@ class NoiseSettings:
     sample_correlation: float = 0.9
     """correlation rho of one sample's deviation between neighbouring increments, (-1, 1)"""
     travel_zero_sd: float = 0.02
-    """SD of the error in the zero of the pin travel, common to all increments, mm"""
+    """SD of the error in the zero of the pin travel, common to all increments, mm; that of the
+    dataset where it states a larger one"""
     compliance_sd: float = 0.0
     """SD of what is left of the machine's compliance, mm/N: the pin travels less by it times the
     measured force"""
@@ -255,7 +256,7 @@ def force_errors(
     return ForceErrors(
         mean=mean_covariance(dataset, settings) if mean is None else mean,
         discretisation=np.array(relative),
-        travel_zero_sd=settings.travel_zero_sd,
+        travel_zero_sd=max(settings.travel_zero_sd, dataset.travel_zero_sd),
         slope=slope_matrix(dataset.travel),
         further=further_errors(dataset, settings),
         freedom=settings.force_freedom,

@@ -18,7 +18,7 @@ CLEAR = 0.03
 MOST_POINTS = 1000
 """of a fit; ramps may hold many more readings"""
 SMALLEST_SD = 0.01
-"""mm: a polynomial is not quite how the force begins"""
+"""mm: no formula is quite how the force begins; all samples have this error in common"""
 
 
 @dataclass(frozen=True)
@@ -35,15 +35,17 @@ class Contact:
     """mm, what the force alone says"""
     by_force_sd: float
     """mm, its SD by the noise of the force"""
+    force_share: float = 1.0
+    """weight of what the force says in `travel`"""
 
     def combined(self, by_hand: float, by_hand_sd: float) -> Contact:
         """Mean of what the force says and of the operator's zero, by their precision."""
         if by_hand_sd == 0:
-            return replace(self, travel=by_hand, travel_sd=0.0)
+            return replace(self, travel=by_hand, travel_sd=0.0, force_share=0.0)
         weight = self.by_force_sd**-2 / (self.by_force_sd**-2 + by_hand_sd**-2)
         travel = weight * self.by_force + (1 - weight) * by_hand
         sd = (self.by_force_sd**-2 + by_hand_sd**-2) ** -0.5
-        return replace(self, travel=travel, travel_sd=sd)
+        return replace(self, travel=travel, travel_sd=sd, force_share=weight)
 
 
 def in_compression(record: MachineRecord, force_sign: int) -> MachineRecord:

@@ -130,6 +130,22 @@ Corner = tuple[Coordinate, Coordinate]
 Box = tuple[Coordinate, Coordinate, Coordinate, Coordinate]
 
 
+def _encloses(corners: tuple[Corner, ...]) -> bool:
+    """Whether a polygon has an area and no two of its sides cross."""
+    here = np.array(corners, dtype=np.float64)
+    then = np.roll(here, -1, axis=0)
+
+    def turns(places: Array) -> Array:
+        """(n, n) on which side of each of the polygon's sides each place lies."""
+        side, to = (then - here)[:, None], places - here[:, None]
+        signs: Array = np.sign(side[..., 0] * to[..., 1] - side[..., 1] * to[..., 0])
+        return signs
+
+    apart = turns(here) * turns(then) < 0  # the line of one side parts the ends of another
+    area = 0.5 * np.sum(here[:, 0] * then[:, 1] - here[:, 1] * then[:, 0])
+    return bool(abs(area) > 1e-9 and not np.any(apart & apart.T))
+
+
 @dataclass(frozen=True, kw_only=True, config=STRICT)
 class Mask:
     """[mask] What of the image is the sample, in x and y of [axes]."""
@@ -146,6 +162,9 @@ class Mask:
             box = getattr(self, key)
             if box is not None and not (box[0] < box[2] and box[1] < box[3]):
                 raise Contradiction(key, box, "left < right and bottom < top")
+        if self.polygon_mm is not None and not _encloses(self.polygon_mm):
+            expected = "corners one after the other around an area, whose sides do not cross"
+            raise Contradiction("polygon_mm", self.polygon_mm, expected)
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
@@ -241,8 +260,10 @@ def read_experiment(folder: Path) -> Experiment:
     """
     path = folder / FILE
     if not folder.is_dir():
-        raise FileRefused(f"{folder}: found no such folder, expected one with {FILE}")
+        found = "a file" if folder.exists() else "no such folder"
+        raise FileRefused(f"{folder}: found {found}, expected a folder with {FILE}")
     if not path.is_file():
-        raise FileRefused(f"{path}: found no such file, expected what the instruments do not tell")
+        found = "a folder" if path.exists() else "no such file"
+        raise FileRefused(f"{path}: found {found}, expected what the instruments do not tell")
     document = read_document(read_file(path, "experiment file"), str(path), "experiment file")
     return document.checked(Experiment)

@@ -59,15 +59,18 @@ def _sample(folder: Path, name: str) -> SampleFiles:
     files = sorted(place.glob(f"{DIC}*"), key=lambda path: (path.name != DIC, path.name))
     for path in (place / MACHINE, place / FRAMES):
         if not path.is_file():
-            raise WrongFile(path, None, "a file of this sample", "none")
+            found = "a folder" if path.is_dir() else "none"
+            raise WrongFile(path, None, "a file of this sample", found)
     if not files:
         raise WrongFile(place / DIC, None, "a folder of DIC frames, or a file of all", "none")
     return SampleFiles(name, place / MACHINE, files[0], place / FRAMES)
 
 
 def static_folder(folder: Path) -> Path | None:
-    """Folder of the static frames; None where there is none."""
+    """Folder of the static frames; None where there is none. Raises WrongFile for a file."""
     path = folder / STATIC
+    if path.is_file():
+        raise WrongFile(path, None, "a folder of frames", "a file")
     return path if path.is_dir() else None
 
 

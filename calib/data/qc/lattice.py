@@ -76,7 +76,9 @@ def lattice_of(
         cloud = np.concatenate([position[k][valid[k]] for k in later])
         fullest = max((position[k][valid[k]] for k in later), key=len)
     if len(cloud) < 9:
-        raise ValueError(f"expected 9 or more points with a displacement, found {len(cloud)}")
+        raise ValueError(
+            f"expected 9 or more points within [mask] with a displacement, found {len(cloud)}"
+        )
     if len(fullest) < 9:
         raise ValueError(f"expected a frame with 9 or more points, found {len(fullest)}")
     # rounding puts a point of two frames at two places next to each other: spacings are of one

@@ -9,6 +9,7 @@ import numpy as np
 from calib.data.qc.contact import FIT_DEPTH, Contact, find_contact, force_zero, in_compression
 from calib.data.qc.experiment_file import Machine, Protocol
 from calib.data.qc.plateaus import Cycle, Hold, find_cycles, find_holds, step_holds, step_row
+from calib.data.qc.recovery import contact_after_recovery
 from calib.data.qc.relaxation import Relaxation, relaxation
 from calib.data.readers import MachineRecord
 from calib.data.readers.frames import BoolArray
@@ -67,6 +68,10 @@ def machine_test(record: MachineRecord, protocol: Protocol, machine: Machine) ->
     if len(row) < 2:
         raise NotAsPlanned("plateaus", 0, protocol.increments)
     by_force = _contact_by_force(time, position, force, row, protocol)
+    zeroed = force - force_zero(time, position, force, by_force.travel)
+    cycles = find_cycles(time, position - by_force.travel, zeroed, row[0].start, protocol)
+    pressed = position - machine.compliance_mm_per_N * zeroed
+    by_force = contact_after_recovery(time, pressed, zeroed, row, cycles, by_force)
     steps = step_holds(holds, protocol, by_force.travel)
     numbered = [hold for hold in steps if hold.number > 0]
     if not numbered or numbered[-1].number < max(protocol.use):
@@ -116,12 +121,12 @@ def _loading(time: Array, position: Array, before: float, contact: float) -> Boo
     return deep
 
 
-def at_travel(travel: Array, values: Array, nominal: Array, reach: float) -> Array:
+def at_travel(travel: Array, values: Array, nominal: Array, reach: float, most: int = 3) -> Array:
     """(n_nominal, ...) values at nominal travels [mm] from those at travels (n_hold,) [mm].
 
-    Through the three holds around the nearest one, zero travel included, goes a parabola; where
-    one of them has no value (NaN), a line through two. NaN where the nearest hold is farther than
-    `reach` [mm].
+    Through the holds around the nearest one, three or `most` (odd), zero travel included, goes a
+    polynomial; where one of three has no value (NaN), a line through two. NaN where the nearest
+    hold is farther than `reach` [mm].
     """
     knots = np.concatenate([[0.0], travel])
     known = np.concatenate([np.zeros_like(values[:1]), values])
@@ -130,9 +135,9 @@ def at_travel(travel: Array, values: Array, nominal: Array, reach: float) -> Arr
         nearest = 1 + int(np.argmin(np.abs(travel - place)))
         if abs(knots[nearest] - place) > reach:
             continue
-        middle = min(nearest, knots.size - 2) if knots.size > 2 else nearest
-        three = np.arange(middle - 1, min(middle + 2, knots.size))
-        result[row] = np.tensordot(_lagrange(knots[three], place), known[three], axes=1)
+        first = min(max(nearest - most // 2, 0), max(knots.size - most, 0))
+        some = np.arange(first, min(first + most, knots.size))
+        result[row] = np.tensordot(_lagrange(knots[some], place), known[some], axes=1)
         # a line through the nearest hold and the one on the side of the place, then the other
         side = 1 if place > knots[nearest] else -1
         for other in (nearest + side, nearest - side):

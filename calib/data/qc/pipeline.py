@@ -12,6 +12,7 @@ import numpy as np
 from calib.data.dataset import Dataset, FieldData, SampleData
 from calib.data.qc.alignment import aligned, mapping_std
 from calib.data.qc.averaging import MeanField, mean_field, mean_force, with_enough
+from calib.data.qc.contact import SMALLEST_SD
 from calib.data.qc.experiment_file import Experiment, Mapping, read_experiment
 from calib.data.qc.lab_files import SampleFiles, input_hash, sample_files, static_folder
 from calib.data.qc.machine_test import at_travel
@@ -213,9 +214,19 @@ def _with_dataset(result: QcResult, static: StaticNoise | None, started: float) 
         # with fewer samples it has no inverse, or one that is chance: see `mean_covariance`
         force_covariance=covariance if n >= n_step + 2 else None,
         samples=SampleData(names, forces, fields[:, :, mean.kept], noise.together.std),
+        travel_zero_sd=_common_zero(samples),
     )
     seconds = time.perf_counter() - started
     return replace(result, fields=every, mean=mean, noise=noise, dataset=dataset, seconds=seconds)
+
+
+def _common_zero(samples: Sequence[Sample]) -> float:
+    """SD of what all samples' contact is off by, mm: that of the form that their forces are given.
+
+    It counts by the weight that the force has beside the operator's start of the steps.
+    """
+    shares = [sample.machine.contact.force_share for sample in samples if sample.machine]
+    return SMALLEST_SD * float(np.mean(shares))
 
 
 def _mean(

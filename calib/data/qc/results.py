@@ -92,6 +92,7 @@ def qc_report(result: QcResult, version: str) -> dict[str, object]:
             "force_sd": dataset.force_sd,
             "force_covariance": dataset.force_covariance,
             "n_samples": dataset.n_samples,
+            "travel_zero_sd": dataset.travel_zero_sd,
             "n_points": len(dataset.field.points),
             "noise_std": dataset.field.noise_std,
             "nugget": dataset.field.nugget,
