@@ -10,6 +10,7 @@ Of the field, e32 and e21 are RMS differences over points and components, and th
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -61,7 +62,7 @@ def grid_index(
     return SAFETY * abs(e21) / (r21**order - 1.0), order
 
 
-def figures(folder: Path) -> dict[str, Any]:
+def figures(folder: Path, cases: Sequence[Case] = CASES) -> dict[str, Any]:
     """Indices of force (%) and field (mm) of the finest mesh by contact and increment; orders."""
     found: dict[str, Any] = {
         "force_gci_percent": {},
@@ -72,7 +73,7 @@ def figures(folder: Path) -> dict[str, Any]:
         "gci_seconds": {},
         "gci_meshes": {},
     }
-    for case in CASES:
+    for case in cases:
         meshes = similar(case)
         size = np.array([1.0 / mesh.numbers[0] for mesh in meshes])[::-1]
         runs = [_run(folder, case, mesh) for mesh in meshes][::-1]

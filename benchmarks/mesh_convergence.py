@@ -1,7 +1,8 @@
 """Force and front-face field of the thesis specimen on ever finer meshes, as a Markdown table.
 
     python -m benchmarks.mesh_convergence [stick|slide|COEFFICIENT OF FRICTION] [r s]
-        [--pin bar|round] [--cells 12x4x2 ...] [--step MM] [--plane-strain] [--runs FOLDER]
+        [--pin bar|round] [--cells 12x4x2 ...] [--step MM] [--plane-strain] [--directions]
+        [--runs FOLDER]
 
 Runs one mesh after the other in one process with one thread, at kappa = 1 MPa, and prints the
 difference of each from the finest: force in %, field as RMS over the components at 840 points
@@ -9,7 +10,9 @@ in mm; the index of the last three; and the uncertainty of each from all of them
 (`benchmarks.mesh_uncertainty`).  Every run is kept in the folder, for both, under a name that
 changes with the model and the code (`benchmarks.run_key`), and not repeated.  Meshes are those of
 a design sample and of a fit and three similar ones, or the given `--cells`, the finest last; under
-a round pin r12x8x2 are 12 rings, 8 layers and 2 elements along an eighth of the rim.
+a round pin r12x8x2 are 12 rings, 8 layers and 2 elements along an eighth of the rim.  With
+`--directions` it refines the mesh of a fit, or each of `--cells`, one coordinate at a time, and
+prints the index of that (`benchmarks.directional_index`).
 """
 
 from __future__ import annotations
@@ -18,7 +21,7 @@ import argparse
 import time
 from dataclasses import astuple, replace
 from pathlib import Path
-from typing import NamedTuple, cast
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -35,6 +38,19 @@ TRAVEL = (0.6, 0.8, 1.0, 1.2, 1.4)
 RATIOS = np.array([0.5, 0.05])
 """(r, s) of every mesh, unless asked otherwise"""
 RUNS = Path(__file__).resolve().parents[1] / "runs" / "verify-fe" / "gci"
+
+
+FOLLOWED = {
+    "stick, 15 x 28 x 5, 0.05": 0.0,
+    "stick, 15 x 14 x 10, 0.05": 0.0,
+    "friction 0.3, 16 x 16 x 4, 0.05": 0.0,
+    "round, stick, 16 x 32 x 2, 0.05": 0.0,
+    "round, friction 0.3, 36 x 6 x 2, 0.05": 1.0,
+    "round, friction 0.3, 9 x 12 x 2, 0.05": 0.0,
+    "round, friction 0.3, 9 x 6 x 4, 0.05": 0.0,
+}
+"""mm: how far meshes are followed of which a later step was not found within minutes; 0 where
+a mesh takes too long, or none of its runs has ended"""
 
 
 class Mesh(NamedTuple):
@@ -71,15 +87,18 @@ class Case(NamedTuple):
 
 GLUED = tuple(Mesh((4 * n, 4 * n, 2 * n), 0.05) for n in (2, 3, 4))
 SLIDING = tuple(Mesh((4 * n, 2 * n, n), 0.05) for n in (2, 3, 4))
-STUCK_TO_ROUND = tuple(Mesh((2 * n, n, 2 * n), 0.05) for n in (3, 4, 6))
-UNDER_ROUND = tuple(Mesh((2 * n, n, 2 * n), 0.05) for n in (3, 4, 5))
-"""coarse to fine, similar to each other"""
+STUCK_TO_ROUND = tuple(Mesh(Rings(4 * n, 4 * n), 0.05) for n in (2, 3, 4))
+UNDER_ROUND = tuple(Mesh(Rings(3 * n, 2 * n), 0.05) for n in (2, 3, 4))
+RUBBING_ROUND = tuple(Mesh(Rings(6 * n, 2 * n), 0.05) for n in (1, 2, 3))
+"""coarse to fine, similar to each other; rings in the section across the rim, with two elements
+along an eighth of it on all"""
 
 
 def similar(case: Case) -> tuple[Mesh, ...]:
     """Three meshes of the index, coarse to fine."""
     if case.pin == "round":
-        return STUCK_TO_ROUND if case.interface == "stick" else UNDER_ROUND
+        touch = {"stick": STUCK_TO_ROUND, "slide": UNDER_ROUND}
+        return touch.get(str(case.interface), RUBBING_ROUND)
     return GLUED if case.interface == "stick" else SLIDING
 
 
@@ -98,30 +117,55 @@ def _row(case: Case) -> str:
     return f"{case.pin}, {touch}"
 
 
+def followed(case: Case, mesh: Mesh) -> float:
+    """Travel to which a mesh is followed, mm."""
+    return FOLLOWED.get(f"{case}, {mesh}", TRAVEL[-1])
+
+
 def simulate(folder: Path, case: Case, mesh: Mesh, ratios: Array) -> Response:
     """The thesis specimen, the same interface on pin and base, from the folder if it is there.
 
-    `seconds` of the response are of the processor, not of the clock.
+    `seconds` of the response are of the processor, not of the clock.  A mesh that is not followed
+    to the last travel has NaN there.
     """
     contact = Contact(case.interface, case.interface)
     steps = StepOptions(largest=mesh.step)
+    last = followed(case, mesh) or TRAVEL[-1]  # who asks for a mesh that takes long, gets it
     model = BlockPinModel(
         BlockPin(pin=case.pin),
         contact,
         mesh.cells,
-        TRAVEL,
+        tuple(travel for travel in TRAVEL if travel <= last),
         steps=steps,
         plane_strain=case.plane_strain,
     )
     words = [str(case), "x".join(map(str, mesh.numbers)), *(f"{v:g}" for v in ratios)]
     path = folder / f"{'-'.join(words).replace(', ', '-').replace(' ', '-')}-{run_key(model)}.npz"
     if path.exists():
-        return load_response(path)
+        return _to_the_end(load_response(path))
     start = time.process_time()
     response = replace(model(ratios), seconds=time.process_time() - start)
     folder.mkdir(parents=True, exist_ok=True)
     save_response(path, response)
-    return response
+    return _to_the_end(response)
+
+
+def _to_the_end(run: Response) -> Response:
+    """All travels; NaN where the run was not to go."""
+    missing = len(TRAVEL) - len(run.travel)
+
+    def longer(values: npt.NDArray[Any], fill: float = np.nan) -> npt.NDArray[Any]:
+        return np.pad(values, [(0, missing)] + [(0, 0)] * (values.ndim - 1), constant_values=fill)
+
+    return replace(
+        run,
+        travel=np.array(TRAVEL),
+        force=longer(run.force),
+        displacement=longer(run.displacement),
+        force_gradient=longer(run.force_gradient),
+        displacement_gradient=longer(run.displacement_gradient),
+        negative_pivots=longer(run.negative_pivots, 0),
+    )
 
 
 def field_difference(one: Response, other: Response) -> Array:
@@ -132,7 +176,8 @@ def field_difference(one: Response, other: Response) -> Array:
 
 def main(arguments: list[str] | None = None) -> None:
     """Print the tables."""
-    from benchmarks.mesh_uncertainty import table  # which needs this module
+    from benchmarks.directional_index import table_of as directions  # which needs this module
+    from benchmarks.mesh_uncertainty import table  # which does too
 
     options = _options(arguments)
     named = options.interface in ("stick", "slide")
@@ -144,6 +189,10 @@ def main(arguments: list[str] | None = None) -> None:
     meshes = [*(mesh for mesh in single if mesh not in family), *family]
     if options.cells:
         meshes = [Mesh(cells, options.step) for cells in options.cells]
+    if options.directions:
+        for mesh in meshes if options.cells else [fitting(case)]:
+            print(f"{case}, {mesh}\n{directions(options.runs, case, mesh)}", flush=True)
+        return
     print(f"{case}, r = {ratios[0]:g}, s = {ratios[1]:g}, kappa = 1 MPa\n")
     print("| elements, step mm | " + " | ".join(f"F({d}) N" for d in TRAVEL), end=" | ")
     print("s | pivots < 0 |\n" + "|---" * (len(TRAVEL) + 3) + "|")
@@ -182,6 +231,7 @@ def _options(arguments: list[str] | None) -> argparse.Namespace:
     parser.add_argument("--cells", nargs="+", type=_cells, metavar="12x4x2")
     parser.add_argument("--step", type=float, default=0.05, help="largest, mm, of --cells")
     parser.add_argument("--plane-strain", action="store_true", help="--cells with one along z")
+    parser.add_argument("--directions", action="store_true", help="one coordinate at a time")
     parser.add_argument("--runs", type=Path, default=RUNS)
     return parser.parse_args(arguments)
 

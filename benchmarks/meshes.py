@@ -22,9 +22,9 @@ SAMPLING_CELLS: dict[str, Cells] = {
 FITTING_CELLS: dict[str, Cells | Rings] = {
     "bar, stick": (15, 14, 5),
     "bar, friction": (16, 8, 4),
-    "bar, frictionless": (16, 5, 2),
+    "bar, frictionless": (16, 5, 4),
     "round, stick": Rings(16, 16, 2),
-    "round, friction": (10, 5, 10),
+    "round, friction": Rings(18, 6, 2),
     "round, frictionless": Rings(12, 8, 2),
 }
 """of the runs that a fit is checked or corrected with; rings, layers, sectors where they follow the

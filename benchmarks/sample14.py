@@ -4,11 +4,7 @@ Published, as far as it is at hand:
 - DICe's own regression test on these images (github.com/dicengine/dice, tests/regression,
   dic_challenge_14_nlvc and _vsg, commits 27a7807 and d3a5ebc): subset 35, step 25, first order;
   the root of the sum of squares over the columns of (mean of u less truth) is at most 0.06 px.
-- The theory to which the codes of the second Challenge are held (Reu et al. 2022, Exp. Mech.
-  62:639): a subset passes of a field what the polynomial of its order fitted by least squares
-  does; 10 % of a wave of period l are lost at l = 67.8 px for a subset of 17 px of order 1 (3.99
-  subsets). Noise times this l, the metrological efficiency indicator, is one number for all
-  subsets of an order.
+- The theory of the second Challenge: see `sample14_efficiency`.
 """
 
 from __future__ import annotations
@@ -18,12 +14,11 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.optimize import brentq
 from scipy.signal import savgol_filter
 
 from calib.dic import Correlation, CorrelationSettings, correlate, grid_points, read_image
 from calib.dic import rectangle_mask as rectangle
-from calib.dic.interpolation import Array, grid_slopes, spline_of
+from calib.dic.interpolation import Array
 from calib.dic.overlap import error_correlation
 
 LEVELS = {"L1": 1, "L5": 5}
@@ -32,11 +27,7 @@ BOX = (40, 30, 2008, 560)
 STEP = 8
 SETTINGS = ((1, 21), (1, 31), (2, 31), (2, 41), (2, 51))
 """order and subset"""
-EFFICIENT = ((1, 31), (1, 41), (2, 91), (2, 111))
-"""subsets that lose 10 % of a wave of a period that L5 has (100 to 870 px)"""
 DICE_SUBSET, DICE_STEP, DICE_BOUND = 35, 25, 0.06
-STILL = 96
-"""columns that do not move in any image (0.01 px at the last)"""
 LEAST_SIZE = 0.05
 """px: smaller half waves are not looked at"""
 
@@ -221,70 +212,4 @@ def dice_bound(sample: Sample) -> dict[str, Any]:
                 "not_followed_px": _rounded(np.linalg.norm(passed[xs] - truth[xs])),
                 "by_noise_px": _rounded(np.sqrt(wave.variance.sum() * rows.mean())),
             }
-    return figures
-
-
-def resolution(subset: float, order: int) -> float:
-    """Period of the wave of which a subset's polynomial loses 10 %, px (Reu et al. 2022)."""
-    places = (np.arange(2001) - 1000) / 2001 * subset
-    weights = np.linalg.pinv(np.vander(places / subset, order + 1, increasing=True))[0]
-
-    def passed(period: float) -> float:
-        return float(weights @ np.cos(2 * np.pi * places / period)) - 0.9
-
-    return float(brentq(passed, 1.05 * subset, 8 * subset))
-
-
-def effective_subset(wave: Wave, truth: Array, subset: int, order: int) -> float:
-    """Side of the subset whose polynomial passes most nearly what was measured, px.
-
-    By the sum of squares over all columns, a parabola through it about its least. Raises ValueError
-    where it has none: what was measured is not that of a subset.
-    """
-    sides = np.arange(max(subset // 2 * 2 - 19, 5), subset + 21, 2)
-    columns = np.arange(truth.size)
-    off = [
-        np.sum((wave.mean - np.interp(wave.x, columns, followed(truth, int(side), order))) ** 2)
-        for side in sides
-    ]
-    power = sides.astype(float) ** (2 * order)
-    # what is lost of a wave grows with this power of the side, so its square is a parabola in it
-    a, b, _ = np.polyfit(power, off, 2)
-    if not (a > 0 and b < 0):
-        raise ValueError(f"mean: expected a wave as a subset of some {subset} px passes it")
-    return float((-b / (2 * a)) ** (1 / (2 * order)))
-
-
-def efficiency(sample: Sample) -> dict[str, Any]:
-    """Noise times resolution beside its theory, with the noise of the images as it is measured.
-
-    The images do not move in their first columns: their differences there are noise. A subset's
-    theory: sqrt(2) noise / (RMS slope x side), for order 2 times sqrt(7 / 2), the factor by which
-    the least-squares value in the middle of a square is less certain with a quadratic.
-    """
-    slope = float(np.sqrt(np.mean(grid_slopes(spline_of(sample.reference, 5))[0] ** 2)))
-    noise = {
-        level: float((image - sample.reference)[:, :STILL].std() / np.sqrt(2))
-        for level, image in sample.deformed.items()
-    }
-    figures: dict[str, Any] = {
-        "noise_grey": {level: round(value, 3) for level, value in noise.items()},
-        "slope_grey_per_px": round(slope, 3),
-    }
-    points, truth = grid(sample), sample.truth["L5"]
-    for order, subset in EFFICIENT:
-        settings = CorrelationSettings(subset=subset, order=order)
-        wave = averaged(points, ours(sample, "L5", points, settings).displacement[:, 0])
-        random = float(np.sqrt(wave.variance.mean()))
-        least = np.sqrt(2) * noise["L5"] / (slope * subset) * (1 if order == 1 else np.sqrt(3.5))
-        found = resolution(effective_subset(wave, truth, subset, order), order)
-        theory = resolution(subset, order)
-        figures[f"order_{order}_subset_{subset}"] = {
-            "noise_px": _rounded(random),
-            "noise_theory_px": _rounded(least),
-            "resolution_px": round(found, 1),
-            "resolution_theory_px": round(theory, 1),
-            "indicator_px2": round(random * found, 3),
-            "indicator_theory_px2": round(least * theory, 3),
-        }
     return figures

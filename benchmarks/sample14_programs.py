@@ -19,13 +19,12 @@ from benchmarks.sample14 import (
     LEVELS,
     Sample,
     averaged,
-    effective_subset,
     file_of,
     grid,
     ours,
-    resolution,
     trade_off,
 )
+from benchmarks.sample14_efficiency import indicator
 from calib.dic import CorrelationSettings
 from calib.dic.interpolation import Array
 
@@ -101,9 +100,7 @@ def _judged(
         # what a subset would pass says nothing of elements
         del figures["filter_loss_px"], figures["mean_filter_loss_px"]
     elif level == "L5" and settings.order == 1:
-        side = effective_subset(wave, truth, settings.subset, settings.order)
-        indicator = figures["noise_px"] * resolution(side, settings.order)
-        figures["indicator_px2"] = round(indicator, 3)
+        figures["indicator_px2"] = indicator(wave, truth, settings)
     return figures
 
 

@@ -21,7 +21,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from benchmarks import dic_challenge, dic_synthetic, sample14, sample14_programs, verify_stereo
+from benchmarks import (
+    dic_challenge,
+    dic_synthetic,
+    sample14,
+    sample14_efficiency,
+    sample14_programs,
+    verify_stereo,
+)
 from benchmarks.verify_data import data_folder
 from benchmarks.verify_fe import merge
 
@@ -50,7 +57,8 @@ def sample14_figures(settings: Settings) -> dict[str, Any]:
         "sample14_noise_px": best["noise_px"],
         "sample14": figures,
         "sample14_dice_bound": sample14.dice_bound(sample),
-        "sample14_efficiency": sample14.efficiency(sample),
+        "sample14_efficiency": sample14_efficiency.efficiency(sample),
+        "sample14_interpolation": sample14_efficiency.interpolation(sample),
         # those of an earlier run stay where no other program is installed
         **({"sample14_programs": beside} if beside else {}),
     }

@@ -1,11 +1,14 @@
 """Measure what docs/verification/fe.json states about the FE model, part by part.
 
-    python -m benchmarks.verify_fe [--only PART ...] [--draws 200] [--workers 1] [--out FILE]
+    python -m benchmarks.verify_fe [--only PART ...] [--cases CASE ...] [--draws 200] [--workers 1]
+        [--out FILE]
 
-Parts: felupe, calculix, taylor (a minute each), gci and bounds (ten minutes each), sobol (200 draws
-over pins and contacts, 20 of them on the fitting mesh: an hour or more).  Each part replaces its
-own figures in FILE and leaves the others; every simulation of gci, bounds and sobol is kept under
---runs, so an interrupted part goes on where it was.
+Parts: felupe, calculix, taylor (a minute each), gci and bounds (ten minutes each), directions (the
+fitting meshes refined in one coordinate at a time, an hour), sobol (200 draws over pins and
+contacts, 20 of them on the fitting mesh: an hour or more).  Each part replaces its own figures in
+FILE and leaves the others; every simulation of gci, bounds, directions and sobol is kept under
+--runs, so an interrupted part goes on where it was.  With --cases ("round, stick" ...) gci and
+directions replace the figures of these cases alone.
 """
 
 from __future__ import annotations
@@ -26,7 +29,15 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from benchmarks import convergence_study, grid_convergence, mesh_uncertainty, taylor
+from benchmarks import (
+    convergence_study,
+    directional_index,
+    grid_convergence,
+    mesh_uncertainty,
+    taylor,
+)
+from benchmarks.grid_convergence import CASES
+from benchmarks.mesh_convergence import Case
 from benchmarks.stuck_patch import StuckPatch, press
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -43,6 +54,8 @@ class Settings:
     """folder of finished simulations"""
     draws: int
     workers: int
+    cases: tuple[Case, ...] = CASES
+    """of gci and directions"""
 
 
 def felupe(settings: Settings) -> dict[str, Any]:
@@ -95,12 +108,17 @@ def taylor_orders(settings: Settings) -> dict[str, Any]:
 
 def gci(settings: Settings) -> dict[str, Any]:
     """Grid convergence index of force and field by contact and increment."""
-    return grid_convergence.figures(settings.runs / "gci")
+    return grid_convergence.figures(settings.runs / "gci", settings.cases)
 
 
 def bounds(settings: Settings) -> dict[str, Any]:
     """Uncertainty of the bar's fitting meshes by least squares, by contact and increment."""
     return mesh_uncertainty.figures(settings.runs / "gci")
+
+
+def directions(settings: Settings) -> dict[str, Any]:
+    """Index of the fitting meshes, refined one coordinate at a time, by contact and increment."""
+    return directional_index.figures(settings.runs / "gci", settings.cases)
 
 
 def sobol(settings: Settings) -> dict[str, Any]:
@@ -114,8 +132,12 @@ PARTS: dict[str, Callable[[Settings], dict[str, Any]]] = {
     "taylor": taylor_orders,
     "gci": gci,
     "bounds": bounds,
+    "directions": directions,
     "sobol": sobol,
 }
+
+BY_CASE = ("gci", "directions")
+"""parts whose figures are by case"""
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -124,22 +146,27 @@ def main(arguments: list[str] | None = None) -> None:
         prog="benchmarks.verify_fe", description=__doc__.splitlines()[0]
     )
     parser.add_argument("--only", nargs="+", choices=PARTS, default=list(PARTS), metavar="PART")
+    names = [str(case) for case in CASES]
+    parser.add_argument("--cases", nargs="+", choices=names, default=names, metavar="CASE")
     parser.add_argument("--draws", type=int, default=200, help="of the Sobol study")
     parser.add_argument("--workers", type=int, default=1, help="processes of the Sobol study")
     parser.add_argument("--runs", type=Path, default=ROOT / "runs" / "verify-fe")
     parser.add_argument("--out", type=Path, default=OUT, metavar="FILE")
     options = parser.parse_args(arguments)
-    settings = Settings(options.runs, options.draws, options.workers)
+    cases = tuple(case for case in CASES if str(case) in options.cases)
+    settings = Settings(options.runs, options.draws, options.workers, cases)
     for name in options.only:
         print(f"{name}:", flush=True)
-        merge(options.out, PARTS[name](settings))
+        merge(options.out, PARTS[name](settings), by_case=cases != CASES and name in BY_CASE)
     print(f"written to {options.out}")
 
 
-def merge(path: Path, figures: dict[str, Any]) -> None:
-    """Replace these figures in the file; print them."""
+def merge(path: Path, figures: dict[str, Any], *, by_case: bool = False) -> None:
+    """Replace these figures in the file, `by_case` those of their cases; print them."""
     print(json.dumps(figures, indent=2), flush=True)
     known = json.loads(path.read_text()) if path.exists() else {}
+    if by_case:
+        figures = {key: known.get(key, {}) | value for key, value in figures.items()}
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(json.dumps(known | figures, indent=2, sort_keys=True) + "\n")
 

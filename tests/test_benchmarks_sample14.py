@@ -10,13 +10,12 @@ from benchmarks.sample14 import (
     Wave,
     averaged,
     by_noise,
-    effective_subset,
     followed,
     half_waves,
     losses,
-    resolution,
     trade_off,
 )
+from benchmarks.sample14_efficiency import effective_subset, resolution
 from benchmarks.sample14_programs import programs
 from calib.dic import CorrelationSettings
 from calib.dic.overlap import error_correlation

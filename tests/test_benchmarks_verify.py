@@ -113,12 +113,45 @@ def test_a_part_replaces_its_figures_and_leaves_the_others(tmp_path, monkeypatch
     assert json.loads(out.read_text()) == {"taylor_order": 2.0, "draws": 7}
 
 
+def test_a_mesh_that_is_followed_to_a_travel_has_nan_beyond_it(tmp_path, monkeypatch):
+    case, mesh = mesh_convergence.Case("bar", "slide"), mesh_convergence.Mesh((3, 2, 1), 0.05)
+    monkeypatch.setattr(mesh_convergence, "TRAVEL", (0.02, 0.04))
+    whole = mesh_convergence.simulate(tmp_path, case, mesh, mesh_convergence.RATIOS)
+    monkeypatch.setitem(mesh_convergence.FOLLOWED, "slide, 3 x 2 x 1, 0.05", 0.02)
+    for _ in range(2):  # made and found
+        part = mesh_convergence.simulate(tmp_path, case, mesh, mesh_convergence.RATIOS)
+        assert part.travel.tolist() == [0.02, 0.04]
+        np.testing.assert_array_equal(part.force[:1], whole.force[:1])
+        np.testing.assert_array_equal(part.displacement[:1], whole.displacement[:1])
+        assert np.isnan(part.force[1:]).all()
+        assert np.isnan(part.displacement[1:]).all()
+
+
+def test_some_cases_of_a_part_leave_the_other_cases(tmp_path, monkeypatch):
+    out = tmp_path / "fe.json"
+
+    def part(settings):
+        return {"force": {str(case): settings.draws for case in settings.cases}}
+
+    monkeypatch.setitem(verify_fe.PARTS, "directions", part)
+    verify_fe.main(["--only", "directions", "--draws", "1", "--out", str(out)])
+    some = ["--cases", "slide", "round, stick"]
+    verify_fe.main(["--only", "directions", *some, "--draws", "2", "--out", str(out)])
+    found = json.loads(out.read_text())["force"]
+    assert len(found) == len(grid_convergence.CASES)
+    assert {case for case, value in found.items() if value == 2} == {"slide", "round, stick"}
+    verify_fe.main(["--only", "directions", "--draws", "3", "--out", str(out)])
+    assert set(json.loads(out.read_text())["force"].values()) == {3}
+
+
 @pytest.mark.parametrize("case", grid_convergence.CASES, ids=str)
 def test_meshes_of_the_index_are_refined_alike_in_all_directions(case):
+    """Rings across the rim and over the height: along the rim they have two elements each."""
     meshes = similar(case)
-    coarse = np.array(meshes[0].numbers)
+    directions = slice(2) if case.pin == "round" else slice(3)
+    coarse = np.array(meshes[0].numbers[directions])
     for mesh in meshes[1:]:
-        assert np.ptp(np.array(mesh.numbers) / coarse) == 0.0
+        assert np.ptp(np.array(mesh.numbers[directions]) / coarse) == 0.0
     assert len({mesh.step for mesh in meshes}) == 1
 
 

@@ -29,16 +29,16 @@ def lines(
     return [np.unique(x) for x in block_mesh(specimen, symmetry, cells, contact).p]
 
 
-@pytest.mark.parametrize("case", CASES, ids=str)
+@pytest.mark.parametrize("case", [case for case in CASES if case.pin == "bar"], ids=str)
 def test_meshes_of_the_convergence_study_are_similar(case):
     """Lines that any two of them should share, they share.
 
     But for those along a bar with friction, where two elements keep the lines of design samples.
     """
-    contact, specimen = Contact(case.interface, case.interface), BlockPin(pin=case.pin)
+    contact = Contact(case.interface, case.interface)
     for one, other in itertools.combinations([mesh.cells for mesh in similar(case)], 2):
-        found = (lines(specimen, cells, contact=contact) for cells in (one, other))
-        rubs_on_two = case.pin == "bar" and case.interface == 0.3 and min(one[2], other[2]) == 2
+        found = (lines(BAR, cells, contact=contact) for cells in (one, other))
+        rubs_on_two = case.interface == 0.3 and min(one[2], other[2]) == 2
         axes = slice(2) if rubs_on_two else slice(3)
         for a, b, m, n in zip(*(of[axes] for of in (*found, one, other)), strict=True):
             common = math.gcd(m, n)

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+import itertools
+import math
+from dataclasses import astuple, replace
 
 import numpy as np
 import pytest
 
+from benchmarks.grid_convergence import CASES
+from benchmarks.mesh_convergence import similar
 from benchmarks.taylor import moved, names, rubber
 from fe import BlockPin, BlockPinModel, Contact, Rings, Status
 from fe.newton import NewtonOptions
@@ -47,6 +51,28 @@ def test_elements_fill_the_quarter_and_rings_are_circles_under_the_rim(contact):
     for r in on_rim:  # seven rays meet each circle, once a layer
         assert np.isclose(np.hypot(mesh.p[0], mesh.p[2]), r).sum() == 7 * 4
     assert on_rim.size >= 4
+
+
+@pytest.mark.parametrize("case", [case for case in CASES if case.pin == "round"], ids=str)
+def test_rings_of_the_convergence_study_are_similar(case):
+    """The core's lines and those of rings and layers that two meshes should share, they share."""
+    contact = Contact(case.interface, case.interface)
+    for one, other in itertools.combinations([mesh.cells for mesh in similar(case)], 2):
+        x, y = [], []
+        for cells in (one, other):
+            points = BlockPinModel(ROUND, contact, cells, (0.1,)).mesh().p
+            x.append(np.unique(points[0, (points[1] == 0.0) & (points[2] == 0.0)]))
+            y.append(np.unique(points[1]))
+        core = one.sectors
+        assert core == other.sectors
+        np.testing.assert_allclose(x[0][:core], x[1][:core], rtol=0, atol=1e-12)
+        rings, layers = (
+            math.gcd(*n) for n in zip(astuple(one)[:2], astuple(other)[:2], strict=True)
+        )
+        shared = [v[core :: cells.rings // rings] for v, cells in zip(x, (one, other), strict=True)]
+        np.testing.assert_allclose(*shared, rtol=0, atol=1e-12)
+        shared = [v[:: cells.layers // layers] for v, cells in zip(y, (one, other), strict=True)]
+        np.testing.assert_allclose(*shared, rtol=0, atol=1e-12)
 
 
 def test_rings_and_a_grid_take_the_same_force_and_bulge_alike():
