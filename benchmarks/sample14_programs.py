@@ -136,7 +136,10 @@ def _theirs(
             return {"failed": found}
         points, displacement, _, _ = found
         settings = CorrelationSettings(subset=subset, order=order)
-        figures[level] = _judged(
-            points, displacement[:, 0], sample, level, settings, peer not in GLOBAL
-        )
+        try:
+            figures[level] = _judged(
+                points, displacement[:, 0], sample, level, settings, peer not in GLOBAL
+            )
+        except ValueError as error:  # a field that is no subset's: the other programs' go on
+            return {"failed": str(error)}
     return figures

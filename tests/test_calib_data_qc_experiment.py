@@ -470,10 +470,11 @@ def test_a_study_that_does_not_fit_the_experiment_is_refused_by_line(lab, tmp_pa
 
 
 def stating(folder: Path, sigma: tuple[float, float, float]) -> None:
-    """Let every point file of a laboratory state standard deviations, mm, in the file's axes."""
+    """Let every point file state SDs, mm, in the file's axes, and a correlation of 0.7 mm."""
     for path in folder.glob("S*/dic/*.csv"):
         frame = read_dic(path).frames[0]
-        write_points(path, replace(frame, sigma=np.tile(sigma, (frame.valid.size, 1))))
+        sigmas = np.tile(sigma, (frame.valid.size, 1))
+        write_points(path, replace(frame, sigma=sigmas, correlation_length=0.7))
 
 
 def test_what_a_dic_program_states_stands_in_for_static_frames(some):
@@ -486,9 +487,13 @@ def test_what_a_dic_program_states_stands_in_for_static_frames(some):
     expected = np.array([0.02, 0.03, 0.04]) / np.sqrt(2)
     np.testing.assert_allclose(beside.noise.stated, expected, rtol=1e-9)
     np.testing.assert_array_equal(beside.noise.mean_std, alone.noise.mean_std)
+    lengths = [found.dataset.field.correlation_length for found in (alone, beside)]
+    assert lengths[0] == lengths[1]
     assert "stated by the DIC program, field" in [row[0] for row in noise_table(beside).rows]
     shutil.rmtree(folder / "static")
-    without = analyse(folder).noise.mean_std
+    left = analyse(folder)
+    without = left.noise.mean_std
+    assert left.noise.repeats.correlation_length < 0.7 == left.dataset.field.correlation_length
     assert without.min() > 0
     np.testing.assert_allclose(without, expected / np.sqrt(3), rtol=0.05)
 

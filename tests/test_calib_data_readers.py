@@ -165,13 +165,14 @@ lengths = st.floats(-1e6, 1e6)
     st.sampled_from([None, (2, 3)]),
     st.booleans(),
     st.none() | st.floats(0, 1, exclude_max=True),
+    st.none() | st.floats(0, 1e5, exclude_min=True),
 )
 def test_our_points_csv_gives_back_the_same_bits(
-    tmp_path, position, displacement, valid, sigma, time, shape, is_planar, scale_sd
+    tmp_path, position, displacement, valid, sigma, time, shape, is_planar, scale_sd, length
 ):
     displacement[~valid] = np.nan
     frame = PointFrame(
-        "B 07: x", position, displacement, valid, sigma, time, shape, is_planar, scale_sd
+        "B 07: x", position, displacement, valid, sigma, time, shape, is_planar, scale_sd, length
     )
     path = tmp_path / "frame.csv"
     write_points(path, frame)
@@ -184,6 +185,7 @@ def test_our_points_csv_gives_back_the_same_bits(
             np.testing.assert_array_equal(before, after)
     assert (read.name, read.time, read.grid_shape) == (frame.name, frame.time, frame.grid_shape)
     assert (read.is_planar, read.scale_sd) == (is_planar, scale_sd)
+    assert read.correlation_length == length
 
 
 def test_our_files_refuse_a_name_that_would_not_come_back(tmp_path):
@@ -220,6 +222,9 @@ REFUSED_DIC_FILES = {
     "a machine's file": (reader_samples.bluehill_raw(), 1, "DIC points", "Instron Bluehill csv"),
     "a strange head": (OWN.replace(b"# planar", b"# plane"), 5, "planar", "plane"),
     "a scale of 1": (OWN.replace(b"# points", b"# scale_sd: 1\n# points"), 6, "scale_sd", "1"),
+    "no length": (
+        OWN.replace(b"# points", b"# correlation_length_mm: 0\n# points"), 6, "above 0", "0",
+    ),
     "a flag of 2": (OWN.replace(b",1,", b",2,", 1), 8, "valid 0 or 1", "2"),
     "a NUL byte": (OWN + b"\0", 28, "text", "NUL"),
     "calibration": ("6.389130236e+02 # cx\n", 1, "DIC points", "# cx"),

@@ -8,6 +8,7 @@ from calib.dic import (
     CorrelationSettings,
     Reason,
     correlate,
+    correlation_length,
     error_correlation,
     follow,
     grid_points,
@@ -284,6 +285,18 @@ def test_errors_of_overlapping_subsets_correlate_as_stated(pattern, spread):
         stated = error_correlation(settings, np.array(float(distance)), np.array(0.0))
         assert stated == pytest.approx(1 - distance / 21)
         assert measured == pytest.approx(stated, abs=0.12)
+
+
+@pytest.mark.parametrize(("order", "subset"), [(1, 21), (2, 31)])
+def test_the_length_of_an_exponential_holds_as_much_correlation_as_overlapping_subsets(
+    order, subset
+):
+    settings = CorrelationSettings(subset=subset, order=order)
+    apart = np.arange(-subset, subset + 1.0)
+    held = error_correlation(settings, apart, apart[:, None]).sum()
+    assert 2 * np.pi * correlation_length(settings) ** 2 == pytest.approx(held, rel=1e-9)
+    if order == 1:
+        assert correlation_length(settings) == pytest.approx(subset / np.sqrt(2 * np.pi))
 
 
 def test_strain_of_a_linear_field_is_exact():

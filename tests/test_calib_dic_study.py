@@ -89,6 +89,7 @@ def test_point_files_are_read_back_in_mm_with_y_up(folder, capsys):
     truth = np.column_stack([0.04 * x_px, np.full(104, 1.0)]) * 0.02
     error = frame.displacement[:, :2] - truth
     assert np.abs(error).max() < 0.1 * 0.02
+    assert frame.correlation_length == pytest.approx(0.02 * 21 / np.sqrt(2 * np.pi))
     assert np.std(error / frame.sigma[:, :2]) == pytest.approx(1.0, abs=0.25)
     assert frame.position[:, 1].min() == pytest.approx(0.0, abs=0.02 * 5)
     assert frame.position[:, 1].max() > 1.2

@@ -6,7 +6,7 @@ Nothing here needs another package of softcal.
 from calib.dic.correlate import Correlation, correlate
 from calib.dic.follow import State, follow, next_state
 from calib.dic.images import GreyImage, read_image, read_series
-from calib.dic.overlap import error_correlation
+from calib.dic.overlap import correlation_length, error_correlation
 from calib.dic.prepared import Reference, prepare
 from calib.dic.quality import Quality, image_noise, quality
 from calib.dic.reasons import Reason
@@ -24,6 +24,7 @@ __all__ = [
     "State",
     "Strain",
     "correlate",
+    "correlation_length",
     "error_correlation",
     "follow",
     "grid_points",

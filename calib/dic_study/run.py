@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -19,6 +19,7 @@ from calib.dic import (
     Reason,
     Reference,
     State,
+    correlation_length,
     grid_points,
     next_state,
     prepare,
@@ -192,7 +193,11 @@ def _write(
     """What is in mm follows from more than the measurement and is written each time; pictures,
     which are in px, where they are missing or were measured now (`again`). Returns False where a
     strain was wanted and there is none at any point."""
-    frame = point_frame(stem, ready.points, found, study.scale, ready.grid, time)
+    length = correlation_length(ready.settings) * study.scale.mm_per_px
+    frame = replace(
+        point_frame(stem, ready.points, found, study.scale, ready.grid, time),
+        correlation_length=length,
+    )
     with replacing(out / POINTS / f"{stem}.csv") as temporary:
         write_points(temporary, frame)
     overall, lost = (out / PICTURES / f"{stem}{end}.png" for end in ("", "-lost"))

@@ -45,7 +45,7 @@ from calib.dic_study.stale_frames import finite, remove_stale
 from calib.dic_study.stereo_config import StereoStudy
 from calib.dic_study.stereo_pictures import stereo_overlay
 from calib.dic_study.stereo_summary import sentence, summary
-from calib.stereo_points import point_frame, reference_frame
+from calib.stereo_points import error_length, point_frame, reference_frame
 from calib.toml_file import Contradiction
 from fe.atomic_file import replacing
 from fe.response import Array
@@ -85,6 +85,7 @@ def run_stereo(study: StereoStudy, folder: Path, out: Path, say: Say, bars: Bars
     write_calibration(out / CALIBRATION, _as_used(calibration, ready, study))
     remove_stale(out, {path.stem for path in left}, say)
     scale = _scale_sd(ready, calibration)
+    length = error_length(ready.reference, study.correlation.settings)
     times = study.images.times_s
     first = Path(study.images.reference).stem
     write_points(
@@ -103,7 +104,8 @@ def run_stereo(study: StereoStudy, folder: Path, out: Path, say: Say, bars: Bars
         frame = point_frame(
             found, stem, None if times is None else times[number], ready.grid, ready.axes
         )
-        has_strain = _write(out, stem, replace(frame, scale_sd=scale), ready, again)
+        frame = replace(frame, scale_sd=scale, correlation_length=length)
+        has_strain = _write(out, stem, frame, ready, again)
         done = "measured" if again else "kept"
         say(f"{number + 1}/{len(left)} {paths[0].name}: {sentence(found, ready.axes)} ({done})")
         if not found.valid.any():

@@ -24,6 +24,8 @@ class FieldNoise:
     """of the data set's points, by what differs between the samples beyond their patterns"""
     stated: Array | None
     """(3,) of one sample's field, mm, by the SDs that the DIC program states for its points"""
+    stated_length: float | None
+    """mm, correlation length that the DIC program states"""
     together: NoiseFloor
     """of the data set's points, by static frames and samples"""
     mean_std: Array
@@ -31,13 +33,17 @@ class FieldNoise:
 
 
 def mean_noise(
-    points: Array, mean: MeanField, static: StaticNoise | None, stated: Array | None
+    points: Array,
+    mean: MeanField,
+    static: StaticNoise | None,
+    stated: Array | None,
+    stated_length: float | None = None,
 ) -> FieldNoise:
     """Noise of the mean at all places (n, 2) [mm], by the samples' scatter and static frames.
 
     Both measure one thing and count by their numbers of frames: six static frames of one reference
     tell an SD to 8 %, sixteen samples of five steps to 2 %. Without static frames the larger of the
-    samples' scatter and of what the DIC program states is taken.
+    samples' scatter and of what the DIC program states is taken, and the longer of the lengths.
     """
     places = points[mean.kept]
     samples = with_enough(mean.residual)
@@ -51,14 +57,17 @@ def mean_noise(
     if static is not None:
         together = pooled_noise([*series, static.fields[:, mean.kept]], places)
         std = together.std
-    elif stated is not None:
-        std = np.maximum(std, stated)
+    else:
+        std = std if stated is None else np.maximum(std, stated)
+        length = max(repeats.correlation_length, stated_length or 0.0)
+        together = repeats._replace(correlation_length=length)
     effective = len(mean.n_samples) / np.sum(1.0 / mean.n_samples)
     return FieldNoise(
         at_points=None if static is None else static.at_points,
         static=None if static is None else static.mapped,
         repeats=repeats,
         stated=stated,
+        stated_length=stated_length,
         together=together._replace(std=std),
         mean_std=std / np.sqrt(effective),
     )

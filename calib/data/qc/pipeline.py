@@ -185,7 +185,7 @@ def _with_dataset(result: QcResult, static: StaticNoise | None, started: float) 
     fields, mean, by_mapping = _mean(
         samples, result.fields[kept], result.points, experiment, static
     )
-    noise = mean_noise(result.points, mean, static, _stated(samples))
+    noise = mean_noise(result.points, mean, static, _stated(samples), _stated_length(samples))
     std, nugget = _with_mapping(noise, by_mapping)
     force, covariance = mean_force(forces)
     n, n_step = forces.shape
@@ -273,6 +273,12 @@ def _with_mapping(noise: FieldNoise, by_mapping: Array) -> tuple[Array, float]:
     own = noise.together.nugget
     nugget = float(np.mean((own * variance + more) / (variance + more)))
     return np.sqrt(variance + more), max(nugget, SMALLEST_NUGGET)
+
+
+def _stated_length(samples: Sequence[Sample]) -> float | None:
+    """Longest correlation length that the DIC program states, mm; None if it states none."""
+    faces = [sample.face for sample in samples if sample.face is not None]
+    return max((face.stated_length or 0.0 for face in faces), default=0.0) or None
 
 
 def _stated(samples: Sequence[Sample]) -> Array | None:

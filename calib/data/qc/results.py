@@ -83,6 +83,7 @@ def qc_report(result: QcResult, version: str) -> dict[str, object]:
             "static": _floor(noise.static),
             "repeats": _floor(noise.repeats),
             "stated": noise.stated,
+            "stated_correlation_length": noise.stated_length,
         },
         "dataset": None
         if dataset is None or dataset.field is None

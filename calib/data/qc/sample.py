@@ -48,6 +48,8 @@ class FaceField:
     scale_sd: float = 0.0
     """relative SD of all lengths by the calibration as the DIC program states it; 0 where it states
     none"""
+    stated_length: float | None = None
+    """mm, correlation length of the noise by the DIC program; None where it states none"""
     pin_travel: Array | None = None
     """(n_hold,) median u_y of the points on the pin, mm; None where none are named"""
 
@@ -141,7 +143,9 @@ def _face(
     pin = experiment.mask.pin_rectangle_mm
     on_pin = None if pin is None else np.array([_pin_travel(f, axes, pin) for f in picked[1:]])
     scale = max((f.scale_sd or 0.0 for f in picked), default=0.0)
-    return FaceField(lattice, places, placement, cleaned, _stated(picked[1:], axes), scale, on_pin)
+    length = max((f.correlation_length or 0.0 for f in picked[1:]), default=0.0) or None
+    stated = _stated(picked[1:], axes)
+    return FaceField(lattice, places, placement, cleaned, stated, scale, length, on_pin)
 
 
 def _stated(frames: list[PointFrame], axes: Array) -> Array | None:

@@ -268,7 +268,8 @@ def noise_table(result: QcResult) -> QcTable:
     ]
     if noise.stated is not None:
         stated = (float(v) for v in noise.stated)
-        rows.append(("stated by the DIC program, field", *stated, "", "", "", ""))
+        length = "" if noise.stated_length is None else noise.stated_length
+        rows.append(("stated by the DIC program, field", *stated, length, "", "", ""))
     return QcTable("noise", "Noise", columns, tuple(rows))
 
 

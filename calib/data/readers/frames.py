@@ -38,6 +38,9 @@ class PointFrame:
     """True for one camera: z and its displacement are zero by assumption, not measured"""
     scale_sd: float | None = None
     """relative SD of all lengths by the calibration, one factor in all frames, or None"""
+    correlation_length: float | None = None
+    """mm, of exp(-d / length), over which errors of points go together whose subsets overlap, as
+    the program states it, or None"""
 
     def __post_init__(self) -> None:
         n = self.valid.size
@@ -57,6 +60,9 @@ class PointFrame:
             raise ValueError(f"time: expected a finite value in s, found {self.time}")
         if self.scale_sd is not None and not 0 <= self.scale_sd < 1:
             raise ValueError(f"scale_sd: expected a share in [0, 1), found {self.scale_sd}")
+        if self.correlation_length is not None and not 0 < self.correlation_length < np.inf:
+            found = self.correlation_length
+            raise ValueError(f"correlation_length: expected a finite length above 0, found {found}")
 
     @property
     def n_valid(self) -> int:

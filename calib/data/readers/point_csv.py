@@ -6,11 +6,13 @@
     # grid: 35 24
     # planar: no
     # scale_sd: 0.0002
+    # correlation_length_mm: 0.31
     # points: 840
     x_mm,y_mm,z_mm,u_mm,v_mm,w_mm,valid,sigma_u_mm,sigma_v_mm,sigma_w_mm
     0.0,0.1,0.0,0.01,-0.02,0.0,1,0.001,0.001,0.002
 
-time_s, grid, scale_sd (relative SD of all lengths by the calibration) and the three sigma columns
+time_s, grid, scale_sd (relative SD of all lengths by the calibration), correlation_length_mm (of
+exp(-d / length), over which errors of neighbouring points go together) and the three sigma columns
 may be left out.  `nan` is a value that is not known.
 """
 
@@ -31,7 +33,7 @@ from calib.data.readers.wrong_file import WrongFile, shown
 NAME = "softcal points csv"
 MARK = "# softcal points 1"
 COLUMNS = ["x_mm", "y_mm", "z_mm", "u_mm", "v_mm", "w_mm", "valid"]
-KEYS = {"name", "time_s", "grid", "planar", "scale_sd", "points"}
+KEYS = {"name", "time_s", "grid", "planar", "scale_sd", "correlation_length_mm", "points"}
 SIGMA = ["sigma_u_mm", "sigma_v_mm", "sigma_w_mm"]
 
 
@@ -46,10 +48,11 @@ def write_points(path: Path | str, frame: PointFrame) -> None:
     grid = None if frame.grid_shape is None else f"{frame.grid_shape[0]} {frame.grid_shape[1]}"
     head = {
         "name": frame.name,
-        "time_s": None if frame.time is None else repr(float(frame.time)),
+        "time_s": _exact(frame.time),
         "grid": grid,
         "planar": "yes" if frame.is_planar else "no",
-        "scale_sd": None if frame.scale_sd is None else repr(float(frame.scale_sd)),
+        "scale_sd": _exact(frame.scale_sd),
+        "correlation_length_mm": _exact(frame.correlation_length),
         "points": str(frame.valid.size),
     }
     parts = [frame.position, frame.displacement]
@@ -61,6 +64,10 @@ def write_points(path: Path | str, frame: PointFrame) -> None:
         row[6] = int(row[6])
         lines.append(",".join(map(repr, row)))
     Path(path).write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def _exact(value: float | None) -> str | None:
+    return None if value is None else repr(float(value))
 
 
 def read(source: Source, mm_per_px: float | None = None) -> DicSeries:
@@ -94,7 +101,7 @@ def read(source: Source, mm_per_px: float | None = None) -> DicSeries:
     name = head.get("name", ("", 0))[0]
     frame = PointFrame(
         name, values[:, :3], values[:, 3:6], valid, sigma, time, grid, is_planar=is_planar,
-        scale_sd=_scale_sd(source, head),
+        scale_sd=_scale_sd(source, head), correlation_length=_correlation_length(source, head),
     )  # fmt: skip
     return DicSeries(NAME, (frame,))
 
@@ -117,6 +124,17 @@ def _scale_sd(source: Source, head: dict[str, tuple[str, int]]) -> float | None:
     if not 0 <= scale_sd < 1:
         raise WrongFile(source.path, line, "a scale_sd from 0 to below 1", shown(text))
     return scale_sd
+
+
+def _correlation_length(source: Source, head: dict[str, tuple[str, int]]) -> float | None:
+    if "correlation_length_mm" not in head:
+        return None
+    text, line = head["correlation_length_mm"]
+    length = number(source.path, line, "correlation_length_mm", text)
+    if not 0 < length < LARGEST["length"]:
+        expected = f"a correlation_length_mm above 0 and below {LARGEST['length']:g}"
+        raise WrongFile(source.path, line, expected, shown(text))
+    return length
 
 
 def _grid(source: Source, head: dict[str, tuple[str, int]], n: int) -> tuple[int, int] | None:
