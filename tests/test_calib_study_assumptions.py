@@ -48,6 +48,14 @@ def test_the_scale_of_the_calibration_is_told_where_it_is_the_larger(study, virt
     assert scale_rows(virtual, with_field(dataset, 0.005)) == [(stated, "0.005")]
 
 
+def test_the_zero_of_the_travel_is_told_where_the_data_state_more(study):
+    dataset = measured(study).dataset
+    own = study.noise.travel_zero_sd
+    for sd, end in ((0.0, ""), (0.5 * own, ""), (2 * own, ", stated by the data")):
+        rows = assumptions_table(study, replace(dataset, travel_zero_sd=sd)).rows
+        assert (f"zero of the travel, SD{end}", f"{max(sd, own):g}", "mm") in rows
+
+
 def test_a_measured_covariance_takes_the_place_of_the_assumed_correlation(study):
     dataset = measured(study).dataset
     assumed = {name for name, _, _ in assumptions_table(study, dataset).rows}

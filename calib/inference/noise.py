@@ -256,12 +256,17 @@ def force_errors(
     return ForceErrors(
         mean=mean_covariance(dataset, settings) if mean is None else mean,
         discretisation=np.array(relative),
-        travel_zero_sd=max(settings.travel_zero_sd, dataset.travel_zero_sd),
+        travel_zero_sd=travel_zero_sd(dataset, settings),
         slope=slope_matrix(dataset.travel),
         further=further_errors(dataset, settings),
         freedom=settings.force_freedom,
         discrepancy=discrepancy,
     )
+
+
+def travel_zero_sd(dataset: Dataset, settings: NoiseSettings) -> float:
+    """SD of the travel's zero, mm: the study's, or what the data state of it where larger."""
+    return max(settings.travel_zero_sd, dataset.travel_zero_sd)
 
 
 def field_scale_sd(dataset: Dataset, settings: NoiseSettings) -> float:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from calib.data import Dataset
 from calib.inference.field_noise import FLOOR_LENGTH, FLOOR_NUGGET
 from calib.inference.laws import RATIOS
-from calib.inference.noise import field_scale_sd
+from calib.inference.noise import field_scale_sd, travel_zero_sd
 from calib.study.block_cells import written
 from calib.study.config import Study
 from calib.study.mesh_error import left_share
@@ -15,6 +15,8 @@ from calib.study.sections import ParameterPrior, Virtual
 from calib.study.tables import Table
 from calib.study.unknowns import ERRORS, INPUTS, law_of
 
+_STATED = ", stated by the data"
+
 
 def assumptions_table(study: Study, dataset: Dataset) -> Table:
     """Everything that is set rather than measured: geometry, contact, material, noise, prior.
@@ -22,6 +24,7 @@ def assumptions_table(study: Study, dataset: Dataset) -> Table:
     Where the `dataset` brings an SD of its own, that used is given, with where it is from.
     """
     geometry, noise = study.geometry, study.noise
+    zero = travel_zero_sd(dataset, noise_of(study))
     rows = [
         (
             "sample, width x height x depth",
@@ -43,7 +46,7 @@ def assumptions_table(study: Study, dataset: Dataset) -> Table:
         )
     rows += [
         *_force_rows(study, dataset),
-        ("zero of the travel, SD", f"{noise.travel_zero_sd:g}", "mm"),
+        (f"zero of the travel, SD{_STATED * (zero > noise.travel_zero_sd)}", f"{zero:g}", "mm"),
         *_nuisance_rows(study, dataset),
         *_prior_rows(study),
     ]
@@ -82,11 +85,11 @@ def _nuisance_rows(study: Study, dataset: Dataset) -> list[tuple[str, str, str]]
     """Nuisances of the test that the study allows for."""
     noise = study.noise
     scale = field_scale_sd(dataset, noise_of(study))
-    stated = scale > noise.field_scale_sd
+    stated = _STATED * (scale > noise.field_scale_sd)
     known = (
         ("compliance of the machine, SD", noise.compliance_sd, "mm/N"),
         ("gain of the load cell, relative SD", noise.gain_sd, "-"),
-        (f"scale of the field, relative SD{', stated by the data' * stated}", scale, "-"),
+        (f"scale of the field, relative SD{stated}", scale, "-"),
         ("rigid translation of the field at each increment, SD", noise.translation_sd, "mm"),
         ("rigid rotation of the field at each increment, SD", noise.rotation_sd, "degrees"),
     )
