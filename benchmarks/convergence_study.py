@@ -23,6 +23,7 @@ from fe import BlockPin, BlockPinModel, Contact, Response, Rings, load_response,
 
 Array = npt.NDArray[np.float64]
 Touch = Literal["stick", "friction", "frictionless"]
+Meshes = Literal["sampling", "fitting"]
 
 TRAVEL = (0.6, 0.8, 1.0, 1.2, 1.4, 1.6, 1.8)
 REACHED = (1.4, 1.8)
@@ -95,30 +96,30 @@ def figures(
     folder: Path,
     n: int,
     workers: int,
+    meshes: Meshes = "sampling",
     *,
-    sampling: Mapping[str, Cells | Rings] = SAMPLING_CELLS,
-    fitting: Mapping[str, Cells | Rings] = FITTING_CELLS,
+    cells: Mapping[str, Cells | Rings] | None = None,
     travel: tuple[float, ...] = TRAVEL,
     reached: tuple[float, ...] = REACHED,
 ) -> dict[str, Any]:
-    """`converged_fraction` by mesh, pin and contact, and what stopped the others.
+    """`converged_fraction` by pin and contact on these meshes, and what stopped the others.
 
-    Of n draws on the sampling mesh and the first tenth of them on the fitting mesh.
+    Of n draws on the sampling meshes, or the first tenth of them on the fitting meshes; `cells`
+    take the place of either.
     """
-    drawn = draws(n)
-    found: dict[str, Any] = {}
-    few = drawn[: -(-n // FITTING_SHARE)]
-    for suffix, cells, part in (("", sampling, drawn), ("_fitting", fitting, few)):
-        responses = run(folder, part, workers, cells, travel)
-        found |= {
-            f"converged_fraction{suffix}": fractions(part, responses, reached),
-            f"not_converged{suffix}": stopped(part, responses, reached[-1]),
-            f"converged_cells{suffix}": {
-                case: name_of(mesh) if isinstance(mesh, Rings) else list(mesh)
-                for case, mesh in cells.items()
-            },
-        }
-    return found
+    fits = meshes == "fitting"
+    part = draws(n)[: -(-n // FITTING_SHARE) if fits else n]
+    used = cells or (FITTING_CELLS if fits else SAMPLING_CELLS)
+    responses = run(folder, part, workers, used, travel)
+    suffix = "_fitting" if fits else ""
+    return {
+        f"converged_fraction{suffix}": fractions(part, responses, reached),
+        f"not_converged{suffix}": stopped(part, responses, reached[-1]),
+        f"converged_cells{suffix}": {
+            case: name_of(mesh) if isinstance(mesh, Rings) else list(mesh)
+            for case, mesh in used.items()
+        },
+    }
 
 
 def run(

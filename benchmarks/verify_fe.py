@@ -5,9 +5,10 @@
 
 Parts: felupe, calculix, taylor (a minute each), gci and bounds (ten minutes each), directions (the
 fitting meshes refined in one coordinate at a time, an hour), sobol (200 draws over pins and
-contacts, 20 of them on the fitting mesh: an hour or more).  Each part replaces its own figures in
-FILE and leaves the others; every simulation of gci, bounds, directions and sobol is kept under
---runs, so an interrupted part goes on where it was.  With --cases ("round, stick" ...) gci and
+contacts on the sampling meshes, half an hour), sobol_fitting (20 of them on the fitting meshes,
+an hour or more).  Each part replaces its own figures in FILE and leaves the others; every
+simulation but those of the first three is kept under --runs, so an interrupted part goes on where
+it was.  With --cases ("round, stick" ...) gci and
 directions replace the figures of these cases alone.
 """
 
@@ -126,6 +127,12 @@ def sobol(settings: Settings) -> dict[str, Any]:
     return convergence_study.figures(settings.runs / "sobol", settings.draws, settings.workers)
 
 
+def sobol_fitting(settings: Settings) -> dict[str, Any]:
+    """The same of the first tenth of the draws, on the fitting meshes."""
+    folder, n, workers = settings.runs / "sobol", settings.draws, settings.workers
+    return convergence_study.figures(folder, n, workers, "fitting")
+
+
 PARTS: dict[str, Callable[[Settings], dict[str, Any]]] = {
     "felupe": felupe,
     "calculix": calculix,
@@ -134,6 +141,7 @@ PARTS: dict[str, Callable[[Settings], dict[str, Any]]] = {
     "bounds": bounds,
     "directions": directions,
     "sobol": sobol,
+    "sobol_fitting": sobol_fitting,
 }
 
 BY_CASE = ("gci", "directions")
