@@ -31,7 +31,7 @@ $(INSTALLED): pyproject.toml
 study: $(INSTALLED)  ## calibrate on the real forces of the thesis (study thesis-forces)
 	$(BIN)/calib run thesis-forces
 
-test: $(INSTALLED)  ## run the tests, the study of the thesis and the notebooks among them (some 12 minutes)
+test: $(INSTALLED)  ## run the tests, the study of the thesis and the notebooks among them (some 15 minutes)
 	$(MAKE) --no-print-directory -j2 test-quick test-study
 
 test-quick: $(INSTALLED)  ## the part of `make test` without the study of the thesis
