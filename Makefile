@@ -73,7 +73,7 @@ bench-inference: $(INSTALLED)  ## time log-probabilities, samplers and a study (
 baseline: $(INSTALLED)  ## renew the stored posteriors that a test compares with, and say what moved
 	$(BIN)/python tests/posterior_baseline.py
 
-verify-dic: $(INSTALLED)  ## measure docs/verification/dic.json (some 10 minutes; SOFTCAL_DATA names the real images)
+verify-dic: $(INSTALLED)  ## measure docs/verification/dic.json (half an hour; SOFTCAL_DATA names the real images)
 	$(BIN)/python -m benchmarks.verify_dic $(VERIFY_ARGS)
 
 $(LOWEST)/.installed: pyproject.toml $(INSTALLED)
