@@ -34,22 +34,43 @@ def assumptions_table(study: Study, dataset: Dataset) -> Table:
         ("pin, width and edge radius", f"{geometry.pin_width:g}, {geometry.pin_fillet:g}", "mm"),
         ("bulk modulus over shear modulus", f"{study.material.bulk_ratio:g}", "-"),
     ]
-    for hypothesis in study.hypotheses:
-        contact = f"pin: {hypothesis.pin}, base: {hypothesis.base}"
-        rows.append(
-            (
-                f"law and contact under {hypothesis.name}",
-                f"{law_of(study, hypothesis).name}, {contact}, "
-                f"height {study.height(hypothesis):g} mm",
-                "-",
-            )
-        )
     rows += [
+        *_hypothesis_rows(study),
         *_force_rows(study, dataset),
         (f"zero of the travel, SD{_STATED * (zero > noise.travel_zero_sd)}", f"{zero:g}", "mm"),
         *_nuisance_rows(study, dataset),
         *_prior_rows(study),
+        *_mesh_rows(study),
+        ("samples independent of each other, their SDs taken as known", "", "-"),
     ]
+    if study.virtual is not None:
+        rows += _field_rows(study.virtual)
+    return Table(
+        "What the study assumes",
+        ("assumption", "value", "unit"),
+        tuple(rows),
+        "Contact: stick, slide (no friction) or a coefficient of Coulomb friction. Other contact, "
+        "pins, heights and laws are not part of this study. A number that has a prior too is used "
+        "for the truth of a synthetic experiment alone.",
+    )
+
+
+def _hypothesis_rows(study: Study) -> list[tuple[str, str, str]]:
+    """Law, contact and height of each hypothesis."""
+    return [
+        (
+            f"law and contact under {hypothesis.name}",
+            f"{law_of(study, hypothesis).name}, pin: {hypothesis.pin}, base: {hypothesis.base}, "
+            f"height {study.height(hypothesis):g} mm",
+            "-",
+        )
+        for hypothesis in study.hypotheses
+    ]
+
+
+def _mesh_rows(study: Study) -> list[tuple[str, str, str]]:
+    """Meshes of each hypothesis, and what their difference leaves as an error."""
+    rows = []
     for hypothesis in study.hypotheses:
         sampling, check = study.sampling_cells(hypothesis), study.check_cells(hypothesis)
         share = left_share(study.refinement(hypothesis))
@@ -66,19 +87,7 @@ def assumptions_table(study: Study, dataset: Dataset) -> Table:
                 "-",
             ),
         ]
-    rows += [
-        ("samples independent of each other, their SDs taken as known", "", "-"),
-    ]
-    if study.virtual is not None:
-        rows += _field_rows(study.virtual)
-    return Table(
-        "What the study assumes",
-        ("assumption", "value", "unit"),
-        tuple(rows),
-        "Contact: stick, slide (no friction) or a coefficient of Coulomb friction. Other contact, "
-        "pins, heights and laws are not part of this study. A number that has a prior too is used "
-        "for the truth of a synthetic experiment alone.",
-    )
+    return rows
 
 
 def _nuisance_rows(study: Study, dataset: Dataset) -> list[tuple[str, str, str]]:

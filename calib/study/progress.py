@@ -25,6 +25,7 @@ def progress_bar(
     bar: tqdm[Any] | None = None
 
     def report(done: int, total: int) -> None:
+        """Move the bar to `done` of `total` pieces."""
         nonlocal bar
         if bar is None:
             bar = tqdm(

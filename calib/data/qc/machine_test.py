@@ -125,8 +125,8 @@ def at_travel(travel: Array, values: Array, nominal: Array, reach: float, most: 
     """(n_nominal, ...) values at nominal travels [mm] from those at travels (n_hold,) [mm].
 
     Through the holds around the nearest one, three or `most` (odd), zero travel included, goes a
-    polynomial; where one of three has no value (NaN), a line through two. NaN where the nearest
-    hold is farther than `reach` [mm].
+    polynomial; where one of them has no value (NaN), a line through the nearest and its neighbour.
+    NaN where the nearest hold is farther than `reach` [mm].
     """
     knots = np.concatenate([[0.0], travel])
     known = np.concatenate([np.zeros_like(values[:1]), values])
