@@ -12,13 +12,13 @@ import pytest
 from closed_form_laboratory import Truth, write_laboratory
 
 from calib import __version__
+from calib.code_hash import code_hash, hash_of_modules
 from calib.data import Dataset
 from calib.data.dataset_file import load_dataset, save_dataset
-from calib.data.qc.code_hash import MEASURED, code_hash, hash_of_modules
 from calib.study import experiment_data, stage_list
 from calib.study.config import load_study
 from calib.study.context import Context, block_pin_model
-from calib.study.experiment_data import experiment_dataset
+from calib.study.experiment_data import MEASURED, experiment_dataset
 from calib.study.stages import run_stages
 from fe.executors import serial_map
 
@@ -51,7 +51,7 @@ def dataset_of(lab: Path) -> Dataset:
 def made_by(monkeypatch: pytest.MonkeyPatch, code: str) -> None:
     """As if the modules had another text."""
     for module in (experiment_data, stage_list):
-        monkeypatch.setattr(module, "code_hash", lambda: code)
+        monkeypatch.setattr(module, "code_hash", lambda _: code)
 
 
 def test_a_kept_data_set_is_used_as_long_as_files_and_code_are_the_same(lab, monkeypatch):
@@ -98,9 +98,9 @@ def test_a_study_of_the_files_reads_them_again_by_other_code_and_says_so(
 def test_the_hash_is_that_of_every_module_and_of_nothing_else(tmp_path):
     package = tmp_path / "package"
     shutil.copytree(Path(str(resources.files(MEASURED))), package)
-    assert hash_of_modules(package) == code_hash()
+    assert hash_of_modules(package) == code_hash(MEASURED)
     (package / "notes.txt").write_text("no code")
-    assert hash_of_modules(package) == code_hash()
+    assert hash_of_modules(package) == code_hash(MEASURED)
     for module in ("qc/averaging.py", "readers/units.py", "dataset.py"):
         before = hash_of_modules(package)
         with (package / module).open("a") as stream:

@@ -1,4 +1,4 @@
-"""Hash of the code that makes a data set of a laboratory's files: what is kept is of one code."""
+"""Hash of the code of a package: what is kept of its results is of that code."""
 
 from __future__ import annotations
 
@@ -7,18 +7,15 @@ from functools import cache
 from importlib import resources
 from importlib.resources.abc import Traversable
 
-MEASURED = "calib.data"
-"""package of readers, quality control and data set"""
-
 
 @cache
-def code_hash() -> str:
-    """Hash of the modules of `calib.data` as they are installed.
+def code_hash(package: str) -> str:
+    """Hash of the modules of an installed package, given by its dotted name.
 
-    A version set by hand is forgotten when an estimator changes; a comment that changes costs the
-    seconds of one analysis.
+    A version set by hand is forgotten when a formula changes; a comment that changes costs one more
+    run.
     """
-    return hash_of_modules(resources.files(MEASURED))
+    return hash_of_modules(resources.files(package))
 
 
 def hash_of_modules(package: Traversable) -> str:
