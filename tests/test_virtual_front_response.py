@@ -14,7 +14,10 @@ from calib.virtual.truth import continued, pin_at_centre, pin_shifted
 from fe import BlockPin, Contact
 
 COARSE = BlockTruth(
-    contact=Contact("stick", "stick"), cells=(4, 3, 1), shift_cells=None, travel=(0.1, 0.2),
+    contact=Contact("stick", "stick"),
+    cells=(4, 3, 1),
+    shift_cells=None,
+    travel=(0.1, 0.2),
     smooth=False,
 )
 POINTS = np.random.default_rng(3).random((40, 2)) * [10.0, 2.5] - [5.0, 0.0]

@@ -9,6 +9,7 @@ nodes by least squares, leave what an element can tell.
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 from scipy.interpolate import BSpline, make_lsq_spline
@@ -46,7 +47,7 @@ def _finer(lines: Array) -> Array:
     corners = lines[::2]
     parts = [
         np.linspace(a, b, 2 * max(int(np.ceil((b - a) / FINEST - 1e-9)), 1) + 1)[:-1]
-        for a, b in zip(corners[:-1], corners[1:], strict=True)
+        for a, b in pairwise(corners)
     ]
     return np.append(np.concatenate(parts), lines[-1])
 
@@ -57,5 +58,5 @@ def _spline(lines: Array, at: Array) -> Array:
     first, last = np.repeat(corners[0], DEGREE + 1), np.repeat(corners[-1], DEGREE + 1)
     knots = np.concatenate([first, corners[1:-1], last])
     fitted = make_lsq_spline(lines, np.eye(lines.size), knots, DEGREE).c
-    operator: Array = BSpline.design_matrix(at, knots, DEGREE) @ fitted
+    operator: Array = BSpline.design_matrix(at, knots, DEGREE).toarray() @ fitted
     return operator
