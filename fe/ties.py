@@ -23,7 +23,7 @@ from fe.touch import FLOOR, PIN
 Array = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 
-GRIP = 0.002
+GRIP = 0.005
 """penetration, mm, at which a point that touches is held by its spring alone: the more, the
 smoother, and the later what touches sticks"""
 
