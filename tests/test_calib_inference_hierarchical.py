@@ -160,6 +160,22 @@ def test_density_is_that_of_dense_matrices(lost: int, error: float) -> None:
     assert found == pytest.approx(dense, abs=error * np.ptp(dense))
 
 
+def test_what_the_data_state_of_the_zero_of_the_travel_is_common_to_all_samples() -> None:
+    """It counts as a wider prior does (dense matrices hold that one), and not where it is less."""
+    data, forward = samples_of(2, np.random.default_rng(8)), AnalyticForward(BLOCK, field=True)
+    at = theta_of(X + np.zeros((1, 2, 3)))
+
+    def density(stated: float, assumed: float) -> float:
+        noise = replace(NOISE, travel_zero_sd=assumed)
+        samples = condense(replace(data, travel_zero_sd=stated), forward, noise, OWN, **ERRORS)
+        posterior = HierarchicalPosterior(Population(PRIOR, {"kappa": ScatterPrior(0.3)}), samples)
+        return float(posterior.common_errors(samples.white(at)).log_prob[0])
+
+    assert density(0.03, 0.01) == density(0.0, 0.03)
+    assert density(0.005, 0.01) == density(0.0, 0.01)
+    assert abs(density(0.03, 0.01) - density(0.0, 0.01)) > 0.1
+
+
 def test_covariance_of_condensed_weights_is_that_of_drawn_fields() -> None:
     """Two hundred samples of one truth: variances of the weights within five standard errors."""
     rng = np.random.default_rng(10)

@@ -14,7 +14,11 @@ from calib.virtual.truth import continued, pin_at_centre, pin_shifted
 from fe import BlockPin, Contact
 
 COARSE = BlockTruth(
-    contact=Contact("stick", "stick"), cells=(4, 3, 1), shift_cells=None, travel=(0.1, 0.2)
+    contact=Contact("stick", "stick"),
+    cells=(4, 3, 1),
+    shift_cells=None,
+    travel=(0.1, 0.2),
+    smooth=False,
 )
 POINTS = np.random.default_rng(3).random((40, 2)) * [10.0, 2.5] - [5.0, 0.0]
 
@@ -82,6 +86,7 @@ def test_a_shifted_block_of_the_fe_model_is_met_where_it_was_solved() -> None:
         cells=(4, 2, 1),
         shift_cells=(4, 2, 1),
         travel=(0.1, 0.2),
+        smooth=False,
     )
     found = solve_truth(truth)
     half = truth.shift_models()[1]

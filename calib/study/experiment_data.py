@@ -11,11 +11,12 @@ from pathlib import Path
 from pydantic.dataclasses import dataclass
 
 from calib import __version__
+from calib.code_hash import code_hash
 from calib.data import Dataset
 from calib.data.dataset_file import load_dataset
 from calib.data.qc import FILE, QcResult, analyse, read_experiment
 from calib.data.qc.lab_files import input_hash, sample_files
-from calib.data.qc.results import DATASET, write_results
+from calib.data.qc.results import DATASET, key_of, write_results
 from calib.data.qc.rules import Rules, inputs_under
 from calib.data.qc.statistics import (
     eligibility_table,
@@ -33,6 +34,8 @@ from calib.toml_file import read_document, read_file
 QC_FOLDER = "qc"
 """within the laboratory's folder: what was found, and the data set"""
 FIGURES = "figures"
+MEASURED = "calib.data"
+"""package of readers, quality control and data set"""
 
 
 def experiment_folder(study: str | Path) -> Path:
@@ -95,7 +98,7 @@ def make_dataset(
     """
     with progress_bar("qc", "sample", shown=show_progress) as progress:
         result = analyse(folder, progress, rules)
-    paths = write_results(result, out, __version__)
+    paths = write_results(result, out, __version__, code_hash(MEASURED))
     if with_figures:
         from calib.data.qc.figures import all_figures
 
@@ -124,18 +127,18 @@ def experiment_dataset(folder: str | Path, rules: Rules | None = None) -> Datase
     """
     folder = Path(folder)
     inputs = input_hash(folder, sample_files(folder, read_experiment(folder)))
-    return _dataset(folder.resolve(), inputs_under(inputs, rules), rules)
+    return _dataset(folder.resolve(), inputs_under(inputs, rules), code_hash(MEASURED), rules)
 
 
 @cache
-def _dataset(folder: Path, inputs: str, rules: Rules | None) -> Dataset:
+def _dataset(folder: Path, inputs: str, code: str, rules: Rules | None) -> Dataset:
     kept = folder / QC_FOLDER / DATASET
     if kept.is_file():
         try:
             dataset, made_from = load_dataset(kept)
         except ValueError:
-            made_from = ""  # damaged, or of another version: made anew
-        if made_from == f"{__version__} {inputs}":
+            made_from = ""  # damaged, or of another layout: made anew
+        if made_from == key_of(inputs, code):
             return dataset
     result, _ = make_dataset(
         folder,

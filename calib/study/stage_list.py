@@ -8,6 +8,7 @@ from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
+from calib.code_hash import code_hash
 from calib.data.qc.experiment_file import read_experiment
 from calib.data.qc.lab_files import input_hash, sample_files
 from calib.study import (
@@ -82,6 +83,7 @@ def _data(context: Context) -> dict[str, object]:
     if context.study.data.folder is not None:
         folder = Path(context.study.data.folder)
         settings["content"] = input_hash(folder, sample_files(folder, read_experiment(folder)))
+        settings["code of quality control"] = code_hash("calib.data")
     return settings
 
 

@@ -8,7 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
+from calib.code_hash import code_hash
 from calib.virtual.front_response import SAME, FrontResponse, load_front, save_front, solve_front
+from calib.virtual.smooth_front import smoothed
 from fe.fingerprint import canonical_json, fingerprint
 from fe.response import Array
 from fe.specimens.block_pin import BlockPin, BlockPinModel, Contact
@@ -40,11 +42,15 @@ class BlockTruth:
     """of the half model with a shifted pin, or None: the field goes with the pin unchanged"""
     shift_solved: float = 0.4
     """mm"""
-    travel: tuple[float, ...] = tuple(round(0.1 * n, 1) for n in range(1, 19))
-    """at which the response is kept, mm"""
-    fine_travel: float = 1.5
-    """mm, beyond which the fine model is continued by the changes of the coarser one: deeper
-    increments, which the thesis does not use, cost most of the time"""
+    travel: tuple[float, ...] = tuple(round(0.05 * n, 2) for n in range(1, 37))
+    """at which the response is kept, mm: closer than the holds, so that no curve through a few of
+    these travels is what a curve through the holds is held against"""
+    fine_travel: float = 1.8
+    """mm, beyond which the fine model is continued by the changes of the coarser one, where it does
+    not reach all travels"""
+    smooth: bool = True
+    """whether fields are splines through the elements' (`smooth_front`): shape functions leave the
+    marks of a mesh"""
 
     def __post_init__(self) -> None:
         if not (self.C10 + self.C01 > 0.0 and np.isfinite(self.C11)):
@@ -155,13 +161,13 @@ def pin_shifted(x: Array, shift: float, half: float) -> Array:
 
 
 def solve_truth(truth: BlockTruth, folder: Path | None = None) -> TruthResponse:
-    """Run the models of the truth, or take what an equal truth has left in `folder`.
+    """Run the models of the truth, or take what an equal truth of this code has left in `folder`.
 
     Raises ValueError when a simulation does not reach every travel.
     """
-    fine, *others = (
-        _solved(model, truth.ratios, folder) for model in (truth.model(), *truth.shift_models())
-    )
+    models = (truth.model(), *truth.shift_models())
+    solved = (_solved(model, truth.ratios, folder) for model in models)
+    fine, *others = (smoothed(found) if truth.smooth else found for found in solved)
     if not others:
         return TruthResponse(truth, fine)
     shifts = ShiftedFields(others[0], others[1], truth.shift_solved)
@@ -192,7 +198,7 @@ def continued(fine: FrontResponse, coarse: FrontResponse) -> FrontResponse:
 def _solved(model: BlockPinModel, ratios: Array, folder: Path | None) -> FrontResponse:
     if folder is None:
         return solve_front(model, ratios)
-    depends = {"ratios": ratios.tolist(), **fingerprint(model)}
+    depends = {"ratios": ratios.tolist(), "code": code_hash("fe"), **fingerprint(model)}
     name = hashlib.sha256(canonical_json(depends).encode()).hexdigest()[:16]
     path = folder / f"front-{name}.npz"
     if not path.exists():

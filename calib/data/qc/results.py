@@ -26,11 +26,16 @@ REPORT = "qc.json"
 TABLES = "tables"
 
 
-def write_results(result: QcResult, out: Path, version: str) -> list[Path]:
+def key_of(inputs: str, code: str) -> str:
+    """What a kept data set was made from: hashes of the files with the rules, and of the code."""
+    return f"{inputs} {code}"
+
+
+def write_results(result: QcResult, out: Path, version: str, code: str) -> list[Path]:
     """Write everything but the figures into the folder `out`; returns the paths.
 
-    `version` of softcal goes into qc.json. Without a data set an older dataset.npz is removed: it
-    is not that of these files.
+    `version` of softcal and the hash of its `code` go into qc.json. Without a data set an older
+    dataset.npz is removed: it is not that of these files.
     """
     (out / TABLES).mkdir(parents=True, exist_ok=True)
     paths = []
@@ -38,17 +43,17 @@ def write_results(result: QcResult, out: Path, version: str) -> list[Path]:
         paths.append(_text(out / TABLES / f"{table.name}.csv", table_csv(table)))
     text = requirements_text(requirements(result))
     paths.append(_text(out / TABLES / "requirements.txt", text + "\n"))
-    report = json.dumps(_plain(qc_report(result, version)), indent=1, allow_nan=False)
+    report = json.dumps(_plain(qc_report(result, version, code)), indent=1, allow_nan=False)
     paths.append(_text(out / REPORT, report + "\n"))
     if result.dataset is None:
         (out / DATASET).unlink(missing_ok=True)
     else:
-        save_dataset(out / DATASET, result.dataset, f"{version} {result.inputs}")
+        save_dataset(out / DATASET, result.dataset, key_of(result.inputs, code))
         paths.append(out / DATASET)
     return paths
 
 
-def qc_report(result: QcResult, version: str) -> dict[str, object]:
+def qc_report(result: QcResult, version: str, code: str) -> dict[str, object]:
     """What was kept and rejected, with reason, value and threshold, and what was found."""
     experiment, noise, dataset = result.experiment, result.noise, result.dataset
     samples = []
@@ -64,6 +69,7 @@ def qc_report(result: QcResult, version: str) -> dict[str, object]:
         )
     return {
         "version": version,
+        "code": code,
         "name": result.name,
         "synthetic": experiment.synthetic,
         "inputs": result.inputs,
