@@ -133,7 +133,7 @@ def test_slopes_of_the_varied_block_are_those_of_its_forces(law: str) -> None:
     row = np.array([*ratios, np.log(100.0), 0.25, 2.5, 0.3])
     found = model(row)
     assert len(found.parameters) == row.size
-    step = 1e-3
+    step = 1e-4  # within 2e-4 mm of this fillet no row of contact points passes its corner
     for column, name in enumerate(found.parameters):
         sides = []
         for sign in (1.0, -1.0):
