@@ -2,9 +2,9 @@
 
     python -m benchmarks.verify_inference [--only PART ...] [--n 300] [--store DIR] [--out FILE]
 
-Parts: sbc and power (virtual experiments drawn from the prior), refined (the same with emulators
-refined as a study's are), mesh (whether its stated error covers finer truths), emcee (some of their
-posteriors by a chain), misspecified (truths of another law and contact, with and without a
+Parts: sbc and power (virtual experiments drawn from the prior), finer-stuck and finer (the same with
+truths on finer meshes), refined (with emulators refined as a study's are), mesh (whether a mesh's
+stated error covers finer truths), emcee (some of their posteriors by a chain), misspecified (truths of another law and contact, with and without a
 discrepancy), direct (posterior by FE at every node of a quadrature, and the two maxima), local (how
 many runs in the posterior's box its emulator needs).  FE runs and posteriors are kept in --store,
 so that an interrupted part goes on where it was.  Each part replaces its own figures in FILE and
@@ -39,6 +39,8 @@ OUT = ROOT / "docs" / "verification" / "inference.json"
 
 PARTS: dict[str, Callable[[Path, int], dict[str, Any]]] = {
     "sbc": calibration_figures.sbc,
+    "finer-stuck": lambda store, n: calibration_figures.finer(store, "finer-stuck", n),
+    "finer": lambda store, n: calibration_figures.finer(store, "finer", n // 2),
     "refined": calibration_refined.figures,
     "mesh": lambda store, n: mesh_statement.figures(store),
     "emcee": calibration_emcee.against_emcee,
