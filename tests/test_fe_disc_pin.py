@@ -84,7 +84,7 @@ def test_a_flat_punch_on_a_thick_disc_presses_as_on_a_half_space():
     # twenty radii is a few per cent stiffer
     mu, travel = 1.0, 1e-3
     hard = PenaltyLaw(1e6, 1e-3)
-    model = DiscPinModel(Disc(40.0, 20.0, 2.0, 0.02), SLIDING, (24, 16), (travel,), penalty=hard)
+    model = DiscPinModel(Disc(40.0, 20.0, 2.0, 0.02), SLIDING, (48, 32), (travel,), penalty=hard)
     response = model.respond(material("neo-hookean", (mu / 2,), 2000.0))
     np.testing.assert_allclose(response.force, 8.0 * mu * travel, rtol=0.04)
 

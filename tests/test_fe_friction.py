@@ -152,8 +152,14 @@ def test_arc_length_runs_on_round_the_fillet():
     assert bar_arc(-1.9, 2.05, 2.0, 0.3, 2.0)[0] == -bar_arc(1.9, 2.05, 2.0, 0.3, 2.0)[0]
 
 
+PRESSED = 0.02
+"""travel of the platen, mm"""
+
+
 def sheared_element(mu: float, shear: float):
     """One element pressed by the platen to a known pressure, its top moved sideways by `shear`.
+
+    By less than to the highest points of its sides, 0.03 mm below the top.
 
     Returns (forces on the top in x and y, N) from the contact kernels alone.
     """
@@ -164,7 +170,7 @@ def sheared_element(mu: float, shear: float):
     none = no_slopes(discrete.faces, 4)
     memory = initial_memory(discrete.faces, discrete.glued, pin, none)
     u = np.zeros(discrete.elements.positions.shape)
-    travel, total = 0.05, np.zeros(3)
+    travel, total = PRESSED, np.zeros(3)
     for k in range(1, 6):
         u[:, 0] = shear * k / 5
         system = empty_system(discrete.faces)
@@ -190,7 +196,7 @@ def sheared_element(mu: float, shear: float):
 
 @pytest.mark.parametrize("mu", [0.1, 0.6])
 def test_a_pressed_block_slips_exactly_at_mu_times_the_normal_force(mu):
-    pressure = 500.0 * 0.05**2 / (2 * 0.1)
+    pressure = 500.0 * PRESSED**2 / (2 * 0.1)
     area = 0.5 * 0.5
     x, y, z = sheared_element(mu, 0.2)
     assert (x, y, z) == pytest.approx((mu * pressure * area, pressure * area, 0.0), abs=1e-12)

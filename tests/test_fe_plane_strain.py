@@ -138,13 +138,17 @@ def test_the_work_of_the_pin_is_stored(contact):
 
 
 def test_the_force_converges_as_the_mesh_gets_finer():
-    force = [
-        model(("stick", "stick"), (n, n // 2, 1), travel=(0.2,))(RATIOS).force[0]
-        for n in (8, 16, 32)
-    ]
-    coarse, fine = abs(force[0] - force[1]), abs(force[1] - force[2])
-    assert fine < 0.25 * coarse
-    assert fine < 5e-3 * force[2]
+    """Rows of contact points that land scatter forces by 0.1 to 0.2 % about their trend."""
+
+    def of(n: int) -> float:
+        m = model(("stick", "stick"), (n, n // 2, 1), travel=(0.2,), sensitivities=())
+        return m(RATIOS).force[0]
+
+    force = np.array([of(n) for n in (8, 16, 32, 48)])
+    coarse, middle, fine = np.abs(force[:-1] - force[-1]) / force[-1]
+    assert middle < 0.3 * coarse
+    assert fine < 0.3 * middle
+    assert fine < 1e-3
 
 
 def test_a_shifted_bar_gives_the_mirrored_field():
@@ -182,10 +186,10 @@ def test_what_is_not_plane_is_refused(changes):
 
 
 def test_a_force_that_falls_on_the_way_is_told():
-    """Frictionless on a coarse mesh a row of nodes snaps past the fillet near 1.27 mm."""
-    m = model(("slide", "slide"), (8, 4, 1), travel=(1.25, 1.3))
-    r = replace(m, newton=NewtonOptions())(np.array([0.5, 0.02]))
+    """Frictionless on a coarse mesh a row of nodes snaps past the fillet near 0.95 mm."""
+    m = model(("slide", "slide"), (4, 3, 1), travel=(0.9, 1.0))
+    r = replace(m, newton=NewtonOptions())(np.zeros(2))
     assert r.status is Status.CONVERGED
-    assert r.message.startswith("reached every asked travel; the force falls at a travel of 1.")
-    early = replace(m, travel=(0.5,))(np.array([0.5, 0.02]))
+    assert r.message.startswith("reached every asked travel; the force falls at a travel of 0.9")
+    early = replace(m, travel=(0.5,))(np.zeros(2))
     assert early.message == "reached every asked travel"

@@ -20,7 +20,7 @@ LAW = (0.3, 0.2, 0.05, 20.0)
 STEPS = 0.5 ** np.arange(4)
 RELATIVE = 4e-3
 """largest change of a parameter, relative to its size"""
-OF_DIMENSION = 1e-3
+OF_DIMENSION = 5e-4
 """the same of a dimension: where the side rolls, third derivatives in the height are large"""
 
 
