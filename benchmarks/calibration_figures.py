@@ -20,10 +20,7 @@ from benchmarks.calibration_experiments import (
     place,
     sbc_prior,
 )
-from calib.inference import (
-    PARAMETERS,
-    Likelihood,
-)
+from calib.inference import PARAMETERS, Likelihood, Prior
 from calib.inference.rank_uniformity import LEVELS, clustered_error, coverage, uniformity
 from calib.study.context import block_pin_model
 from calib.study.mesh_error import MeshError, mesh_error
@@ -48,6 +45,8 @@ class Arm:
     likelihood: Callable[[int], Likelihood]
     """of an experiment by its number; those of one object are projected together"""
     seed: int
+    prior: Callable[[int], Prior] = lambda _: sbc_prior()
+    """of an experiment by its number; one for those of a likelihood"""
 
 
 @cache
@@ -117,7 +116,8 @@ def _chunk(arm: Arm, index: Array) -> Placed:
         members = np.flatnonzero([each is likelihood for each in likelihoods])
         chosen = index[members]
         some = Experiments(*(value[chosen] for value in vars(arm.experiments).values()))
-        found = vars(place(likelihood, sbc_prior(), some, arm.seed + 1000 * int(chosen[0])))
+        prior = arm.prior(int(chosen[0]))
+        found = vars(place(likelihood, prior, some, arm.seed + 1000 * int(chosen[0])))
         for name, value in found.items():
             results.setdefault(name, np.empty((len(index), *value.shape[1:])))[members] = value
     return Placed(**results)
