@@ -9,17 +9,16 @@ even grid, for which no further run is needed.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from benchmarks import calibration_runs as runs
-from benchmarks.calibration_experiments import Experiments, by_runs, likelihood_of, sbc_prior
-from benchmarks.calibration_figures import points, trained
 from benchmarks.calibration_refined import Refined, experiment, refined
-from benchmarks.direct_rule import N_KAPPA, Known, Moments, Rule, box_about, nodes_of
+from benchmarks.direct_case import CONTACT, DirectCase, cases
+from benchmarks.direct_rule import Moments, Rule
 from calib.inference import (
     PARAMETERS,
     DirectForward,
@@ -29,33 +28,21 @@ from calib.inference import (
     refine_map,
 )
 from calib.inference.forward_errors import DirectWithErrors
-from calib.inference.weighted_draws import WeightedDraws, draw_weighted
+from calib.inference.weighted_draws import draw_weighted
 from calib.study.context import block_pin_model
 from calib.study.simulations import StoredSimulate
-from calib.study.training_runs import training_set
-from fe.campaign_result import Campaign
 from fe.response import Array
-from surrogate import sobol_design
 
-FIRST_TRUTH = (0.4, 0.25)
-N_FURTHER = 3
-"""experiments at other ratios"""
 N_BY_STUDY = 2
 """experiments whose emulators go all the way of a study's; `local_runs` has them all"""
-CONTACT = "stuck"
-"""hypothesis of the study"""
-
-
-def truths() -> Array:
-    """(1 + N_FURTHER, 2) ratios (r, s) of the experiments: one, and those of a Sobol sequence."""
-    further = sobol_design(N_FURTHER, runs.prior().bounds[1:], runs.SEED, n_corners=0)
-    return np.vstack([FIRST_TRUTH, further])
 
 
 def figures(store: Path) -> dict[str, Any]:
     """Of all experiments the worst, by parameter, and each by itself."""
-    cases = [_Case(store, index, truth) for index, truth in enumerate(truths()[:N_BY_STUDY])]
-    each = [runs.kept(store / f"direct-{case.index}.json", case.figures) for case in cases]
+    each = [
+        runs.kept(store / f"direct-{case.index}.json", partial(_figures, case))
+        for case in cases(store, "direct")[:N_BY_STUDY]
+    ]
     told: dict[str, Any] = {
         f"emulator_vs_fe_{name}": _worst([one[name] for one in each], about)
         for name, about in (("mean_sd", 0.0), ("sd_ratio", 1.0))
@@ -69,14 +56,6 @@ def figures(store: Path) -> dict[str, Any]:
     }
 
 
-def drawn_at(store: Path, truth: Campaign, index: int) -> Experiments:
-    """The experiment of this number, whose truth is a run."""
-    first = runs.coarse_design(store, CONTACT)
-    known = trained(store, training_set([first], gradients=True))
-    likelihood = likelihood_of(known, points())
-    return by_runs(likelihood, sbc_prior(), truth, 1, runs.SEED + 6 + index)
-
-
 def _worst(each: list[dict[str, float]], about: float) -> dict[str, float]:
     """By parameter the value furthest from `about`."""
     return {
@@ -85,75 +64,51 @@ def _worst(each: list[dict[str, float]], about: float) -> dict[str, float]:
     }
 
 
-@dataclass(frozen=True)
-class _Case:
-    """One experiment, its runs in folders of its own."""
+def _figures(case: DirectCase) -> dict[str, Any]:
+    """Means and SDs of the posteriors on the same nodes, and the distance of two maxima."""
+    found = _by_study(case, runs.study().design.n_local)
+    draws = draw_weighted(found.posterior, np.random.default_rng(1), 16384)
+    rule = case.rule(draws.mean, draws.sd)
+    by_fe = rule.moments(found.posterior.with_forward(rule.exact))
+    off = rule.moments(found.posterior).mean - draws.mean
+    told: dict[str, Any] = {
+        "ratios": case.truth.tolist(),
+        "n_fe_nodes": len(rule.nodes),
+        "fe_sd": _named(by_fe.sd),
+        "fe_error_sd": _named(by_fe.error / by_fe.sd),
+        "rule_against_draws_sd": _named(off / draws.sd),
+    }
+    told |= _held(found, rule, by_fe) | _maxima(case, found.posterior, draws.sd)
+    if not case.index:
+        told["whole_box"] = _held(_by_study(case, 0), rule, by_fe)
+    return told
 
-    store: Path
-    index: int
-    truth: Array
-    """(2,) (r, s)"""
 
-    def figures(self) -> dict[str, Any]:
-        """Means and SDs of the posteriors on the same nodes, and the distance of two maxima."""
-        first = runs.coarse_design(self.store, CONTACT)
-        drawn = drawn_at(self.store, self._solved("truth", self.truth[None]), self.index)
-        found = self._by_study(first, drawn, runs.study().design.n_local)
-        draws = draw_weighted(found.posterior, np.random.default_rng(1), 16384)
-        rule = self._rule(found.posterior, draws)
-        by_fe = rule.moments(found.posterior.with_forward(rule.exact))
-        off = rule.moments(found.posterior).mean - draws.mean
-        told: dict[str, Any] = {
-            "ratios": self.truth.tolist(),
-            "n_fe_nodes": len(rule.nodes),
-            "fe_sd": _named(by_fe.sd),
-            "fe_error_sd": _named(by_fe.error / by_fe.sd),
-            "rule_against_draws_sd": _named(off / draws.sd),
-        }
-        told |= _held(found, rule, by_fe) | self._maxima(found.posterior, draws.sd)
-        if not self.index:
-            told["whole_box"] = _held(self._by_study(first, drawn, 0), rule, by_fe)
-        return told
+def _by_study(case: DirectCase, n_local: int) -> Refined:
+    return refined(
+        case.first,
+        lambda own: experiment(own, case.drawn, 0)[1],
+        lambda ratios: case.solved(f"refine{n_local}", ratios),
+        runs.study().design.n_refine,
+        runs.SEED + 9,
+        n_local,
+    )
 
-    def _by_study(self, first: Campaign, drawn: Experiments, n_local: int) -> Refined:
-        return refined(
-            first,
-            lambda own: experiment(own, drawn, 0)[1],
-            lambda ratios: self._solved(f"refine-{n_local}", ratios),
-            runs.study().design.n_refine,
-            runs.SEED + 9,
-            n_local,
-        )
 
-    def _rule(self, posterior: Posterior, draws: WeightedDraws) -> Rule:
-        """FE runs at the nodes that cover a posterior."""
-        box = box_about(draws.mean[1:], draws.sd[1:], posterior.prior.bounds[1:])
-        nodes, weights = nodes_of(box)
-        known = self._solved("nodes", nodes, runs.told("nodes"))
-        ln_kappa = draws.mean[0] + draws.sd[0] * np.linspace(-8.0, 8.0, N_KAPPA)
-        return Rule(nodes, weights, ln_kappa, DirectForward(Known(known), with_field=True))
-
-    def _solved(self, part: str, ratios: Array, progress: runs.Progress | None = None) -> Campaign:
-        folder = self._folder(part)
-        return runs.solved(self.store, CONTACT, folder, ratios, runs.COARSE_CELLS, progress)
-
-    def _folder(self, part: str) -> str:
-        return f"coarse-{CONTACT}-{part}" + (f"-{self.index}" if self.index else "")
-
-    def _maxima(self, posterior: Posterior, sd: Array) -> dict[str, Any]:
-        """The emulator's maximum refined by FE, as `calib map` does."""
-        model = block_pin_model(runs.study(), runs.hypothesis(CONTACT), runs.COARSE_CELLS)
-        refinement = self._folder(f"refine-{runs.study().design.n_local}")
-        parts = (self.store / f"coarse-{CONTACT}", self.store / refinement)
-        simulate = StoredSimulate(model, self.store / self._folder("map"), parts)
-        start = emulator_map(posterior, sd, np.random.default_rng(2))
-        assert isinstance(posterior.likelihood.forward, EmulatorForward)
-        found = refine_map(posterior, DirectForward(simulate, with_field=True), start, sd)
-        return {
-            "map_difference_sd": _named(found.difference_sd),
-            "map_fe_solves": found.n_solves,
-            "map_status": str(found.status),
-        }
+def _maxima(case: DirectCase, posterior: Posterior, sd: Array) -> dict[str, Any]:
+    """The emulator's maximum refined by FE, as `calib map` does."""
+    model = block_pin_model(runs.study(), runs.hypothesis(CONTACT), runs.COARSE_CELLS)
+    refinement = case.store / case.folder(f"refine{runs.study().design.n_local}")
+    parts = (case.store / f"coarse-{CONTACT}", refinement)
+    simulate = StoredSimulate(model, case.store / case.folder("map"), parts)
+    start = emulator_map(posterior, sd, np.random.default_rng(2))
+    assert isinstance(posterior.likelihood.forward, EmulatorForward)
+    found = refine_map(posterior, DirectForward(simulate, with_field=True), start, sd)
+    return {
+        "map_difference_sd": _named(found.difference_sd),
+        "map_fe_solves": found.n_solves,
+        "map_status": str(found.status),
+    }
 
 
 def _held(found: Refined, rule: Rule, by_fe: Moments) -> dict[str, Any]:

@@ -20,10 +20,7 @@ from benchmarks.calibration_experiments import (
     place,
     sbc_prior,
 )
-from calib.inference import (
-    PARAMETERS,
-    Likelihood,
-)
+from calib.inference import PARAMETERS, Likelihood, Prior
 from calib.inference.rank_uniformity import LEVELS, clustered_error, coverage, uniformity
 from calib.study.context import block_pin_model
 from calib.study.mesh_error import MeshError, mesh_error
@@ -48,6 +45,8 @@ class Arm:
     likelihood: Callable[[int], Likelihood]
     """of an experiment by its number; those of one object are projected together"""
     seed: int
+    prior: Callable[[int], Prior] = lambda _: sbc_prior()
+    """of an experiment by its number; one for those of a likelihood"""
 
 
 @cache
@@ -117,7 +116,8 @@ def _chunk(arm: Arm, index: Array) -> Placed:
         members = np.flatnonzero([each is likelihood for each in likelihoods])
         chosen = index[members]
         some = Experiments(*(value[chosen] for value in vars(arm.experiments).values()))
-        found = vars(place(likelihood, sbc_prior(), some, arm.seed + 1000 * int(chosen[0])))
+        prior = arm.prior(int(chosen[0]))
+        found = vars(place(likelihood, prior, some, arm.seed + 1000 * int(chosen[0])))
         for name, value in found.items():
             results.setdefault(name, np.empty((len(index), *value.shape[1:])))[members] = value
     return Placed(**results)
@@ -240,16 +240,14 @@ def finer_case(
 
 
 def sbc(store: Path, n: int) -> dict[str, Any]:
-    """Ranks and coverage of several kinds of truth; half as many on the finer mesh."""
+    """Ranks and coverage of several kinds of truth."""
     found: dict[str, Any] = {}
     for name, arm in (
+        ("fe_stuck", lambda: stuck_arm(store, n)),
+        ("fe", lambda: fe_arm(store, n)),
+        ("fe_first_look", lambda: first_look_arm(store, n)),
         ("emulator", lambda: emulator_arm(store, n)),
         ("emulator_again", lambda: emulator_arm(store, max(n // 3, 100), 100)),
-        ("fe", lambda: fe_arm(store, n)),
-        ("fe_stuck", lambda: stuck_arm(store, n)),
-        ("fe_first_look", lambda: first_look_arm(store, n)),
-        ("finer", lambda: finer_arms(store, n // 2, "finer")[0]),
-        ("finer_stuck", lambda: finer_arms(store, n, "finer-stuck")[0]),
     ):
         found[name] = arm_figures(store, arm())
     return {
@@ -257,6 +255,17 @@ def sbc(store: Path, n: int) -> dict[str, Any]:
         "coverage": found["emulator"]["coverage"],
         "sbc": found,
         "sbc_false_alarm": FALSE_ALARM,
+    }
+
+
+def finer(store: Path, name: str, n: int) -> dict[str, Any]:
+    """Ranks and coverage of truths on a finer mesh, with its error stated and left out."""
+    stated, left_out = finer_arms(store, n, name)
+    return {
+        f"sbc_{name.replace('-', '_')}": {
+            "stated": arm_figures(store, stated),
+            "left_out": arm_figures(store, left_out),
+        }
     }
 
 
@@ -280,7 +289,5 @@ def power(store: Path, n: int) -> dict[str, Any]:
         Arm("noise-independent", good, lambda _: independent, 5),
         Arm("sparse-emulator", own, lambda _: stated, 6),
         Arm("sparse-emulator-certain", own, lambda _: certain, 7),
-        finer_arms(store, n // 2, "finer")[1],
-        finer_arms(store, n, "finer-stuck")[1],
     ]
     return {"power": {arm.name: arm_figures(store, arm) for arm in arms}}

@@ -1,17 +1,16 @@
 """An emulator refined at one posterior as a study does it: runs added until its mean stays.
 
-The rounds of `calib.study.refine_stage`: a run at the posterior mean, two at a time where variance
-times posterior is largest, until the predicted shift of the mean is below 0.05 SD, and one at the
-mean in the end.
+The rounds of `calib.study.refine_stage`: a run at the posterior mean, a second design in the
+posterior's box where this is small, two at a time where variance times posterior is largest, until
+the predicted shift of the mean is below 0.05 SD, and one at the mean in the end.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -19,16 +18,17 @@ from benchmarks import calibration_runs as runs
 from benchmarks.calibration_experiments import Experiments, by_runs, likelihood_of, sbc_prior
 from benchmarks.calibration_figures import Arm, arm_figures, emulator, points, trained
 from calib.data import thesis_forces
-from calib.inference import EmulatorForward, Likelihood, Posterior
+from calib.inference import EmulatorForward, Likelihood, Posterior, Prior
+from calib.inference.quadrature import Quadrature, integrate
 from calib.study.judgement import Noise
-from calib.study.local_design import within
+from calib.study.local_design import box_of, local_points, within
 from calib.study.next_runs import Choice
 from calib.study.refine_rounds import Loop
 from calib.study.refinement import outlook
 from calib.study.training_runs import rows, training_set
 from fe.campaign_result import Campaign
 from fe.response import Array
-from surrogate import Emulator, ScaledEmulator
+from surrogate import Emulator, ScaledEmulator, TrainingSet
 
 FIELD_NOISE = 0.01
 """mm, the least of `calibration_experiments.FIELD_NOISE`"""
@@ -109,51 +109,72 @@ def experiment(
     return likelihood, Posterior(sbc_prior(), one)
 
 
+class Local(NamedTuple):
+    """What serves all experiments of one truth."""
+
+    emulator: ScaledEmulator
+    prior: Prior
+    """within the box in which the emulator is known"""
+    n_train: int
+    shift: float
+    """largest predicted shift of the first experiment's posterior mean, posterior SDs"""
+
+
 def refined_arm(store: Path, n: int) -> tuple[Arm, dict[str, Any]]:
-    """Truths by FE on the sampling mesh, each with an emulator refined as a study's is.
+    """Truths by FE on the sampling mesh, each with an emulator of a second design as a study's is.
 
-    It is refined at the posterior of the first experiment of a truth, from the 20 runs of the
-    study's first design; the others of that truth differ from it in kappa and in their noise.
+    The experiments of a truth differ in kappa and in their noise; the box of its second design
+    holds the posteriors of all of them, so that it is wider than a study's. No runs are added one
+    by one after it.
     """
-    design = rows(runs.design(store, "sliding"), slice(runs.study().design.n_runs))
-    first = likelihood_of(emulator(store, "sliding", len(design.theta), True), points())
+    first = rows(runs.design(store, "sliding"), slice(runs.study().design.n_runs))
+    likelihood = likelihood_of(emulator(store, "sliding", len(first.theta), True), points())
     truths = rows(runs.held_out_truths(store, "sliding"), slice(N_TRUTHS))
-    drawn = by_runs(first, sbc_prior(), truths, n, runs.SEED + 11)
-    chosen = [_ratios(store, design, drawn, truth) for truth in range(len(truths.theta))]
-
-    @cache
-    def likelihood(truth: int) -> Likelihood:
-        campaign = _solved(store, truth, chosen[truth][0])
-        own = trained(store, training_set([design, campaign], gradients=True))
-        return likelihood_of(own, points())
-
+    drawn = by_runs(likelihood, sbc_prior(), truths, n, runs.SEED + 11)
+    found = [_local(store, first, drawn, truth) for truth in range(len(truths.theta))]
+    likelihoods = [likelihood_of(local.emulator, points()) for local in found]
+    arm = Arm(
+        "fe-refined",
+        drawn,
+        lambda i: likelihoods[int(drawn.run[i])],
+        9,
+        lambda i: found[int(drawn.run[i])].prior,
+    )
     told = {
-        "n_added": float(np.mean([len(ratios) for ratios, _ in chosen])),
-        "predicted_shift_sd_largest": max(shift for _, shift in chosen),
+        "n_training": [local.n_train for local in found],
+        "predicted_shift_sd": [local.shift for local in found],
     }
-    return Arm("fe-refined", drawn, lambda i: likelihood(int(drawn.run[i])), 9), told
+    return arm, told
 
 
-def _ratios(store: Path, design: Campaign, drawn: Experiments, truth: int) -> tuple[Array, float]:
-    """Where runs are added for a truth, and the predicted shift that is left; kept."""
-    path = store / "refined" / f"{truth}.npz"
-    if not path.exists():
-        index = int(np.flatnonzero(drawn.run == truth)[0])
-        found = refined(
-            design,
-            lambda own: experiment(own, drawn, index)[1],
-            lambda ratios: _solved(store, truth, ratios),
-            runs.study().design.n_refine,
-            runs.SEED + truth,
-        )
-        path.parent.mkdir(parents=True, exist_ok=True)
-        np.savez(path, ratios=found.loop.ratios, shift=found.shift)
-    with np.load(path) as stored:
-        return stored["ratios"], float(stored["shift"])
+def _local(store: Path, first: Campaign, drawn: Experiments, truth: int) -> Local:
+    """A run at the mean of the first experiment, then a second design in the box of all."""
+    whole, members = sbc_prior(), np.flatnonzero(drawn.run == truth)
+
+    def known(*campaigns: Campaign) -> TrainingSet:
+        return training_set([first, *campaigns], gradients=True)
+
+    def found(used: TrainingSet, index: int) -> Quadrature:
+        return integrate(experiment(trained(store, used), drawn, index)[1])
+
+    mean = _solved(store, truth, found(known(), members[0]).mean[None, 1:])
+    boxes = [box_of(found(known(mean), i), whole.bounds[1:]) for i in members]
+    box = np.column_stack([np.min(boxes, axis=0)[:, 0], np.max(boxes, axis=0)[:, 1]])
+    points_there = local_points(box, runs.study().design.n_local, runs.SEED + truth)
+    used = within(known(mean, _solved(store, truth, points_there)), box)
+    own, prior = trained(store, used), whole.within(box)
+    posterior = replace(experiment(own, drawn, members[0])[1], prior=prior)
+    forward = posterior.likelihood.forward
+    assert isinstance(forward, EmulatorForward)
+    rng = np.random.default_rng([runs.SEED, truth])
+    shift = outlook(own.emulator, used, posterior, forward, rng).shift.shift
+    print(f"  truth {truth}: {len(used.ratios)} train, shift {shift.max():.3f} SD", flush=True)
+    return Local(own, prior, len(used.ratios), float(shift.max()))
 
 
 def _solved(store: Path, truth: int, ratios: Array) -> Campaign:
-    return runs.sliding(store, f"refine/{truth}", ratios, None)
+    progress = runs.told(f"refined {truth}")
+    return runs.sliding(store, f"refined/{truth}", ratios, None, progress)
 
 
 def figures(store: Path, n: int) -> dict[str, Any]:

@@ -33,12 +33,8 @@ class Fitted:
     """mean square of the field's error in units of what is stated of it"""
 
 
-def figures(store: Path) -> dict[str, Any]:
-    """For each mesh and its finer truths: errors of r and s in their SDs."""
-    return {"mesh_statement": {name: _figures(store, name) for name in runs.MESH_CASES}}
-
-
-def _figures(store: Path, name: str) -> dict[str, Any]:
+def figures(store: Path, name: str) -> dict[str, Any]:
+    """For a mesh and its finer truths, of `MESH_CASES`: errors of r and s in their SDs."""
     case = runs.MESH_CASES[name]
     known, truths, _ = finer_case(store, case.hypothesis)
     ratios = truths.theta[:, :2]
@@ -53,8 +49,7 @@ def _figures(store: Path, name: str) -> dict[str, Any]:
         "mean_sd": np.mean([one.sd for one in found], axis=0).tolist(),
         "mean_misfit": float(np.mean([one.misfit for one in found])),
     }
-    print(f"{name}: {told}", flush=True)
-    return told
+    return {f"mesh_statement_{name.replace('-', '_')}": told}
 
 
 def fitted(likelihood: Likelihood, ratios: Array, truth: Array) -> Fitted:

@@ -2,13 +2,14 @@
 
     python -m benchmarks.verify_inference [--only PART ...] [--n 300] [--store DIR] [--out FILE]
 
-Parts: sbc and power (virtual experiments drawn from the prior), refined (the same with emulators
-refined as a study's are), mesh (whether its stated error covers finer truths), emcee (some of their
-posteriors by a chain), misspecified (truths of another law and contact, with and without a
-discrepancy), direct (posterior by FE at every node of a quadrature, and the two maxima), local (how
-many runs in the posterior's box its emulator needs).  FE runs and posteriors are kept in --store,
-so that an interrupted part goes on where it was.  Each part replaces its own figures in FILE and
-leaves the others.
+Parts: sbc and power (virtual experiments drawn from the prior), finer-stuck and finer (the same
+with truths on finer meshes), refined (with emulators refined as a study's are), mesh-stuck and
+mesh (whether a mesh's stated error covers finer truths), emcee (some of their posteriors by a
+chain), misspecified (truths of another law and contact, with and without a discrepancy), direct
+(posterior by FE at every node of a quadrature, and the two maxima), local (how many runs in the
+posterior's box its emulator needs). FE runs and posteriors are kept in --store, so that an
+interrupted part goes on where it was. Each part replaces its own figures in FILE and leaves the
+others.
 """
 
 from __future__ import annotations
@@ -39,8 +40,11 @@ OUT = ROOT / "docs" / "verification" / "inference.json"
 
 PARTS: dict[str, Callable[[Path, int], dict[str, Any]]] = {
     "sbc": calibration_figures.sbc,
+    "finer-stuck": lambda store, n: calibration_figures.finer(store, "finer-stuck", n),
+    "finer": lambda store, n: calibration_figures.finer(store, "finer", n // 2),
     "refined": calibration_refined.figures,
-    "mesh": lambda store, n: mesh_statement.figures(store),
+    "mesh-stuck": lambda store, n: mesh_statement.figures(store, "finer-stuck"),
+    "mesh": lambda store, n: mesh_statement.figures(store, "finer"),
     "emcee": calibration_emcee.against_emcee,
     "power": calibration_figures.power,
     "misspecified": lambda store, n: calibration_misspecified.figures(store, max(n // 3, 1)),

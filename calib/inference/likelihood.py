@@ -65,9 +65,14 @@ class Likelihood:
         """(m,) log-likelihood at theta (m, n); -inf where the forward model failed."""
         return self.log_prob_of(theta, self.predict(theta))
 
-    def log_prob_of(self, theta: Array, prediction: Prediction) -> Array:
-        """(m,) log-likelihood where a prediction in the forward model's basis is given."""
-        return self._joint(*self._parts(theta, prediction))
+    def log_prob_of(
+        self, theta: Array, prediction: Prediction, field: FieldLikelihood | None = None
+    ) -> Array:
+        """(m,) log-likelihood of a given prediction, in the basis of the forward model or `field`.
+
+        `field` is that of this likelihood with another basis (`FieldLikelihood.with_basis`).
+        """
+        return self._joint(*self._parts(theta, prediction, field))
 
     def shared_posterior(self, theta: Array) -> SharedPosterior:
         """Posterior of the nuisances of the test given theta (m, n), in their prior SDs."""
@@ -76,14 +81,16 @@ class Likelihood:
             return student_shared_posterior(force, others, self.errors.freedom)
         return shared_posterior([force.along, *others])
 
-    def _parts(self, theta: Array, prediction: Prediction) -> tuple[ForceDensity, list[AlongError]]:
+    def _parts(
+        self, theta: Array, prediction: Prediction, field: FieldLikelihood | None = None
+    ) -> tuple[ForceDensity, list[AlongError]]:
         """The forces, and the field where there is one."""
         steps = np.arange(self.force.size)
         force = self._force_along(prediction, steps, self._force_sizes(theta))
         if self.field is None:
             return force, []
-        sizes = self.field_sizes(theta)
-        return force, [self._field(self.field).along(prediction, None, sizes)]
+        field, sizes = field or self._field(self.field), self.field_sizes(theta)
+        return force, [field.along(prediction, None, sizes)]
 
     def _joint(self, force: ForceDensity, others: list[AlongError]) -> Array:
         """(m,) ln density of forces and other parts, the errors that they share integrated out."""

@@ -17,7 +17,8 @@ import numpy as np
 import numpy.typing as npt
 
 from calib.inference.coordinates import theta_of
-from calib.inference.forward import EmulatorForward, FieldBasis, Jacobian, Prediction
+from calib.inference.field_likelihood import FieldLikelihood
+from calib.inference.forward import EmulatorForward, FieldBasis, Prediction
 from calib.inference.likelihood import Likelihood
 from fe.response import Array
 from surrogate import Emulator, Residuals, TrainingSet, leave_one_out_residuals
@@ -118,23 +119,12 @@ def _shares(log_weight: Array) -> Array:
 
 
 @dataclass(frozen=True)
-class _Basis:
-    """Stands for the forward model of a likelihood that is asked about given predictions alone."""
-
-    field_basis: FieldBasis | None
-
-    def predict(self, theta: Array) -> Prediction:
-        raise NotImplementedError
-
-    def jacobian(self, theta: Array) -> Jacobian:
-        raise NotImplementedError
-
-
-@dataclass(frozen=True)
 class _Exact:
     """The likelihood of an emulator taken as exact, at draws, with and without some errors."""
 
     likelihood: Likelihood
+    field: FieldLikelihood | None
+    """that of the likelihood, in the basis of the prediction"""
     theta: Array
     """(m, n)"""
     prediction: Prediction
@@ -157,15 +147,16 @@ class _Exact:
         theta = theta_of(x)
         relative = errors.force_error[chosen] / errors.force[chosen]
         basis, found = forward.field_basis, likelihood.predict(theta)
-        weights = None
+        weights, field = None, None
         if basis is not None and found.weights is not None:
             assert errors.field_error is not None and basis.modes is not None
             modes = np.concatenate([basis.modes, errors.field_error[chosen]])
             basis = FieldBasis(basis.offset, modes, basis.truncation[:0])
             weights = np.pad(found.weights, ((0, 0), (0, len(relative))))
-        told = likelihood.with_forward(_Basis(basis))
+            field = None if likelihood.field is None else likelihood.field.with_basis(basis)
         prediction = Prediction(found.force, None, weights)
-        return cls(told, theta, prediction, relative, told.log_prob_of(theta, prediction))
+        base = likelihood.log_prob_of(theta, prediction, field)
+        return cls(likelihood, field, theta, prediction, relative, base)
 
     def weight_without(self, part: Array, weight: Array) -> Array:
         """(m,) weights of the draws were the model without `part` (m, k) of the errors.
@@ -178,6 +169,6 @@ class _Exact:
             weights[:, weights.shape[1] - len(self.relative) :] = -part
         force = self.prediction.force / (1.0 + part @ self.relative)
         without = Prediction(force, None, weights)
-        change = self.likelihood.log_prob_of(self.theta, without) - self.base
+        change = self.likelihood.log_prob_of(self.theta, without, self.field) - self.base
         with np.errstate(divide="ignore"):
             return _shares(np.log(weight) + change)
