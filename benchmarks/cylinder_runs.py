@@ -8,7 +8,8 @@ from typing import Literal
 
 import numpy as np
 
-from fe import Cylinder, CylinderModel, run_campaign
+from benchmarks.run_key import kept_campaign
+from fe import Cylinder, CylinderModel
 from fe.campaign_parameters import Parameter
 from fe.materials.material import material
 from fe.response import Array, Response
@@ -101,7 +102,7 @@ def emulator(
     run = CylinderRun(family, contact)
     n = N_RUNS[contact]
     design = sobol_design(n + n_held_out, run.bounds, SEED)
-    campaign = run_campaign(
+    campaign = kept_campaign(
         run, design, store / f"{family}-{contact}", parameters=run.parameters, max_failure_rate=0.3
     )
     good = campaign.good.all(axis=1)

@@ -10,7 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from benchmarks.meshes import SAMPLING_CELLS
-from fe import BlockPin, BlockPinFamily, BlockPinModel, Contact, run_campaign
+from benchmarks.run_key import kept_campaign
+from fe import BlockPin, BlockPinFamily, BlockPinModel, Contact
 from fe.campaign_result import Campaign
 from fe.response import Array
 from fe.specimens.block_pin_family import FAMILY
@@ -18,8 +19,8 @@ from fe.specimens.block_pin_geometry import Interface
 from surrogate.design import sobol_design
 
 TRAVEL = (0.6, 0.8, 1.0, 1.2, 1.4)
-TRAINING_SEED, HELD_OUT_SEED = 1, 3
-"""the set of seed 2 was looked at while the emulator was made: no figure comes from it"""
+TRAINING_SEED, HELD_OUT_SEED = 1, 5
+"""the sets of seeds 2 and 3 were looked at while emulators were made: no error comes from them"""
 FACTORS = {
     "r": (0.0, 1.0),
     "s": (0.0, 0.5),
@@ -70,9 +71,9 @@ class Design:
         )
         return self.factors(points)
 
-    def held_out(self, n: int) -> Array:
+    def held_out(self, n: int, seed: int = HELD_OUT_SEED) -> Array:
         """(n, d) factors of another Sobol sequence, never used in training."""
-        return self.factors(sobol_design(n, self.bounds, HELD_OUT_SEED, n_corners=0))
+        return self.factors(sobol_design(n, self.bounds, seed, n_corners=0))
 
     def coordinates(self, factors: Array) -> Array:
         """(n, d) coordinates of factors (n, d), in which emulators work."""
@@ -115,7 +116,7 @@ def simulate(
     points: Array, model: BlockPinFamily, store: Path, progress: Callable[[int, int], None]
 ) -> Campaign:
     """Runs at points (n, d), those of the store reused."""
-    return run_campaign(
+    return kept_campaign(
         model,
         points,
         store,

@@ -6,9 +6,14 @@ import ast
 import hashlib
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import fe
+from fe import run_campaign
+from fe.campaign import Simulate
+from fe.campaign_result import Campaign
 from fe.fingerprint import canonical_json, fingerprint
+from fe.response import Array
 
 
 def run_key(model: object, source: Path | None = None) -> str:
@@ -20,6 +25,17 @@ def run_key(model: object, source: Path | None = None) -> str:
     digest = hashlib.sha256(canonical_json(fingerprint(model)).encode())
     digest.update(_code(source or Path(fe.__file__).parent).encode())
     return digest.hexdigest()[:12]
+
+
+def kept_campaign(simulate: Simulate, theta: Array, store: Path, **options: Any) -> Campaign:
+    """`fe.run_campaign` on a store that tells runs of other code of the package `fe` apart.
+
+    Those of studies are told apart by version, which does not change with every commit.
+    """
+    code = hashlib.sha256(_code(Path(fe.__file__).parent).encode()).hexdigest()[:12]
+    return run_campaign(
+        simulate, theta, store, fingerprint=fingerprint(simulate) | {"code": code}, **options
+    )
 
 
 class _Undocumented(ast.NodeTransformer):

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.meshes import SAMPLING_CELLS
+from benchmarks.run_key import kept_campaign
 from benchmarks.thesis_claims import field_claims, implied_maxima, quadrature_of, stiffness
 from benchmarks.thesis_hypotheses import (
     NOMINAL_MESH_ERROR,
@@ -29,7 +30,6 @@ from benchmarks.thesis_hypotheses import (
 from calib.inference import fit_of
 from calib.study.artifacts import read_json, write_json
 from calib.study.training_runs import training_set
-from fe import run_campaign
 from surrogate import Emulator
 
 
@@ -67,7 +67,7 @@ def about() -> dict[str, Any]:
 
 def figures(reading: Reading, store: Path) -> dict[str, Any]:
     """Evidence, fit and stiffness by the forces, and the largest displacements that go with it."""
-    campaign = run_campaign(
+    campaign = kept_campaign(
         reading.model(SAMPLING_CELLS[reading.mesh]),
         design(),
         store / reading.folder / "design",
