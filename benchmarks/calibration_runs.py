@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -51,6 +51,8 @@ CONTACTS = {"sliding": "slide", "stuck": "stick"}
 N_PLACED = 8
 """corners and centres of faces that come first in a design of (r, s)"""
 N_FINER, N_CHECKS, N_OTHER, N_RUBBING = 8, 5, 15, 100
+EVEN = replace(DESIGNS[0], dense_below=None)
+"""runs that fill the box of (r, s) evenly, as the prior does"""
 
 Progress = Callable[[int, int], None]
 
@@ -144,13 +146,13 @@ def truths(store: Path, progress: Progress | None = None) -> Campaign:
 
     Two Sobol sequences that fill the box of the prior evenly; no emulator of the study saw them.
     """
-    points = np.vstack([DESIGNS[0].training()[N_PLACED:], held_out()])
+    points = np.vstack([EVEN.training()[N_PLACED:], held_out()])
     return _benchmark_runs(store, "sliding", points, progress)
 
 
 def held_out() -> Array:
     """(32, 2) the second of these sequences."""
-    return DESIGNS[0].held_out(32, TRUTH_SEED)
+    return EVEN.held_out(32, TRUTH_SEED)
 
 
 def held_out_truths(store: Path, name: str, progress: Progress | None = None) -> Campaign:
@@ -160,12 +162,12 @@ def held_out_truths(store: Path, name: str, progress: Progress | None = None) ->
 
 def further_training(store: Path, name: str, progress: Progress | None = None) -> Campaign:
     """The training runs of benchmarks/emulator.py, corners and faces among them."""
-    return _benchmark_runs(store, name, DESIGNS[0].training(), progress)
+    return _benchmark_runs(store, name, EVEN.training(), progress)
 
 
 def _benchmark_runs(store: Path, name: str, points: Array, progress: Progress | None) -> Campaign:
     contact = CONTACTS[name]
-    model = family(DESIGNS[0].names, contact, CELLS[contact])
+    model = family(EVEN.names, contact, CELLS[contact])
     return simulate(points, model, store / contact, progress or _quiet)
 
 

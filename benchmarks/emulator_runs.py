@@ -52,6 +52,8 @@ class Design:
     """centres of faces that come next"""
     max_field_mm: float
     max_force_percent: float
+    dense_below: float | None = None
+    """s below which training runs are denser: ln(1 + s / this) is spread evenly; None: s is"""
 
     @property
     def bounds(self) -> Array:
@@ -62,13 +64,15 @@ class Design:
 
     def training(self) -> Array:
         """(n_runs, d) factors: corners, faces, then a Sobol sequence of the coordinates."""
+        bounds, scale = self.bounds, self.dense_below
+        s = self.names.index("s")
+        if scale is not None:
+            bounds[s] = np.log1p(bounds[s] / scale)
         points = sobol_design(
-            self.n_runs,
-            self.bounds,
-            TRAINING_SEED,
-            n_corners=self.n_corners,
-            n_faces=self.n_faces,
+            self.n_runs, bounds, TRAINING_SEED, n_corners=self.n_corners, n_faces=self.n_faces
         )
+        if scale is not None:
+            points[:, s] = scale * np.expm1(points[:, s])
         return self.factors(points)
 
     def held_out(self, n: int, seed: int = HELD_OUT_SEED) -> Array:
@@ -99,8 +103,8 @@ class Design:
 
 
 DESIGNS = (
-    Design(("r", "s"), 32, None, 4, 1e-4, 0.1),
-    Design(("r", "s", "bulk"), 64, None, 6, 2e-4, 0.2),
+    Design(("r", "s"), 32, None, 4, 1e-4, 0.1, dense_below=0.05),
+    Design(("r", "s", "bulk"), 64, None, 6, 2e-4, 0.2, dense_below=0.05),
     Design(tuple(FACTORS), 160, 16, 0, 1e-3, 1.0),
 )
 
