@@ -40,7 +40,7 @@ OUT = ROOT / "docs" / "verification" / "data.json"
 TRUTH = ROOT / "runs" / "laboratory"
 PIPELINE_SEED = 1000
 FIRST_SEED = 6000
-"""of part qc: on seeds below, estimators, thresholds and the truth were chosen"""
+"""of part qc: on seeds below, estimators, thresholds and the form of the truth were chosen"""
 FOLDERS = ("dic_exports", "utm_exports", "ecoflex_compression_cylinders", "stereo_static_pair")
 FORMATS = (*DIC_FORMATS, *MACHINE_FORMATS)
 
