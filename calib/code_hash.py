@@ -33,6 +33,6 @@ def _modules(package: Traversable, within: str) -> list[tuple[str, Traversable]]
         name = f"{within}/{part.name}"
         if part.is_dir():
             found += _modules(part, name)
-        elif name.endswith(".py"):
+        elif name.endswith(".py") and part.is_file():  # not the link that an editor locks with
             found.append((name, part))
     return found

@@ -68,7 +68,8 @@ def qc_verb(arguments: argparse.Namespace) -> int:
     out = arguments.out or folder / QC_FOLDER
     if out.exists() and not out.is_dir():
         raise ValueError(f"--out: found the file {out}, expected a folder or a new name")
-    result, paths = make_dataset(folder, out, with_figures=True, rules=rules)
+    bar = sys.stderr.isatty()
+    result, paths = make_dataset(folder, out, with_figures=True, rules=rules, show_progress=bar)
     for line in qc_lines(result, paths):
         _say(line)
     if result.dataset is None:
