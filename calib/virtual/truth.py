@@ -198,7 +198,8 @@ def continued(fine: FrontResponse, coarse: FrontResponse) -> FrontResponse:
 def _solved(model: BlockPinModel, ratios: Array, folder: Path | None) -> FrontResponse:
     if folder is None:
         return solve_front(model, ratios)
-    depends = {"ratios": ratios.tolist(), "code": code_hash("fe"), **fingerprint(model)}
+    code = [code_hash(package) for package in ("fe", "calib.virtual")]
+    depends = {"ratios": ratios.tolist(), "code": code, **fingerprint(model)}
     name = hashlib.sha256(canonical_json(depends).encode()).hexdigest()[:16]
     path = folder / f"front-{name}.npz"
     if not path.exists():
