@@ -65,8 +65,8 @@ class Design:
     def training(self) -> Array:
         """(n_runs, d) factors: corners, faces, then a Sobol sequence of the coordinates."""
         bounds, scale = self.bounds, self.dense_below
-        s = self.names.index("s")
         if scale is not None:
+            s = self.names.index("s")
             bounds[s] = np.log1p(bounds[s] / scale)
         points = sobol_design(
             self.n_runs, bounds, TRAINING_SEED, n_corners=self.n_corners, n_faces=self.n_faces

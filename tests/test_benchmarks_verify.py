@@ -7,7 +7,9 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from toy_simulation import RATIOS, Toy
 
+import benchmarks.run_key
 from benchmarks import (
     convergence_study,
     grid_convergence,
@@ -19,7 +21,7 @@ from benchmarks import (
 from benchmarks.convergence_study import HIGH, LOW, draws
 from benchmarks.grid_convergence import index_percent
 from benchmarks.mesh_convergence import similar
-from benchmarks.run_key import run_key
+from benchmarks.run_key import kept_campaign, run_key
 from fe import BlockPin, BlockPinModel, Contact
 
 
@@ -169,6 +171,14 @@ def test_a_stored_run_is_found_again_but_not_for_another_model_or_code(tmp_path)
     assert keys[0] == run_key(BlockPinModel(BlockPin(), Contact(), (1, 1, 1), (0.1,)))
     assert keys[1] == keys[2]
     assert len({*keys, run_key(finer)}) == 4
+
+
+def test_a_kept_campaign_runs_again_what_other_code_has_run(tmp_path, monkeypatch):
+    log = tmp_path / "log"
+    for code, n_runs in (("one", 6), ("one", 6), ("other", 12)):
+        monkeypatch.setattr(benchmarks.run_key, "_code", lambda _, code=code: code)
+        kept_campaign(Toy(log=str(log)), RATIOS, tmp_path / "store")
+        assert len(log.read_text().splitlines()) == n_runs
 
 
 def test_indices_of_force_and_field_cover_errors_of_second_order(tmp_path, monkeypatch):
