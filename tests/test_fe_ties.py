@@ -50,7 +50,7 @@ def after(steps, faces, pin, states, travel=TRAVEL, *, stick=(True, True), slope
 def ends(faces, u, travel):
     """(n_face, n_q, 2, 3) places of the contact points at one state, as pin and floor see them."""
     places = faces.points + np.einsum("cqa,cai->cqi", faces.shape, u[faces.nodes])
-    return np.stack([places + [0.0, travel, 0.0], places], axis=2)
+    return np.stack([places + np.array([0.0, travel, 0.0]), places], axis=2)
 
 
 def gaps(places, kind, pin):
