@@ -102,6 +102,8 @@ def qc_report(result: QcResult, version: str, code: str) -> dict[str, object]:
             "travel_zero_sd": dataset.travel_zero_sd,
             "n_points": len(dataset.field.points),
             "noise_std": dataset.field.noise_std,
+            "correlation_length": dataset.field.correlation_length,
+            "smoothing": dataset.field.smoothing,
             "nugget": dataset.field.nugget,
             "scale_sd": dataset.field.scale_sd,
             "n_patterns": 0 if dataset.field.patterns is None else len(dataset.field.patterns),

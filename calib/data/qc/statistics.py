@@ -242,6 +242,7 @@ def noise_table(result: QcResult) -> QcTable:
         "y_mm",
         "z_mm",
         "correlation_length_mm",
+        "smoothing_mm",
         "nugget",
         "reference_share",
         "frames",
@@ -259,6 +260,7 @@ def noise_table(result: QcResult) -> QcTable:
             name,
             *(float(v) for v in floor.std),
             floor.correlation_length,
+            floor.smoothing,
             floor.nugget,
             floor.reference_share,
             floor.n_frames,
@@ -269,7 +271,7 @@ def noise_table(result: QcResult) -> QcTable:
     if noise.stated is not None:
         stated = (float(v) for v in noise.stated)
         length = "" if noise.stated_length is None else noise.stated_length
-        rows.append(("stated by the DIC program, field", *stated, length, "", "", ""))
+        rows.append(("stated by the DIC program, field", *stated, length, "", "", "", ""))
     return QcTable("noise", "Noise", columns, tuple(rows))
 
 
