@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.spatial.distance import cdist
 
-from calib.data.qc.averaging import mean_field, mean_force
 from calib.data.noise_shape import correlation_at
+from calib.data.qc.averaging import mean_field, mean_force
 from calib.data.qc.mapping import map_field
 from calib.data.qc.noise_floor import correlogram, fit_length, likeliest, noise_floor
 from calib.data.qc.statistics import box
