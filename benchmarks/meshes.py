@@ -20,7 +20,7 @@ SAMPLING_CELLS: dict[str, Cells] = {
 }
 """of a design sample: Q2 elements of a quarter along x, y, z"""
 FITTING_CELLS: dict[str, Cells | Rings] = {
-    "bar, stick": (15, 14, 5),
+    "bar, stick": (20, 14, 5),
     "bar, friction": (16, 8, 4),
     "bar, frictionless": (16, 5, 4),
     "round, stick": Rings(16, 16, 2),

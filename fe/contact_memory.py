@@ -25,13 +25,14 @@ class ContactMemory:
     ties: Ties
     slip: SlipAnchors
     """of the points that are not tied"""
+    before: Step
+    """state at the end of the last step, from which points come that are tied next"""
 
     def copy(self) -> ContactMemory:
         """Independent copy."""
         parts = {name: part.copy() for name, part in self.ties._asdict().items()}
-        return ContactMemory(
-            self.ties._replace(**parts), SlipAnchors(*(part.copy() for part in self.slip))
-        )
+        slip = SlipAnchors(*(part.copy() for part in self.slip))
+        return ContactMemory(self.ties._replace(**parts), slip, self.before)
 
 
 def initial_memory(
@@ -49,8 +50,9 @@ def initial_memory(
     slopes = no_slopes(faces, 0) if slopes is None else slopes
     start = slopes if at_rest is None else at_rest
     return ContactMemory(
-        ties.at_rest(faces, glued, slopes, start),
+        ties.at_rest(faces, glued, slopes),
         rest(faces, pin, start),
+        ties.step_at_rest(faces, slopes, start),
     )
 
 
@@ -73,8 +75,10 @@ def tie_touching(
     n_p = u_gradient.shape[2]
     slopes = no_slopes(faces, n_p) if slopes is None else slopes
     travel_gradient = np.zeros(n_p) if travel_gradient is None else travel_gradient
-    step = Step(u, _motion(faces, u_gradient, slopes), travel, travel_gradient)
-    return int(ties.tie(memory.ties, faces, step, pin, stick, slopes))
+    step = Step(u, u_gradient, travel, travel_gradient)
+    found = int(ties.tie(memory.ties, faces, memory.before, step, pin, stick, slopes))
+    memory.before = step
+    return found
 
 
 def slide_anchors(
@@ -92,15 +96,7 @@ def slide_anchors(
     The work is that of the mean traction of the step's two ends along the anchors' way.
     """
     slopes = no_slopes(faces, u_gradient.shape[2]) if slopes is None else slopes
-    motion = _motion(faces, u_gradient, slopes)
     work: float = advance_anchors(
-        u, motion, faces, memory.ties.kind, memory.slip, travel, pin, law, slopes
+        u, u_gradient, faces, memory.ties.kind, memory.slip, travel, pin, law, slopes
     )
     return work
-
-
-def _motion(faces: Faces, u_gradient: Array, slopes: SurfaceSlopes) -> Array:
-    """(n_face, n_q, 3, n_p) derivative of the deformed places of the contact points, mm."""
-    nodal = u_gradient[faces.nodes].reshape(*faces.nodes.shape, slopes.points[0, 0].size)
-    moved: Array = slopes.points + np.matmul(faces.shape, nodal).reshape(slopes.points.shape)
-    return moved

@@ -2,6 +2,9 @@
 
 Through everything but the displacement: faces that move with the geometry, the pin, stiffness,
 friction, and the anchors that the memory carries from step to step.
+
+What is done at each point is inlined: handing over the many arrays, whose references are counted,
+took as long as the sums.
 """
 
 from __future__ import annotations
@@ -11,7 +14,7 @@ import numpy.typing as npt
 from numba import njit
 
 from fe.contact import FREE, TIED_TO_PIN, Faces, penalty, position
-from fe.friction_slopes import empty_work, friction_pull
+from fe.friction_slopes import SlopeWork, empty_work, friction_pull
 from fe.pin_surface import RigidPin, pin_point
 from fe.slip_anchors import SlipAnchors
 from fe.surface_slopes import (
@@ -55,17 +58,18 @@ def contact_pull(
             position(u, faces, c, q, x)
             if ties.kind[c, q] != FREE and not faces.base[c]:
                 at = pull[c, q]
-                on_pin += _held_pull(x, ties, c, q, faces, travel, pin, slopes, work.seen, at)
+                _held_pull(x, ties, c, q, faces, travel, pin, slopes, work, at, on_pin)
                 continue
             if faces.base[c]:
                 _base_pull(x, c, q, faces, pin, slopes, pull)
             elif _touches(x, faces.floor[c], travel, pin):
-                on_pin += _free_pull(x, c, q, faces, travel, pin, slopes, work.seen, pull[c, q])
+                at = pull[c, q]
+                _free_pull(x, c, q, faces, travel, pin, slopes, work.seen, at, on_pin)
             else:
                 continue
             if rubs:
                 at = pull[c, q]
-                on_pin += friction_pull(x, c, q, faces, slip, travel, pin, law, slopes, work, at)
+                friction_pull(x, c, q, faces, slip, travel, pin, law, slopes, work, at, on_pin)
     return on_pin
 
 
@@ -94,7 +98,7 @@ def _touches(x: Array, on_side: bool, travel: float, pin: RigidPin) -> bool:
     return (on_side and x[1] < 0.0) or pin_point(x, travel, pin).gap < 0.0
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def _base_pull(
     x: Array, c: int, q: int, faces: Faces, pin: RigidPin, slopes: SurfaceSlopes, pull: Array
 ) -> None:
@@ -105,7 +109,7 @@ def _base_pull(
         pull[c, q, 1, j] += w * (k * moved + dk * x[1]) + dw * k * x[1]
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def _free_pull(
     x: Array,
     c: int,
@@ -116,17 +120,18 @@ def _free_pull(
     slopes: SurfaceSlopes,
     seen: Array,
     pull: Array,
-) -> Array:
-    """Frictionless penalty of pin and floor; returns what of it is the pin's (n_p,)."""
+    on_pin: Array,
+) -> None:
+    """Frictionless penalty of pin and floor; adds what of it is the pin's to `on_pin` (n_p,)."""
     motion, w, dw = slopes.points[c, q], faces.weights[c, q], slopes.weights[c, q]
     _pin_pull(x, motion, travel, w, dw, pin, slopes, seen, pull)
-    on_pin: Array = pull[1].copy()
+    for j in range(dw.size):
+        on_pin[j] += pull[1, j]
     if faces.floor[c] and x[1] < 0.0:
         _floor_pull(x, motion, w, dw, pin, slopes, pull)
-    return on_pin
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def _held_pull(
     x: Array,
     ties: Ties,
@@ -136,34 +141,36 @@ def _held_pull(
     travel: float,
     pin: RigidPin,
     slopes: SurfaceSlopes,
-    seen: Array,
+    work: SlopeWork,
     pull: Array,
-) -> Array:
-    """What holds a tied point: spring and penalty; returns what of it is the pin's (n_p,)."""
+    on_pin: Array,
+) -> None:
+    """What holds a tied point: spring and penalty; adds what of it is the pin's to `on_pin`."""
     motion, w, dw = slopes.points[c, q], faces.weights[c, q], slopes.weights[c, q]
     held, d_held = ties.hold[c, q], ties.hold_gradient[c, q]
-    on_pin = np.zeros(dw.size)
     if held < 1.0:
         free, d_free = w * (1.0 - held), dw * (1.0 - held) - w * d_held
-        _pin_pull(x, motion, travel, free, d_free, pin, slopes, seen, pull)
-        on_pin += pull[1]
+        _pin_pull(x, motion, travel, free, d_free, pin, slopes, work.seen, pull)
+        for j in range(dw.size):
+            on_pin[j] += pull[1, j]
         if faces.floor[c] and x[1] < 0.0:
             _floor_pull(x, motion, free, d_free, pin, slopes, pull)
-    moves = 1.0 if ties.kind[c, q] == TIED_TO_PIN else 0.0
-    x[1] += moves * travel
-    before = pull[1].copy()
-    anchor, d_anchor = ties.anchor[c, q], ties.anchor_gradient[c, q]
-    d_area = dw * held + w * d_held
-    _tied_pull(x, anchor, d_anchor, motion, w * held, d_area, pin, slopes, pull)
-    on_pin += moves * (pull[1] - before)
-    return on_pin
+    tied_to_pin = ties.kind[c, q] == TIED_TO_PIN
+    if tied_to_pin:
+        x[1] += travel
+    work.before[:] = pull[1]
+    _tied_pull(x, ties, c, q, motion, w, dw, pin, slopes, pull)
+    if tied_to_pin:
+        for j in range(dw.size):
+            on_pin[j] += pull[1, j] - work.before[j]
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def _tied_pull(
     x: Array,
-    anchor: Array,
-    anchor_gradient: Array,
+    ties: Ties,
+    c: int,
+    q: int,
     motion: Array,
     w: float,
     dw: Array,
@@ -172,15 +179,18 @@ def _tied_pull(
     pull: Array,
 ) -> None:
     """Spring to an anchor; x is seen from what the anchor moves with."""
+    held, d_held, d_anchor = ties.hold[c, q], ties.hold_gradient[c, q], ties.anchor_gradient[c, q]
+    rate = w * held * pin.stiffness
     for i in range(3):
-        stretch = x[i] - anchor[i]
+        stretch = x[i] - ties.anchor[c, q, i]
+        by_stiffness, by_area = w * held * stretch, pin.stiffness * stretch
         for j in range(dw.size):
-            d = motion[i, j] - anchor_gradient[i, j]
-            force = w * slopes.stiffness[j] + dw[j] * pin.stiffness
-            pull[i, j] += w * pin.stiffness * d + force * stretch
+            d_area = dw[j] * held + w * d_held[j]
+            pull[i, j] += rate * (motion[i, j] - d_anchor[i, j])
+            pull[i, j] += by_stiffness * slopes.stiffness[j] + by_area * d_area
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def _pin_pull(
     x: Array,
     motion: Array,
@@ -208,7 +218,7 @@ def _pin_pull(
         pull[2, j] += along * s.nz + w * slope * d2
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def _floor_pull(
     x: Array,
     motion: Array,

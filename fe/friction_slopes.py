@@ -31,16 +31,20 @@ class SlopeWork(NamedTuple):
     """(2, n_p) that of its slip, mm"""
     before: Array
     """(n_p,) its vertical force without friction, N"""
+    limit: Array
+    """(n_p,) the largest traction, MPa"""
     chart: Chart
 
 
 @njit(cache=True)
 def empty_work(n_p: int) -> SlopeWork:
     """Work arrays for n_p parameters."""
-    return SlopeWork(np.empty((3, n_p)), np.empty((2, n_p)), np.empty(n_p), empty_chart())
+    return SlopeWork(
+        np.empty((3, n_p)), np.empty((2, n_p)), np.empty(n_p), np.empty(n_p), empty_chart()
+    )
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def friction_pull(
     x: Array,
     c: int,
@@ -53,17 +57,17 @@ def friction_pull(
     slopes: SurfaceSlopes,
     work: SlopeWork,
     pull: Array,
-) -> Array:
+    on_pin: Array,
+) -> None:
     """Add friction of point q of face c, at x (3,) mm, to `pull` (3, n_p) N; `work` is filled.
 
-    Returns what of its vertical force is the pin's (n_p,) N.
+    What of its vertical force is the pin's is added to `on_pin` (n_p,) N.
     """
     motion, w, dw = slopes.points[c, q], faces.weights[c, q], slopes.weights[c, q]
     chart, on_base = work.chart, faces.base[c]
     surface, limit, steep = touch(x, on_base, faces.floor[c], travel, pin, law, chart)
-    none = np.zeros(dw.size)
     if limit <= 0.0:
-        return none
+        return
     if surface == PIN:
         relative_motion(x, motion, pin, slopes, work.seen)
     else:
@@ -77,10 +81,12 @@ def friction_pull(
     _slip_pull(
         x, on_base, surface, limit, steep, place, travel, w, dw, pin, law, slopes, work, pull
     )
-    return pull[1] - work.before if surface == PIN else none
+    if surface == PIN:
+        for j in range(dw.size):
+            on_pin[j] += pull[1, j] - work.before[j]
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def _slip_pull(
     x: Array,
     on_base: bool,
@@ -104,49 +110,55 @@ def _slip_pull(
     _, secant, fall = slip_potential(s0, s1, law.slip)
     a = law.slip
     by_slip = 1.5 * (size2 / a**4 - 1.0 / a**2) if size2 < a * a else 0.0
-    gap = pin_point(x, travel, pin).gap if surface == PIN else x[1]
+    _fill_limit_slopes(x, on_base, surface, limit, steep, travel, pin, law, slopes, work)
+    traction = w * limit * secant
     for j in range(dw.size):
         d0, d1 = slides[0, j], slides[1, j]
-        d_limit = _limit_slope(
-            seen, on_base, surface, limit, steep, gap, chart, pin, law, slopes, j
-        )
         d_secant = by_slip * slopes.slip[j] - fall * (s0 * d0 + s1 * d1)
-        g = w * (limit * d_secant + d_limit * secant) + dw[j] * limit * secant
-        g0 = g * s0 + w * limit * secant * d0
-        g1 = g * s1 + w * limit * secant * d1
+        g = w * (limit * d_secant + work.limit[j] * secant) + dw[j] * limit * secant
+        g0 = g * s0 + traction * d0
+        g1 = g * s1 + traction * d1
         for i in range(3):
             pull[i, j] += g0 * chart.tangent[0, i] + g1 * chart.tangent[1, i]
-            for k in range(3):
-                bend = s0 * chart.bend[0, i, k] + s1 * chart.bend[1, i, k]
-                pull[i, j] += w * limit * secant * bend * seen[k, j]
+    if surface != PIN:  # the floor is flat
+        return
+    for i in range(3):
+        for k in range(3):
+            bend = traction * (s0 * chart.bend[0, i, k] + s1 * chart.bend[1, i, k])
+            if bend != 0.0:
+                for j in range(dw.size):
+                    pull[i, j] += bend * seen[k, j]
 
 
-@njit(cache=True)
-def _limit_slope(
-    seen: Array,
+@njit(cache=True, inline="always")
+def _fill_limit_slopes(
+    x: Array,
     on_base: bool,
     surface: int,
     limit: float,
     steep: float,
-    gap: float,
-    chart: Chart,
+    travel: float,
     pin: RigidPin,
     law: FrictionLaw,
     slopes: SurfaceSlopes,
-    j: int,
-) -> float:
-    """Derivative of the largest traction mu p in one parameter, MPa."""
-    n = chart.normal
-    d_gap = n[0] * seen[0, j] + n[1] * seen[1, j] + n[2] * seen[2, j]
-    if surface == PIN:
-        coefficient, d_coefficient = law.pin, slopes.friction_pin[j]
-        d_gap -= slopes.fillet[j]
-    else:
-        coefficient, d_coefficient = law.base, slopes.friction_base[j]
-    change: float = steep * d_gap + limit * d_coefficient / coefficient
-    if on_base:
-        change += limit * slopes.base_stiffness[j] / pin.base_stiffness
-    else:
-        dk, dr = slopes.stiffness[j], slopes.ramp[j]
-        change -= coefficient * penalty_slope(gap, pin.stiffness, pin.ramp, dk, dr)
-    return change
+    work: SlopeWork,
+) -> None:
+    """Derivative of the largest traction mu p of the point x (3,) mm, MPa."""
+    seen, n = work.seen, work.chart.normal
+    on_pin = surface == PIN
+    coefficient = law.pin if on_pin else law.base
+    d_coefficient = slopes.friction_pin if on_pin else slopes.friction_base
+    gap = pin_point(x, travel, pin).gap if on_pin else x[1]
+    by_stiffness = -coefficient * penalty_slope(gap, pin.stiffness, pin.ramp, 1.0, 0.0)
+    by_ramp = -coefficient * penalty_slope(gap, pin.stiffness, pin.ramp, 0.0, 1.0)
+    by_base = limit / pin.base_stiffness
+    for j in range(work.limit.size):
+        d_gap = n[0] * seen[0, j] + n[1] * seen[1, j] + n[2] * seen[2, j]
+        if on_pin:
+            d_gap -= slopes.fillet[j]
+        change = steep * d_gap + limit * d_coefficient[j] / coefficient
+        if on_base:
+            change += by_base * slopes.base_stiffness[j]
+        else:
+            change += by_stiffness * slopes.stiffness[j] + by_ramp * slopes.ramp[j]
+        work.limit[j] = change

@@ -16,7 +16,7 @@ from numba import njit
 from fe.contact import FREE, Faces, position
 from fe.friction import slip_potential
 from fe.pin_surface import ROUND, RigidPin
-from fe.surface_slopes import SurfaceSlopes, relative_motion, seen_from
+from fe.surface_slopes import SurfaceSlopes, point_motion, relative_motion, seen_from
 from fe.touch import FLOOR, PIN, Chart, FrictionLaw, chart_floor, chart_pin, empty_chart, touch
 
 Array = npt.NDArray[np.float64]
@@ -61,7 +61,7 @@ def _places(faces: Faces, pin: RigidPin, slopes: SurfaceSlopes, slip: SlipAnchor
                 slip.gradient[c, q, surface] = there
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def place_slopes(
     x: Array,
     seen: Array,
@@ -97,7 +97,7 @@ def place_slopes(
 @njit(cache=True)
 def advance_anchors(
     u: Array,
-    motion: Array,
+    u_gradient: Array,
     faces: Faces,
     tied: IntArray,
     slip: SlipAnchors,
@@ -108,31 +108,36 @@ def advance_anchors(
 ) -> float:
     """Return mapping of all anchors at the end of a step; returns the work of friction, N mm.
 
-    u (n_node, 3) mm; motion (n_face, n_q, 3, n_p) mm is the derivative of the points' places;
-    `slip` is changed.
+    u (n_node, 3) and its derivative (n_node, 3, n_p) in mm; `slip` is changed, on the surfaces
+    that a point's face can rub on.
     """
-    n_p = motion.shape[3]
-    x = np.empty(3)
-    seen = np.empty((3, n_p))
-    there = np.empty((2, n_p))
+    n_p = u_gradient.shape[2]
+    x, motion = np.empty(3), np.empty((3, n_p))
+    seen, there = np.empty((3, n_p)), np.empty((2, n_p))
     chart = empty_chart()
     work = 0.0
     for c in range(faces.weights.shape[0]):
+        rubs = (
+            law.pin > 0.0 and not faces.base[c],
+            law.base > 0.0 and (faces.base[c] or faces.floor[c]),
+        )
+        if not (rubs[PIN] or rubs[FLOOR]):
+            continue
         for q in range(faces.weights.shape[1]):
             if tied[c, q] != FREE:
                 continue
             position(u, faces, c, q, x)
-            dx = motion[c, q]
+            point_motion(u_gradient, faces, slopes, c, q, motion)
             touched, pressed, _ = touch(x, faces.base[c], faces.floor[c], travel, pin, law, chart)
             for surface in (PIN, FLOOR):
+                if not rubs[surface]:
+                    continue
                 if surface == PIN:
-                    if faces.base[c]:
-                        continue
                     chart_pin(x, travel, pin, chart)
-                    relative_motion(x, dx, pin, slopes, seen)
+                    relative_motion(x, motion, pin, slopes, seen)
                 else:
                     chart_floor(x, chart)
-                    seen[:, :] = dx
+                    seen[:, :] = motion
                 place_slopes(x, seen, chart, surface, pin, slopes, there)
                 limit = pressed if touched == surface else 0.0
                 work += faces.weights[c, q] * _return(
@@ -148,7 +153,7 @@ def advance_anchors(
     return work
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def _return(
     limit: float,
     slip: float,

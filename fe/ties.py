@@ -17,7 +17,13 @@ from numba import njit
 
 from fe.contact import FREE, TIED_TO_FLOOR, TIED_TO_PIN, Faces, position
 from fe.pin_surface import RigidPin, pin_point
-from fe.surface_slopes import SurfaceSlopes, gap_slope, normal_slope, relative_motion
+from fe.surface_slopes import (
+    SurfaceSlopes,
+    gap_slope,
+    normal_slope,
+    point_motion,
+    relative_motion,
+)
 from fe.touch import FLOOR, PIN
 
 Array = npt.NDArray[np.float64]
@@ -39,16 +45,12 @@ class Ties(NamedTuple):
     """(n_face, n_q, 3) mm, where tied points met the pin, seen from it at travel 0, or the floor"""
     anchor: Array
     """(n_face, n_q, 3) mm, of the springs, likewise"""
-    before: Array
-    """(n_face, n_q, 2, 3) mm, places at the end of the last step, relative to pin (0), floor (1)"""
     hold_gradient: Array
     """(n_face, n_q, n_p)"""
     touch_gradient: Array
     """(n_face, n_q, 3, n_p) mm"""
     anchor_gradient: Array
     """(n_face, n_q, 3, n_p) mm"""
-    before_gradient: Array
-    """(n_face, n_q, 2, 3, n_p) mm"""
 
 
 class Stick(NamedTuple):
@@ -59,40 +61,41 @@ class Stick(NamedTuple):
 
 
 class Step(NamedTuple):
-    """Contact points at the end of a load step."""
+    """State at the end of a load step, and its derivatives in the n_p parameters."""
 
     u: Array
     """(n_node, 3) mm"""
-    motion: Array
-    """(n_face, n_q, 3, n_p) derivative of the points' places, mm"""
+    u_gradient: Array
+    """(n_node, 3, n_p) mm"""
     travel: float
     """mm"""
     travel_gradient: Array
     """(n_p,) mm"""
 
 
-def at_rest(
-    faces: Faces, glued: npt.NDArray[np.bool_], slopes: SurfaceSlopes, start: SurfaceSlopes
-) -> Ties:
-    """Ties at travel 0: points where `glued` (n_face, n_q) hang on their springs in place.
-
-    `start` are the slopes of the surfaces at travel 0, wherever the pin's travel begins.
-    """
+def at_rest(faces: Faces, glued: npt.NDArray[np.bool_], slopes: SurfaceSlopes) -> Ties:
+    """Ties at travel 0: points where `glued` (n_face, n_q) hang on their springs in place."""
     anchor_gradient = slopes.points.copy()
     anchor_gradient[glued, 1] = slopes.height  # on the pin, wherever that starts
-    before_gradient = np.repeat(slopes.points[:, :, None], 2, axis=2)
-    before_gradient[:, :, PIN, 1] += slopes.height - start.height
     return Ties(
         kind=np.where(glued, TIED_TO_PIN, FREE).astype(np.int64),
         hold=np.where(glued, 1.0, 0.0),
         touch=faces.points.copy(),
         anchor=faces.points.copy(),
-        before=np.repeat(faces.points[:, :, None], 2, axis=2),
         hold_gradient=np.zeros(slopes.weights.shape),
         touch_gradient=anchor_gradient.copy(),
         anchor_gradient=anchor_gradient,
-        before_gradient=before_gradient,
     )
+
+
+def step_at_rest(faces: Faces, slopes: SurfaceSlopes, start: SurfaceSlopes) -> Step:
+    """State at travel 0.
+
+    `start` are the slopes of the surfaces there, wherever the pin's travel begins.
+    """
+    n_node = int(faces.nodes.max()) + 1
+    lower = slopes.height - start.height
+    return Step(np.zeros((n_node, 3)), np.zeros((n_node, 3, lower.size)), 0.0, lower)
 
 
 @njit(cache=True)
@@ -104,49 +107,63 @@ def share(depth: float) -> tuple[float, float]:
 
 @njit(cache=True)
 def tie(
-    ties: Ties, faces: Faces, step: Step, pin: RigidPin, stick: Stick, slopes: SurfaceSlopes
+    ties: Ties,
+    faces: Faces,
+    before: Step,
+    step: Step,
+    pin: RigidPin,
+    stick: Stick,
+    slopes: SurfaceSlopes,
 ) -> int:
     """Anchor what touched in the step, tighten what got deeper; counts what is newly tied.
 
-    `ties` is changed.
+    `before` is the state at the end of the last step; `ties` is changed.
     """
     n_p = slopes.height.size
     found = 0
-    x = np.empty(3)
     place, moved = np.empty((2, 3)), np.empty((2, 3, n_p))
     d_gap, seen = np.empty((2, n_p)), np.empty((3, n_p))
     for c in range(ties.kind.shape[0]):
         for q in range(ties.kind.shape[1]):
             if faces.base[c] or ties.hold[c, q] >= 1.0:
                 continue
-            position(step.u, faces, c, q, x)
-            place[PIN], place[FLOOR] = x, x
-            place[PIN, 1] += step.travel
-            kind = ties.kind[c, q]
-            is_new = kind == FREE
-            if is_new:
+            _fill_place(step, faces, c, q, place)
+            if ties.kind[c, q] == FREE:
                 kind = _touched(place, faces.floor[c], pin, stick)
-            if kind != FREE:
-                moved[PIN], moved[FLOOR] = step.motion[c, q], step.motion[c, q]
-                moved[PIN, 1] += step.travel_gradient
+                if kind == FREE:
+                    continue
+                found += 1
                 ties.kind[c, q] = kind
-                if is_new:
-                    found += 1
-                    _meet(ties, c, q, place, moved, pin, slopes, d_gap, seen)
-                surface = PIN if ties.kind[c, q] == TIED_TO_PIN else FLOOR
-                gap = _gap(place[surface], moved[surface], surface, pin, slopes, d_gap[0], seen)
-                held, tighter = share(-gap)
-                if held > ties.hold[c, q]:
-                    d_held = -tighter * d_gap[0]
-                    at = place[surface]
-                    _anchor(ties, c, q, at, gap, d_gap[0], held, d_held, pin, slopes, seen)
-                    ties.hold[c, q] = held
-                    ties.hold_gradient[c, q] = d_held
-            ties.before[c, q] = place
-            for surface in (PIN, FLOOR):
-                ties.before_gradient[c, q, surface] = step.motion[c, q]
-            ties.before_gradient[c, q, PIN, 1] += step.travel_gradient
+                _meet(ties, c, q, faces, before, step, pin, slopes, d_gap, seen)
+            surface = PIN if ties.kind[c, q] == TIED_TO_PIN else FLOOR
+            _fill_motion(step, faces, slopes, c, q, moved)
+            gap = _gap(place[surface], moved[surface], surface, pin, slopes, d_gap[0], seen)
+            held, tighter = share(-gap)
+            if held > ties.hold[c, q]:
+                d_held = -tighter * d_gap[0]
+                at = place[surface]
+                _anchor(ties, c, q, at, gap, d_gap[0], held, d_held, pin, slopes, seen)
+                ties.hold[c, q] = held
+                ties.hold_gradient[c, q] = d_held
     return found
+
+
+@njit(cache=True)
+def _fill_place(step: Step, faces: Faces, c: int, q: int, place: Array) -> None:
+    """Fill place (2, 3) mm of point q of face c, relative to pin (0) and floor (1)."""
+    position(step.u, faces, c, q, place[FLOOR])
+    place[PIN] = place[FLOOR]
+    place[PIN, 1] += step.travel
+
+
+@njit(cache=True)
+def _fill_motion(
+    step: Step, faces: Faces, slopes: SurfaceSlopes, c: int, q: int, moved: Array
+) -> None:
+    """Fill moved (2, 3, n_p) mm, the derivative of what `_fill_place` fills."""
+    point_motion(step.u_gradient, faces, slopes, c, q, moved[FLOOR])
+    moved[PIN] = moved[FLOOR]
+    moved[PIN, 1] += step.travel_gradient
 
 
 @njit(cache=True)
@@ -231,8 +248,9 @@ def _meet(
     ties: Ties,
     c: int,
     q: int,
-    place: Array,
-    moved: Array,
+    faces: Faces,
+    before: Step,
+    step: Step,
     pin: RigidPin,
     slopes: SurfaceSlopes,
     d_gap: Array,
@@ -240,8 +258,14 @@ def _meet(
 ) -> None:
     """Where point q of face c met the surface on its straight way through the step."""
     surface = PIN if ties.kind[c, q] == TIED_TO_PIN else FLOOR
-    old, d_old = ties.before[c, q, surface], ties.before_gradient[c, q, surface]
-    new, d_new = place[surface], moved[surface]
+    n_p = d_gap.shape[1]
+    places, motions = np.empty((2, 2, 3)), np.empty((2, 2, 3, n_p))
+    _fill_place(before, faces, c, q, places[0])
+    _fill_place(step, faces, c, q, places[1])
+    _fill_motion(before, faces, slopes, c, q, motions[0])
+    _fill_motion(step, faces, slopes, c, q, motions[1])
+    old, d_old = places[0, surface], motions[0, surface]
+    new, d_new = places[1, surface], motions[1, surface]
     start = _gap(old, d_old, surface, pin, slopes, d_gap[0], seen)
     end = _gap(new, d_new, surface, pin, slopes, d_gap[1], seen)
     if start < 0.0:  # in touch at rest already
@@ -251,7 +275,7 @@ def _meet(
     for i in range(3):
         way = new[i] - old[i]
         ties.touch[c, q, i] = old[i] + t * way
-        for j in range(d_gap.shape[1]):
+        for j in range(n_p):
             dt = (start * d_gap[1, j] - end * d_gap[0, j]) / (start - end) ** 2
             along = (1.0 - t) * d_old[i, j] + t * d_new[i, j]
             ties.touch_gradient[c, q, i, j] = along + dt * way

@@ -37,16 +37,17 @@ def lines_of_density(
 ) -> Array:
     """(n + 1,) mesh lines from x[0] to x[-1], mm, spaced as the inverse of the density at x.
 
-    The line nearest to the second place of `through`, unless it is an end, is moved to the first,
-    and its neighbours with it: the same line wherever the first is, so that lines move smoothly.
+    `through` is a place, mm, and the share of the lines before it: the line nearest to that share,
+    unless it is an end, is moved to the place, and its neighbours with it: the same line wherever
+    the place is, so that lines move smoothly.
     """
     share = np.concatenate([[0.0], np.cumsum((density[1:] + density[:-1]) / 2.0)])
     share /= share[-1]
     at = np.linspace(0.0, 1.0, n + 1)
     if through is not None and x[0] < through[0] < x[-1]:
-        wanted, usual = (float(np.interp(place, x, share)) for place in through)
-        nearest = round(n * usual)
+        nearest = round(n * through[1])
         if 0 < nearest < n:
+            wanted = float(np.interp(through[0], x, share))
             at = np.interp(at, [0.0, nearest / n, 1.0], [0.0, wanted, 1.0])
     lines = np.interp(at, share, x)
     lines[[0, -1]] = x[0], x[-1]
