@@ -18,6 +18,7 @@ from calib.data.dataset_file import load_dataset, save_dataset
 from calib.data.qc import analyse, read_experiment
 from calib.data.qc.lab_files import static_folder
 from calib.data.qc.pipeline import QcResult
+from calib.data.qc.results import FIGURE_NAMES
 from calib.data.qc.rules import Rules
 from calib.data.qc.statistics import accuracy_table, force_table, noise_table, relaxation_table
 from calib.data.readers import read_dic, write_points
@@ -28,7 +29,7 @@ from calib.inference.noise import SCALE, NoiseSettings, further_errors
 from calib.study.config import Study, StudyError, load_study
 from calib.study.context import Context, block_pin_model
 from calib.study.data_stage import load_data
-from calib.study.experiment_data import experiment_dataset
+from calib.study.experiment_data import experiment_dataset, make_dataset
 from calib.study.hierarchical_stage import population_posterior
 from calib.study.posterior_setup import noise_of
 from calib.study.sections import Cells, Hypothesis
@@ -191,6 +192,23 @@ def test_the_verb_writes_data_set_report_tables_and_figures(lab, tmp_path, capsy
     for name in ("placement", "machine", "cycles", "forces", "boxes", "field", "noise"):
         assert (tmp_path / "figures" / f"{name}.png").stat().st_size > 5000
     assert "force_deviation" in (tmp_path / "tables" / "requirements.txt").read_text()
+
+
+def test_what_older_files_left_and_these_do_not_give_is_removed(some, tmp_path):
+    """A study makes a data set anew without figures: those of the older one go."""
+    folder, out = some("S1", "S2", *BAD), tmp_path / "out"
+    assert main(["qc", str(folder), "--out", str(out)]) == 0
+    assert {p.stem for p in (out / "figures").iterdir()} == set(FIGURE_NAMES)
+    (out / "figures" / "own.png").write_bytes(b"not ours")
+    (folder / "experiment.toml").write_text(
+        (folder / "experiment.toml").read_text()
+        + "[quality]\nmax_angle_deg = 9\nmax_x_shift_mm = 2\n"
+    )
+    result, _ = make_dataset(folder, out, with_figures=False, show_progress=False)
+    assert not result.rejections
+    assert [p.name for p in (out / "figures").iterdir()] == ["own.png"]
+    assert not (out / "tables" / "rejections.csv").exists()
+    assert (out / "tables" / "forces.csv").exists()
 
 
 def test_the_same_files_give_the_same_bytes(some, tmp_path):

@@ -16,7 +16,7 @@ from calib.data import Dataset
 from calib.data.dataset_file import load_dataset
 from calib.data.qc import FILE, QcResult, analyse, read_experiment
 from calib.data.qc.lab_files import input_hash, sample_files
-from calib.data.qc.results import DATASET, key_of, write_results
+from calib.data.qc.results import DATASET, FIGURES, key_of, write_results
 from calib.data.qc.rules import Rules, inputs_under
 from calib.data.qc.statistics import (
     eligibility_table,
@@ -33,7 +33,6 @@ from calib.toml_file import read_document, read_file
 
 QC_FOLDER = "qc"
 """within the laboratory's folder: what was found, and the data set"""
-FIGURES = "figures"
 MEASURED = "calib.data"
 """package of readers, quality control and data set"""
 
@@ -91,6 +90,8 @@ def make_dataset(
     rules: Rules | None = None,
 ) -> tuple[QcResult, list[Path]]:
     """Analyse the files in `folder` and write the results to `out`; returns what was written.
+
+    Figures of an older analysis in `out` are removed, and drawn anew `with_figures`.
 
     `rules` of a study go before those of the folder's experiment.toml.
 

@@ -37,8 +37,8 @@ def box(values: Array) -> Box:
 
 
 def all_tables(result: QcResult) -> tuple[QcTable, ...]:
-    """Every table of one experiment; those without a row are left out."""
-    tables = (
+    """Every table of one experiment; some may have no row."""
+    return (
         eligibility_table(result),
         rejections_table(result),
         placement_table(result),
@@ -50,7 +50,6 @@ def all_tables(result: QcResult) -> tuple[QcTable, ...]:
         mapping_table(result),
         noise_table(result),
     )
-    return tuple(table for table in tables if table.rows)
 
 
 def eligibility_table(result: QcResult) -> QcTable:
