@@ -41,8 +41,6 @@ RUNS = Path(__file__).resolve().parents[1] / "runs" / "verify-fe" / "gci"
 
 
 FOLLOWED = {
-    "stick, 15 x 28 x 5, 0.05": 0.0,
-    "stick, 15 x 14 x 10, 0.05": 0.0,
     "friction 0.3, 16 x 16 x 4, 0.05": 0.0,
     "round, stick, 16 x 32 x 2, 0.05": 0.0,
     "round, friction 0.3, 36 x 6 x 2, 0.05": 1.0,

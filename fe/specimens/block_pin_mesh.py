@@ -23,10 +23,8 @@ Array = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
 
 
-GLUED_EDGE = Dense(peak=6.0, spread=0.25)
+GLUED_EDGE = Dense(peak=8.0, spread=0.35)
 """of a bar that sticks, at the usual edge of its flat, by its half width: there the glue ends"""
-GLUED_SHARE = 0.4
-"""of the lines, under the flat of a bar that sticks"""
 SLIDING_EDGE = Dense(peak=2.0, spread=0.45)
 """of a pin that slides, at 0.7 of the half width, the unit: material that slides past the fillet
 comes from further in"""
@@ -124,7 +122,7 @@ def block_mesh(specimen: BlockPin, symmetry: Symmetry, cells: Cells, contact: Co
     elements.  One mesh line under a bar that sticks is the edge of its flat, for glue that ends
     inside an element ends somewhere else on every mesh.  Lines are values of one smooth map for all
     numbers of elements, so that meshes of proportional `cells` are similar: under a bar that sticks
-    exactly with multiples of five along x, else nearly.
+    exactly with even numbers along x, whose middle line is that edge.
 
     `cells` are numbers of elements of a quarter; a half and a full model have as many on each side
     of the pin's axis.  With `Rings` the lines follow the rim of a round pin instead.
@@ -178,7 +176,7 @@ def _from_axis(specimen: BlockPin, glued: Glued, rim: Dense, length: float, n: i
     if not glued.top:
         return lines_of_density(x, density + bump(x - 0.7 * edge, rim, edge), n)
     density = density + bump(x - FLAT * edge, GLUED_EDGE, edge)
-    return lines_of_density(x, density, n, through=(edge - specimen.pin_fillet, GLUED_SHARE))
+    return lines_of_density(x, density, n, middle=edge - specimen.pin_fillet)
 
 
 def _along_bar(glued: Glued, thinning: Thinning, length: float, n: int) -> Array:

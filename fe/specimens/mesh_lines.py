@@ -32,23 +32,18 @@ def bump(distance: Array, dense: Dense, unit: float) -> Array:
     return dense.peak * np.exp(-((distance / (dense.spread * unit)) ** 2))
 
 
-def lines_of_density(
-    x: Array, density: Array, n: int, through: tuple[float, float] | None = None
-) -> Array:
+def lines_of_density(x: Array, density: Array, n: int, middle: float | None = None) -> Array:
     """(n + 1,) mesh lines from x[0] to x[-1], mm, spaced as the inverse of the density at x.
 
-    `through` is a place, mm, and the share of the lines before it: the line nearest to that share,
-    unless it is an end, is moved to the place, and its neighbours with it: the same line wherever
-    the place is, so that lines move smoothly.
+    The middle line, of an even number the one before the middle, is moved to the place `middle`,
+    mm, and its neighbours with it: the same line wherever that is, so that lines move smoothly.
     """
     share = np.concatenate([[0.0], np.cumsum((density[1:] + density[:-1]) / 2.0)])
     share /= share[-1]
     at = np.linspace(0.0, 1.0, n + 1)
-    if through is not None and x[0] < through[0] < x[-1]:
-        nearest = round(n * through[1])
-        if 0 < nearest < n:
-            wanted = float(np.interp(through[0], x, share))
-            at = np.interp(at, [0.0, nearest / n, 1.0], [0.0, wanted, 1.0])
+    if middle is not None and n > 1 and x[0] < middle < x[-1]:
+        wanted = float(np.interp(middle, x, share))
+        at = np.interp(at, [0.0, (n // 2) / n, 1.0], [0.0, wanted, 1.0])
     lines = np.interp(at, share, x)
     lines[[0, -1]] = x[0], x[-1]
     return lines
