@@ -272,6 +272,7 @@ BREAKS = {
     "value": ("experiment.toml", "hold_s = 4.0", "hold_s = -4.0", "protocol.hold_s", "-4.0"),
     "use": ("experiment.toml", "[2, 3, 4]", "[2, 3, 5]", "protocol.use[2]", "at most"),
     "order": ("experiment.toml", "[2, 3, 4]", "[2, 4, 3]", "protocol.use[2]", "more than"),
+    "spacing": ("experiment.toml", "_mm = 0.4", "_mm = 1e-9", "field.spacing_mm", "at most 10000"),
     "not toml": ("experiment.toml", "[protocol]", "[protocol", "experiment.toml:4", "TOML"),
     "machine": ("S2/machine.csv", "time_s,", "when,", "machine.csv", "columns"),
     "frames": ("S2/frames.csv", "frame,time_s", "image,time", "frames.csv:1", "columns frame"),
@@ -295,6 +296,25 @@ def test_bad_input_is_one_sentence_with_file_place_found_and_expected(some, caps
     error = capsys.readouterr().err.strip().splitlines()[-1]
     assert error.startswith("calib: ") and place in error and said in error
     assert "expected" in error and "found" in error
+
+
+@pytest.mark.parametrize(
+    ("data", "sentence"),
+    [
+        ("[data]\nfolder = 1\n", "2: data.folder: found 1, expected a text in quotes"),
+        ('[data]\nfolder = ["lab"]\n', '2: data.folder: found ["lab"], expected a text'),
+        ("data = 1\n", "1: data: found 1, expected a table"),
+        ("[[data]]\n", "1: data: found [{}], expected a table"),
+        ('[data]\nsource = "experiment"\n', "data.folder: found"),
+        ("", "1: data: found nothing, expected a section [data]"),
+    ],
+)
+def test_a_study_that_names_no_folder_is_one_sentence(tmp_path, capsys, data, sentence):
+    path = tmp_path / "study.toml"
+    path.write_text(data)
+    assert main(["qc", str(path)]) == 2
+    said = capsys.readouterr().err
+    assert said.startswith(f"calib: {path}:") and sentence in said and said.count("\n") == 1
 
 
 def test_missing_files_and_folders_are_named(tmp_path, capsys):

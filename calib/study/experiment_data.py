@@ -51,10 +51,8 @@ def experiment_folder(study: str | Path) -> Path:
         raise ValueError(
             f"{path}: found no such file, expected a folder with {FILE} or a study that names one"
         )
-    document = read_document(read_file(path, "study file"), str(path), "study file")
-    data = document.values.get("data")
-    folder = data.get("folder") if isinstance(data, dict) else None
-    if not isinstance(folder, str):
+    folder = _data_of(path).folder
+    if folder is None:
         expected = 'the folder of an experiment, with data.source = "experiment"'
         raise ValueError(f"{path}: data.folder: found none, expected {expected}")
     return path.parent / folder
@@ -68,6 +66,13 @@ class _Named:
     """a section [data]"""
 
 
+def _data_of(path: Path) -> DataSource:
+    """The section [data] of a study file. Raises ValueError of one sentence."""
+    document = read_document(read_file(path, "study file"), str(path), "study file")
+    data = {key: value for key, value in document.values.items() if key == "data"}
+    return replace(document, values=data).checked(_Named).data
+
+
 def study_rules(study: str | Path) -> Rules | None:
     """The rules in [data.quality] of a study file; None of a folder, which has its own alone.
 
@@ -76,9 +81,7 @@ def study_rules(study: str | Path) -> Rules | None:
     path = Path(study)
     if path.is_dir() or path.name == FILE:
         return None
-    document = read_document(read_file(path, "study file"), str(path), "study file")
-    data = {key: value for key, value in document.values.items() if key == "data"}
-    return replace(document, values=data).checked(_Named).data.quality
+    return _data_of(path).quality
 
 
 def make_dataset(
