@@ -82,7 +82,7 @@ def qc_verb(arguments: argparse.Namespace) -> int:
     folder = experiment_folder(arguments.study)
     rules = study_rules(arguments.study)
     out = arguments.out or folder / QC_FOLDER
-    _check_folder("--out", out)
+    _make_folder("--out", out)
     bar = sys.stderr.isatty()
     result, paths = make_dataset(folder, out, with_figures=True, rules=rules, show_progress=bar)
     for line in qc_lines(result, paths):
@@ -203,6 +203,8 @@ def lens_verb(arguments: argparse.Namespace) -> int:
     figure: Path | None = arguments.figure
     if figure is not None and figure.suffix.lower() != ".png":
         raise ValueError(f"--figure: found {figure}, expected a file name that ends in .png")
+    if figure is not None:
+        _make_folder("--figure", figure.parent)
     found = search(load_design(arguments.design or "sample-4mm"))
     remarks = list(tables.verdicts(found))
     if arguments.design is None:

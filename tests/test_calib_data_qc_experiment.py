@@ -298,6 +298,30 @@ def test_bad_input_is_one_sentence_with_file_place_found_and_expected(some, caps
     assert "expected" in error and "found" in error
 
 
+@pytest.mark.parametrize("name", ["dataset.npz", "qc.json", "tables", "figures"])
+def test_results_that_cannot_be_written_are_one_sentence(some, tmp_path, capsys, name):
+    """A folder where a file of the results belongs, a file where a folder does."""
+    folder, out = some("S1", "S2"), tmp_path / "out"
+    out.mkdir()
+    if name in ("tables", "figures"):
+        (out / name).write_text("")
+    else:
+        (out / name).mkdir()
+    assert main(["qc", str(folder), "--out", str(out)]) == 2
+    said = capsys.readouterr().err
+    assert said.startswith(f"calib: {out / name}") and said.count("\n") == 1
+    assert "cannot be written (" in said and "expected a place for the results" in said
+
+
+def test_a_folder_of_results_that_cannot_be_made_is_refused_at_once(tmp_path, lab, capsys):
+    (tmp_path / "file").write_text("")
+    out = tmp_path / "file" / "out"
+    assert main(["qc", str(lab), "--out", str(out)]) == 2
+    said = capsys.readouterr().err
+    assert said.startswith(f"calib: --out: {out} cannot be made (Not a directory), expected a ")
+    assert said.count("\n") == 1
+
+
 @pytest.mark.parametrize(
     ("data", "sentence"),
     [

@@ -102,6 +102,16 @@ def make_dataset(
     """
     with progress_bar("qc", "sample", shown=show_progress) as progress:
         result = analyse(folder, progress, rules)
+    try:
+        return result, _written(result, out, with_figures)
+    except OSError as error:  # a folder where a file is meant, a full disk
+        name = error.filename2 or error.filename or out
+        raise ValueError(
+            f"{name}: cannot be written ({error.strerror}), expected a place for the results"
+        ) from error
+
+
+def _written(result: QcResult, out: Path, with_figures: bool) -> list[Path]:
     paths = write_results(result, out, __version__, code_hash(MEASURED))
     if with_figures:
         from calib.data.qc.figures import all_figures
@@ -109,7 +119,7 @@ def make_dataset(
         for name, figure in all_figures(result).items():
             save_png(figure, out / FIGURES / f"{name}.png")
             paths.append(out / FIGURES / f"{name}.png")
-    return result, paths
+    return paths
 
 
 def qc_lines(result: QcResult, paths: list[Path]) -> list[str]:

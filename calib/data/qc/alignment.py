@@ -32,6 +32,9 @@ kink, over that of the difference of these and parabolas over five points (4,000
 RESOLVED, RESOLVED_BESIDE = 1.5, 1.0
 """SDs of the mean's noise by which a field mapped from half as many DIC points may differ, and at a
 point beside one that is not resolved: an edge of the field runs on"""
+CHANCE, CHANCE_BESIDE = 3.5, 2.5
+"""SDs of this change itself that it is less than by chance: noise of points that share little of it
+changes by about as much as it is"""
 BESIDE = 1.1
 """distances of neighbours"""
 
@@ -76,9 +79,14 @@ def unresolved(found: Aligned, noise: Array, points: Array) -> BoolArray:
     Two thresholds as in edge detection (Canny, IEEE Trans. PAMI 8, 1986): a change by the second
     counts at a point beside one that is not resolved, as it is hardly noise there.
     """
-    size = (np.abs(found.coarse) / noise).max(axis=(0, 2))
-    lost: BoolArray = ~(size <= RESOLVED)  # also where nothing is known
-    weak: BoolArray = ~(size <= RESOLVED_BESIDE)
+    chance = np.sqrt(np.nanmean(found.coarse_sd**2, axis=(0, 1)))
+
+    def beyond(most: float, by_chance: float) -> BoolArray:
+        limit = np.maximum(most * noise, by_chance * chance)
+        # also where nothing is known
+        return np.asarray(np.any(~(np.abs(found.coarse) <= limit), axis=(0, 2)))
+
+    lost, weak = beyond(RESOLVED, CHANCE), beyond(RESOLVED_BESIDE, CHANCE_BESIDE)
     tree = cKDTree(points)
     reach = BESIDE * float(np.median(np.asarray(tree.query(points, k=2)[0])[:, 1]))
     pairs = tree.query_pairs(reach, output_type="ndarray")
