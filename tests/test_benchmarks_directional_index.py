@@ -174,7 +174,8 @@ def test_neighbours_differ_from_a_fitting_mesh_in_one_coordinate(case):
 
 
 def test_the_index_of_a_case_is_that_of_the_errors_of_its_coordinates(tmp_path, monkeypatch):
-    """Of order 2 in the numbers of elements: also with two coordinates from the mesh before."""
+    """Of order 2 in the numbers of elements: also with two coordinates from the mesh before, and
+    with a coordinate refined by less than twice."""
 
     def error(mesh):
         return 0.01 * float(np.sum(1.0 / np.array(mesh.numbers) ** 2))
@@ -188,6 +189,10 @@ def test_the_index_of_a_case_is_that_of_the_errors_of_its_coordinates(tmp_path, 
     found = directional_index.figures(tmp_path)
     meshes = {str(case): fitting(case) for case in CASES} | {
         f"{case}, {name_of(mesh.cells)}": mesh for case, mesh in directional_index.BEFORE.items()
+    }
+    meshes |= {
+        f"{case}, {name} to {number}": meshes[case]
+        for case, (name, number) in directional_index.LESS_FINE.items()
     }
     assert set(found["force_directional_percent"]) == set(meshes)
     for name, mesh in meshes.items():
