@@ -209,7 +209,7 @@ def _add_laboratory(verbs: _Verbs) -> None:
         "--seed", type=_count, default=0, metavar="N", help="of all that is drawn (default: 0)"
     )
     laboratory.add_argument(
-        "--samples", type=_count, default=24, metavar="N", help="number of samples (default: 24)"
+        "--samples", type=_some, default=24, metavar="N", help="number of samples (default: 24)"
     )
     laboratory.add_argument(
         "--format",
@@ -254,11 +254,16 @@ def _add_study(verb: argparse.ArgumentParser) -> None:
     )
 
 
-def _count(text: str) -> int:
+def _count(text: str, least: int = 0) -> int:
     """Type of --workers."""
-    if not (text.isascii() and text.isdigit()):
-        raise argparse.ArgumentTypeError(f"found {text}, expected a whole number, 0 or more")
+    if not (text.isascii() and text.isdigit() and int(text) >= least):
+        raise argparse.ArgumentTypeError(f"found {text}, expected a whole number, {least} or more")
     return int(text)
+
+
+def _some(text: str) -> int:
+    """Type of --samples."""
+    return _count(text, least=1)
 
 
 if __name__ == "__main__":

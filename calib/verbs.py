@@ -22,6 +22,23 @@ def _say(line: str) -> None:
     print(line, flush=True)
 
 
+def _check_folder(option: str, path: Path) -> None:
+    """Raise ValueError where a file stands in place of the folder of an option."""
+    if path.exists() and not path.is_dir():
+        raise ValueError(f"{option}: found the file {path}, expected a folder or a new name")
+
+
+def _make_folder(option: str, path: Path) -> None:
+    """Make the folder of an option. Raises ValueError of one sentence where that cannot be."""
+    _check_folder(option, path)
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ValueError(
+            f"{option}: {path} cannot be made ({error.strerror}), expected a folder or a new name"
+        ) from error
+
+
 def run_verb(arguments: argparse.Namespace) -> int:
     """Carry out a study, whole or up to a stage."""
     from calib.study.config import load_study
@@ -30,8 +47,7 @@ def run_verb(arguments: argparse.Namespace) -> int:
     study = load_study(arguments.study)
     out = arguments.out or Path("runs") / study.name
 
-    if out.exists() and not out.is_dir():
-        raise ValueError(f"--out: found the file {out}, expected a folder or a new name")
+    _check_folder("--out", out)
 
     from calib.study.stages import HowToRun, run_part, run_study
     from calib.study.train_report import EmulatorRefused
@@ -66,8 +82,7 @@ def qc_verb(arguments: argparse.Namespace) -> int:
     folder = experiment_folder(arguments.study)
     rules = study_rules(arguments.study)
     out = arguments.out or folder / QC_FOLDER
-    if out.exists() and not out.is_dir():
-        raise ValueError(f"--out: found the file {out}, expected a folder or a new name")
+    _make_folder("--out", out)
     bar = sys.stderr.isatty()
     result, paths = make_dataset(folder, out, with_figures=True, rules=rules, show_progress=bar)
     for line in qc_lines(result, paths):
@@ -188,6 +203,8 @@ def lens_verb(arguments: argparse.Namespace) -> int:
     figure: Path | None = arguments.figure
     if figure is not None and figure.suffix.lower() != ".png":
         raise ValueError(f"--figure: found {figure}, expected a file name that ends in .png")
+    if figure is not None:
+        _make_folder("--figure", figure.parent)
     found = search(load_design(arguments.design or "sample-4mm"))
     remarks = list(tables.verdicts(found))
     if arguments.design is None:
@@ -214,6 +231,9 @@ def laboratory_verb(arguments: argparse.Namespace) -> int:
 
     settings = chosen(arguments.samples, arguments.format, arguments.machine_format)
     check_new(arguments.folder)
+    # before minutes of simulations
+    _make_folder("DIR", arguments.folder)
+    _make_folder("--runs", arguments.runs)
     _say("the simulations of the truth take minutes unless they are in " + str(arguments.runs))
     truth = solve_truth(BlockTruth(), arguments.runs)
     make_laboratory(arguments.folder, truth, settings, arguments.seed, _say)

@@ -23,6 +23,7 @@ FIELD = FieldData(
     0.5,
     0.01 * RNG.standard_normal((2, 3, 6, 3)),
     nugget=0.1,
+    smoothing=0.05,
 )
 FORCES = np.random.default_rng(1).normal([1.0, 2.0, 3.0], 0.1, (8, 3))
 COVARIANCE = np.cov(FORCES, rowvar=False)
@@ -59,6 +60,26 @@ def test_a_data_set_comes_back_bit_by_bit_with_the_hash_of_its_inputs(tmp_path):
     found, inputs = load_dataset(tmp_path / "d.npz")
     assert_same(found, DATA)
     assert inputs == "1234abcd"
+
+
+def test_a_file_that_knows_of_no_smoothing_has_exponential_noise(tmp_path):
+    path = tmp_path / "dataset.npz"
+    save_dataset(path, replace(DATA, field=replace(FIELD, smoothing=0.0)))
+    with np.load(path) as stored:
+        assert "smoothing" not in stored.files
+    field = load_dataset(path)[0].field
+    apart = np.linalg.norm(FIELD.points[:, None] - FIELD.points, axis=-1)
+    expected = 0.9 * np.exp(-apart / 0.4) + 0.1 * np.eye(6)
+    np.testing.assert_allclose(field_covariance(field).correlation, expected, atol=1e-12)
+
+
+def test_the_smoothing_of_the_noise_is_part_of_the_fields_covariance():
+    apart = np.linalg.norm(FIELD.points[:, None] - FIELD.points, axis=-1)
+    rounded = np.hypot(apart, 0.05) - 0.05
+    expected = 0.9 * np.exp(-rounded / 0.4) + 0.1 * np.eye(6)
+    np.testing.assert_allclose(field_covariance(FIELD).correlation, expected, atol=1e-12)
+    with pytest.raises(ValueError, match=r"smoothing: expected 0 mm or more, got -0\.1"):
+        replace(FIELD, smoothing=-0.1)
 
 
 def test_the_same_data_set_gives_the_same_bytes(tmp_path):

@@ -7,6 +7,8 @@ import pytest
 from virtual_blocks import analytic_truth
 
 from calib.data.qc import analyse
+from calib.data.qc.alignment import Aligned, unresolved
+from calib.data.qc.averaging import Placing as PlacingErrors
 from calib.data.qc.averaging import mean_field
 from calib.data.qc.mapping import map_coarsely, map_field
 from calib.inference.field_noise import field_covariance
@@ -38,6 +40,26 @@ def test_an_edge_of_the_field_shows_in_the_coarser_mapping_and_a_smooth_field_do
     smooth = lattice(lambda x, y: np.sin(x + 0.5 * y))
     off = [np.abs(map_coarsely(v, AT) - map_field(v, AT, "shape"))[0, 0, 0] for v in (edge, smooth)]
     assert off[0] > 0.01 and off[1] < 1e-3
+
+
+def test_an_edge_that_is_not_resolved_runs_on_over_points_beside_it():
+    """Changes of 1.2 SDs count where they join a larger one, those below 1 and lone ones do not."""
+    x, y = np.meshgrid(0.2 * np.arange(6), 0.2 * np.arange(5), indexing="ij")
+    points, noise = np.stack([x.ravel(), y.ravel()], axis=1), np.array([1e-3, 1e-3, 2e-3])
+    coarse = np.zeros((2, 6, 5, 3))
+    coarse[1, 1, :4, 0] = [-1.2e-3, 1.6e-3, 1.2e-3, 0.9e-3]
+    coarse[0, 2, 2, 2] = 2.4e-3  # beside a weak one
+    coarse[0, 4, 4, 1] = 1.4e-3  # alone
+    coarse[0, 5, 0, 1] = np.nan
+    nothing = np.zeros_like(coarse.reshape(2, 30, 3))
+    placing = PlacingErrors(nothing, nothing, np.zeros((1, 3)))
+    found = Aligned(nothing[None], placing, coarse.reshape(2, 30, 3), nothing)
+    edge = [[1, 0], [1, 1], [1, 2], [2, 2], [5, 0]]
+    # noise alone changes by 0, 0.45 and 0.5 SDs: the last makes 1.6 SDs by chance
+    for scatter, expected in ((0.0, edge), (0.45, edge), (0.5, [[5, 0]])):
+        noisy = found._replace(coarse_sd=nothing + scatter * noise)
+        lost = np.argwhere(unresolved(noisy, noise, points).reshape(6, 5))
+        assert lost.tolist() == expected
 
 
 def test_the_mean_field_of_a_virtual_laboratory_is_the_truth_within_its_stated_errors(tmp_path):

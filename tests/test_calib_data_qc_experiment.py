@@ -18,6 +18,7 @@ from calib.data.dataset_file import load_dataset, save_dataset
 from calib.data.qc import analyse, read_experiment
 from calib.data.qc.lab_files import static_folder
 from calib.data.qc.pipeline import QcResult
+from calib.data.qc.results import FIGURE_NAMES
 from calib.data.qc.rules import Rules
 from calib.data.qc.statistics import accuracy_table, force_table, noise_table, relaxation_table
 from calib.data.readers import read_dic, write_points
@@ -28,7 +29,7 @@ from calib.inference.noise import SCALE, NoiseSettings, further_errors
 from calib.study.config import Study, StudyError, load_study
 from calib.study.context import Context, block_pin_model
 from calib.study.data_stage import load_data
-from calib.study.experiment_data import experiment_dataset
+from calib.study.experiment_data import experiment_dataset, make_dataset
 from calib.study.hierarchical_stage import population_posterior
 from calib.study.posterior_setup import noise_of
 from calib.study.sections import Cells, Hypothesis
@@ -193,6 +194,23 @@ def test_the_verb_writes_data_set_report_tables_and_figures(lab, tmp_path, capsy
     assert "force_deviation" in (tmp_path / "tables" / "requirements.txt").read_text()
 
 
+def test_what_older_files_left_and_these_do_not_give_is_removed(some, tmp_path):
+    """A study makes a data set anew without figures: those of the older one go."""
+    folder, out = some("S1", "S2", *BAD), tmp_path / "out"
+    assert main(["qc", str(folder), "--out", str(out)]) == 0
+    assert {p.stem for p in (out / "figures").iterdir()} == set(FIGURE_NAMES)
+    (out / "figures" / "own.png").write_bytes(b"not ours")
+    (folder / "experiment.toml").write_text(
+        (folder / "experiment.toml").read_text()
+        + "[quality]\nmax_angle_deg = 9\nmax_x_shift_mm = 2\n"
+    )
+    result, _ = make_dataset(folder, out, with_figures=False, show_progress=False)
+    assert not result.rejections
+    assert [p.name for p in (out / "figures").iterdir()] == ["own.png"]
+    assert not (out / "tables" / "rejections.csv").exists()
+    assert (out / "tables" / "forces.csv").exists()
+
+
 def test_the_same_files_give_the_same_bytes(some, tmp_path):
     folder = some("S1", "S2", "S3")
     for name in ("a", "b"):
@@ -254,6 +272,7 @@ BREAKS = {
     "value": ("experiment.toml", "hold_s = 4.0", "hold_s = -4.0", "protocol.hold_s", "-4.0"),
     "use": ("experiment.toml", "[2, 3, 4]", "[2, 3, 5]", "protocol.use[2]", "at most"),
     "order": ("experiment.toml", "[2, 3, 4]", "[2, 4, 3]", "protocol.use[2]", "more than"),
+    "spacing": ("experiment.toml", "_mm = 0.4", "_mm = 1e-9", "field.spacing_mm", "at most 10000"),
     "not toml": ("experiment.toml", "[protocol]", "[protocol", "experiment.toml:4", "TOML"),
     "machine": ("S2/machine.csv", "time_s,", "when,", "machine.csv", "columns"),
     "frames": ("S2/frames.csv", "frame,time_s", "image,time", "frames.csv:1", "columns frame"),
@@ -277,6 +296,49 @@ def test_bad_input_is_one_sentence_with_file_place_found_and_expected(some, caps
     error = capsys.readouterr().err.strip().splitlines()[-1]
     assert error.startswith("calib: ") and place in error and said in error
     assert "expected" in error and "found" in error
+
+
+@pytest.mark.parametrize("name", ["dataset.npz", "qc.json", "tables", "figures"])
+def test_results_that_cannot_be_written_are_one_sentence(some, tmp_path, capsys, name):
+    """A folder where a file of the results belongs, a file where a folder does."""
+    folder, out = some("S1", "S2"), tmp_path / "out"
+    out.mkdir()
+    if name in ("tables", "figures"):
+        (out / name).write_text("")
+    else:
+        (out / name).mkdir()
+    assert main(["qc", str(folder), "--out", str(out)]) == 2
+    said = capsys.readouterr().err
+    assert said.startswith(f"calib: {out / name}") and said.count("\n") == 1
+    assert "cannot be written (" in said and "expected a place for the results" in said
+
+
+def test_a_folder_of_results_that_cannot_be_made_is_refused_at_once(tmp_path, lab, capsys):
+    (tmp_path / "file").write_text("")
+    out = tmp_path / "file" / "out"
+    assert main(["qc", str(lab), "--out", str(out)]) == 2
+    said = capsys.readouterr().err
+    assert said.startswith(f"calib: --out: {out} cannot be made (Not a directory), expected a ")
+    assert said.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("data", "sentence"),
+    [
+        ("[data]\nfolder = 1\n", "2: data.folder: found 1, expected a text in quotes"),
+        ('[data]\nfolder = ["lab"]\n', '2: data.folder: found ["lab"], expected a text'),
+        ("data = 1\n", "1: data: found 1, expected a table"),
+        ("[[data]]\n", "1: data: found [{}], expected a table"),
+        ('[data]\nsource = "experiment"\n', "data.folder: found"),
+        ("", "1: data: found nothing, expected a section [data]"),
+    ],
+)
+def test_a_study_that_names_no_folder_is_one_sentence(tmp_path, capsys, data, sentence):
+    path = tmp_path / "study.toml"
+    path.write_text(data)
+    assert main(["qc", str(path)]) == 2
+    said = capsys.readouterr().err
+    assert said.startswith(f"calib: {path}:") and sentence in said and said.count("\n") == 1
 
 
 def test_missing_files_and_folders_are_named(tmp_path, capsys):

@@ -163,6 +163,22 @@ def test_outliers_are_found_and_replaced_and_little_else_is():
     assert np.abs(found.displacement[0] - field).max() < 0.03
 
 
+@pytest.mark.parametrize("wrong", [(0, 7), (0, 0), (11, 19)])
+def test_an_outlier_without_opposite_neighbours_is_left_out(wrong):
+    """At a corner, and at an edge beside a lost point, there is no mean of opposite neighbours."""
+    rng = np.random.default_rng(3)
+    row, column = np.mgrid[0:12, 0:20]
+    smooth = np.stack([0.02 * column, 0.001 * row**2, 0.01 * row], axis=-1)
+    field = smooth + 0.002 * rng.standard_normal(smooth.shape)
+    field[0, 8] = np.nan
+    clean = without_outliers(field[None], 5.0, 0.005)
+    assert not clean.is_outlier.any()
+    field[wrong] += [0.02, 0.1, 0.0]
+    found = without_outliers(field[None], 5.0, 0.005)
+    assert [tuple(at) for at in np.argwhere(found.is_outlier[0])] == [wrong]
+    assert np.isnan(found.displacement[0][wrong]).all()
+
+
 def test_holes_and_steep_slopes_are_no_outliers():
     field = 10.0 * linear_field()
     field[0, 2:5, 6] = np.nan

@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 from scipy.spatial.distance import cdist
 
+from calib.data.noise_shape import correlation_at
 from calib.data.qc.averaging import mean_field, mean_force
-from calib.data.qc.noise_floor import correlogram, fit_length, noise_floor
+from calib.data.qc.mapping import map_field
+from calib.data.qc.noise_floor import correlogram, fit_length, likeliest, noise_floor
 from calib.data.qc.statistics import box
 
 POINTS = np.array([[x, y] for x in np.arange(0, 5, 0.2) for y in np.arange(0, 2.4, 0.2)])
@@ -65,6 +67,51 @@ def test_length_and_nugget_come_back_from_their_formula():
     distance = np.arange(0.1, 2.0, 0.1)
     length, nugget = fit_length(distance, 0.8 * np.exp(-distance / 0.45))
     assert (length, nugget) == (pytest.approx(0.45, rel=1e-3), pytest.approx(0.2, abs=1e-3))
+
+
+APART = cdist(POINTS, POINTS)
+
+
+@pytest.mark.parametrize(
+    ("length", "smoothing", "nugget"),
+    [(0.3, 0.0, 0.2), (0.3, 0.015, 0.0), (0.3, 0.15, 0.0), (0.5, 0.0, 0.0)],
+)
+def test_likelihood_tells_a_nugget_from_smooth_noise(length, smoothing, nugget):
+    rng = np.random.default_rng(11)
+    matrix = (1 - nugget) * correlation_at(APART, length, smoothing)
+    matrix[np.diag_indices_from(matrix)] += nugget + 1e-9
+    factor, found = np.linalg.cholesky(matrix), []
+    for _ in range(6):
+        values = np.einsum("pq,fqc->fpc", factor, rng.standard_normal((30, len(POINTS), 3)))
+        values -= values.mean(axis=1, keepdims=True)
+        found.append(likeliest([(values, POINTS)], 0.0, (0.4, 0.0)))
+    mean, se = np.mean(found, axis=0), np.std(found, axis=0, ddof=1) / np.sqrt(6)
+    expected = np.array([length, smoothing, nugget, 1.0])
+    # of two that bound each other from below, one is zero: half of what the other scatters by
+    assert np.all(np.abs(mean - expected) < 4 * se + [0.003, 0.003, 0.005, 0.003])
+    assert np.all([f[1] * f[2] == 0 for f in found])
+
+
+def test_noise_that_was_mapped_is_smoother_than_that_of_the_dic_points():
+    """DIC points of exponential noise, 0.1 mm apart; parabolas through nine of them."""
+    rng = np.random.default_rng(12)
+    step = 0.104
+    lattice = step * np.stack(np.mgrid[0:24, 0:12], axis=-1).reshape(-1, 2)
+    factor = np.linalg.cholesky(np.exp(-cdist(lattice, lattice) / 0.3))
+    series = []
+    for _ in range(20):  # samples whose lattices lie differently
+        dic = factor @ rng.standard_normal((len(lattice), 60))
+        frames = np.moveaxis(dic.reshape(24, 12, 20, 3), 2, 0).transpose(0, 2, 1, 3)
+        points = POINTS[(POINTS < [1.9, 0.9]).all(axis=1)]
+        at = (points + rng.uniform(0.15, 0.25, 2)) / step
+        mapped = map_field(frames, at, "shape")
+        series.append((mapped - mapped.mean(axis=1, keepdims=True), points))
+    length, smoothing, nugget, variance = likeliest(series, 0.0, (0.3, 0.0))
+    # by the weights of the parabolas the variance is 0.954, what is 0.2 mm apart keeps 0.997
+    assert nugget == 0.0
+    assert variance == pytest.approx(0.954, rel=0.02)
+    assert length == pytest.approx(0.3, rel=0.06)
+    assert np.exp(smoothing / length) == pytest.approx(1 / 0.954, abs=0.02)
 
 
 TRAVEL = np.array([0.6, 1.0])

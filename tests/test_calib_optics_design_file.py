@@ -125,6 +125,10 @@ def test_lens_exits_with_1_when_no_lens_is_usable(tmp_path: Path, capsys) -> Non
     [
         (["absent.toml"], "absent.toml: found no such file, expected a lens file or one of"),
         (["--figure", "lens.pdf"], "--figure: found lens.pdf, expected a file name that ends"),
+        (
+            ["--figure", f"{__file__}/x.png"],
+            f"--figure: found the file {__file__}, expected a folder",
+        ),
     ],
 )
 def test_lens_refuses_wrong_input_in_one_sentence(arguments: list[str], part: str, capsys) -> None:

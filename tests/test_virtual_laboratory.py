@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -105,6 +106,7 @@ def test_the_command_makes_a_laboratory_and_refuses_in_one_sentence(
     tmp_path, monkeypatch, capsys
 ) -> None:
     monkeypatch.setattr("calib.virtual.truth.solve_truth", lambda *_: analytic_truth())
+    monkeypatch.chdir(tmp_path)
     folder = tmp_path / "lab"
     asked = ["laboratory", str(folder), "--samples", "1", "--format", "vic-3d", "--seed", "5"]
     assert main(asked) == 0
@@ -115,6 +117,32 @@ def test_the_command_makes_a_laboratory_and_refuses_in_one_sentence(
     said = capsys.readouterr().err.splitlines()
     assert said[0].endswith("expected a new or empty folder")
     assert said[1].startswith("calib: format: expected one of davis-csv, ")
+
+
+def test_folders_of_a_laboratory_are_refused_before_the_truth_is_solved(
+    tmp_path, monkeypatch, capsys
+) -> None:
+    def solved(*_: object) -> None:
+        raise AssertionError("solved")
+
+    monkeypatch.setattr("calib.virtual.truth.solve_truth", solved)
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "file").write_text("")
+    within = Path("file") / "sub"
+    for options, sentence in (
+        (["lab", "--runs", "file"], "--runs: found the file file, expected a folder or a new name"),
+        (["lab", "--runs", str(within)], f"--runs: {within} cannot be made (Not a directory), "),
+        ([str(within)], f"DIR: {within} cannot be made (Not a directory), expected a folder or "),
+        (["file"], "file: found something there, expected a new or empty folder"),
+    ):
+        assert main(["laboratory", *options]) == 2
+        said = capsys.readouterr().err
+        assert said.startswith(f"calib: {sentence}") and said.count("\n") == 1
+    for number in ("0", "-1", "1.5", "two"):
+        with pytest.raises(SystemExit, match="2"):
+            main(["laboratory", "lab", "--samples", number])
+        said = capsys.readouterr().err
+        assert f"argument --samples: found {number}, expected a whole number, 1 or more" in said
 
 
 def test_without_errors_the_files_hold_the_truth() -> None:

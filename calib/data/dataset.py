@@ -38,6 +38,9 @@ class FieldData:
     keeps the correlation of points much closer than the length from being singular"""
     scale_sd: float = 0.0
     """relative SD of the scale of the whole field, by the calibration of the cameras"""
+    smoothing: float = 0.0
+    """mm, over which the noise is smooth: its correlation is exp(-(sqrt(d^2 + b^2) - b) / length)
+    with this b, exp(-d / length) where it is zero (`noise_shape`)"""
 
     def __post_init__(self) -> None:
         if self.points.ndim != 2 or self.points.shape[1] != 2:
@@ -61,6 +64,8 @@ class FieldData:
             raise ValueError(f"nugget: expected in (0, 1), got {self.nugget}")
         if not 0 <= self.scale_sd < 1:
             raise ValueError(f"scale_sd: expected in [0, 1), got {self.scale_sd}")
+        if not 0 <= self.smoothing < np.inf:
+            raise ValueError(f"smoothing: expected 0 mm or more, got {self.smoothing}")
         if self.patterns is not None:
             if self.patterns.ndim != 4 or self.patterns.shape[1:] != shape:
                 expected = f"(q, {shape[0]}, {shape[1]}, 3)"

@@ -40,6 +40,8 @@ def dataset_arrays(dataset: Dataset) -> Arrays:
         arrays |= {name: np.array(getattr(field, name)) for name in _NOISE}
         if field.scale_sd > 0:
             arrays["scale_sd"] = np.array(field.scale_sd)
+        if field.smoothing > 0:
+            arrays["smoothing"] = np.array(field.smoothing)
         if field.patterns is not None:
             arrays["patterns"] = field.patterns
     if samples is not None:
@@ -61,6 +63,8 @@ def dataset_of_arrays(arrays: Arrays) -> Dataset:
             noise_std=arrays["noise_std"],
             patterns=arrays.get("patterns"),
             scale_sd=float(arrays.get("scale_sd", 0.0)),
+            # files of before it was known have exp(-d / length)
+            smoothing=float(arrays.get("smoothing", 0.0)),
             **{name: float(arrays[name]) for name in _NOISE},
         )
     if "sample_names" in arrays:

@@ -16,20 +16,18 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Literal
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve, eigh
 from scipy.spatial.distance import cdist
 
 from calib.data.dataset import FieldData
+from calib.data.noise_shape import correlation_at
 from calib.inference.point_weights import point_weights
 from fe.response import Array
 
-Kernel = Literal["exponential", "squared_exponential"]
-
-# Smallest share of uncorrelated noise: a squared exponential over points much closer than its
-# length is singular in double precision.
+# Smallest share of uncorrelated noise: smooth noise at points much closer than its length is
+# singular in double precision.
 NUGGET = 1e-6
 FLOOR_LENGTH = 1.0
 """mm, over which the model's errors are correlated"""
@@ -40,21 +38,13 @@ FLOOR_SHARED = 0.5
 
 
 def spatial_correlation(
-    points: Array, length: float, kernel: Kernel = "exponential", nugget: float = NUGGET
+    points: Array, length: float, smoothing: float = 0.0, nugget: float = NUGGET
 ) -> Array:
-    """(n_point, n_point) correlation of the noise between points (n_point, 2), both in mm.
+    """(n_point, n_point) correlation of the noise between points (n_point, 2), all in mm.
 
-    exponential: exp(-d/length); squared_exponential: exp(-d^2 / (2 length^2)). A share `nugget`
-    of the variance is uncorrelated.
+    `correlation_at` their distance; a share `nugget` of the variance is uncorrelated.
     """
-    distance = cdist(points, points) / length
-    if kernel == "exponential":
-        correlation = np.exp(-distance)
-    elif kernel == "squared_exponential":
-        correlation = np.exp(-0.5 * distance**2)
-    else:
-        raise ValueError(f"kernel: expected exponential or squared_exponential, got {kernel!r}")
-    mixed: Array = (1.0 - nugget) * correlation
+    mixed: Array = (1.0 - nugget) * correlation_at(cdist(points, points), length, smoothing)
     mixed[np.diag_indices_from(mixed)] = 1.0
     return mixed
 
@@ -214,7 +204,6 @@ class FieldCovariance:
 def field_covariance(
     field: FieldData,
     *,
-    kernel: Kernel = "exponential",
     floor: Array | float = 0.0,
     patterns: Array | None = None,
     freedom: float | None = None,
@@ -244,13 +233,13 @@ def field_covariance(
         expected = f"(q, {n_step}, {n_point}, 3)"
         raise ValueError(f"patterns: expected shape {expected}, found {patterns.shape}")
     correlation = spatial_correlation(
-        field.points, field.correlation_length, kernel, nugget=field.nugget
+        field.points, field.correlation_length, field.smoothing, field.nugget
     )
     if freedom is not None:
         step = step_correlation(n_step, field.reference_share)
         scale = point_weights(field, correlation, step, freedom) ** -0.5
         correlation = scale[:, None] * correlation * scale
-    smooth = spatial_correlation(field.points, FLOOR_LENGTH, "exponential", nugget=FLOOR_NUGGET)
+    smooth = spatial_correlation(field.points, FLOOR_LENGTH, nugget=FLOOR_NUGGET)
     values, vectors = eigh(smooth, correlation)
     shared = step_correlation(n_step, FLOOR_SHARED)
     return FieldCovariance(

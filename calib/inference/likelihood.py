@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from calib.data.dataset import Dataset
 from calib.inference.field_likelihood import FieldLikelihood
-from calib.inference.field_noise import Kernel, field_covariance
+from calib.inference.field_noise import field_covariance
 from calib.inference.field_patterns import with_patterns_of
 from calib.inference.field_scales import FieldSizes
 from calib.inference.force_factor import ForceNormal, on_log_scale
@@ -261,7 +261,6 @@ def build_likelihood(
     force_discretisation: Array | float = 0.0,
     field_floor: Array | float = 0.0,
     field_patterns: Array | None = None,
-    kernel: Kernel = "exponential",
     unknown: Mapping[str, tuple[float, float]] | None = None,
 ) -> Likelihood:
     """Likelihood of `dataset` under `forward`; the field is used when the dataset has one.
@@ -283,7 +282,6 @@ def build_likelihood(
         return Likelihood(forward, dataset.force_mean, errors, unknown=names)
     covariance = field_covariance(
         measured,
-        kernel=kernel,
         floor=field_floor,
         patterns=field_patterns,
         freedom=noise.field_freedom,

@@ -87,6 +87,7 @@ def save_data(out: Path, data: StudyData) -> list[Path]:
     }
     if dataset.field is not None:
         facts["correlation_length"] = dataset.field.correlation_length
+        facts["smoothing"] = dataset.field.smoothing
         facts["reference_share"] = dataset.field.reference_share
         facts["n_point"] = len(dataset.field.points)
     paths = [out / f"{DATA}.npz", out / f"{DATA}.json"]

@@ -134,6 +134,7 @@ def errors_of(
         length=ASSUMED_LENGTH if field is None else field.correlation_length,
         reference_share=ASSUMED_SHARE if field is None else field.reference_share,
         nugget=ASSUMED_NUGGET if field is None else field.nugget,
+        smoothing=0.0 if field is None else field.smoothing,
     )
 
 

@@ -16,7 +16,7 @@ from calib.data import Dataset
 from calib.data.dataset_file import load_dataset
 from calib.data.qc import FILE, QcResult, analyse, read_experiment
 from calib.data.qc.lab_files import input_hash, sample_files
-from calib.data.qc.results import DATASET, key_of, write_results
+from calib.data.qc.results import DATASET, FIGURES, key_of, write_results
 from calib.data.qc.rules import Rules, inputs_under
 from calib.data.qc.statistics import (
     eligibility_table,
@@ -33,7 +33,6 @@ from calib.toml_file import read_document, read_file
 
 QC_FOLDER = "qc"
 """within the laboratory's folder: what was found, and the data set"""
-FIGURES = "figures"
 MEASURED = "calib.data"
 """package of readers, quality control and data set"""
 
@@ -52,10 +51,8 @@ def experiment_folder(study: str | Path) -> Path:
         raise ValueError(
             f"{path}: found no such file, expected a folder with {FILE} or a study that names one"
         )
-    document = read_document(read_file(path, "study file"), str(path), "study file")
-    data = document.values.get("data")
-    folder = data.get("folder") if isinstance(data, dict) else None
-    if not isinstance(folder, str):
+    folder = _data_of(path).folder
+    if folder is None:
         expected = 'the folder of an experiment, with data.source = "experiment"'
         raise ValueError(f"{path}: data.folder: found none, expected {expected}")
     return path.parent / folder
@@ -69,6 +66,13 @@ class _Named:
     """a section [data]"""
 
 
+def _data_of(path: Path) -> DataSource:
+    """The section [data] of a study file. Raises ValueError of one sentence."""
+    document = read_document(read_file(path, "study file"), str(path), "study file")
+    data = {key: value for key, value in document.values.items() if key == "data"}
+    return replace(document, values=data).checked(_Named).data
+
+
 def study_rules(study: str | Path) -> Rules | None:
     """The rules in [data.quality] of a study file; None of a folder, which has its own alone.
 
@@ -77,9 +81,7 @@ def study_rules(study: str | Path) -> Rules | None:
     path = Path(study)
     if path.is_dir() or path.name == FILE:
         return None
-    document = read_document(read_file(path, "study file"), str(path), "study file")
-    data = {key: value for key, value in document.values.items() if key == "data"}
-    return replace(document, values=data).checked(_Named).data.quality
+    return _data_of(path).quality
 
 
 def make_dataset(
@@ -92,12 +94,24 @@ def make_dataset(
 ) -> tuple[QcResult, list[Path]]:
     """Analyse the files in `folder` and write the results to `out`; returns what was written.
 
+    Figures of an older analysis in `out` are removed, and drawn anew `with_figures`.
+
     `rules` of a study go before those of the folder's experiment.toml.
 
     Raises ValueError of one sentence for files that cannot be read.
     """
     with progress_bar("qc", "sample", shown=show_progress) as progress:
         result = analyse(folder, progress, rules)
+    try:
+        return result, _written(result, out, with_figures)
+    except OSError as error:  # a folder where a file is meant, a full disk
+        name = error.filename2 or error.filename or out
+        raise ValueError(
+            f"{name}: cannot be written ({error.strerror}), expected a place for the results"
+        ) from error
+
+
+def _written(result: QcResult, out: Path, with_figures: bool) -> list[Path]:
     paths = write_results(result, out, __version__, code_hash(MEASURED))
     if with_figures:
         from calib.data.qc.figures import all_figures
@@ -105,7 +119,7 @@ def make_dataset(
         for name, figure in all_figures(result).items():
             save_png(figure, out / FIGURES / f"{name}.png")
             paths.append(out / FIGURES / f"{name}.png")
-    return result, paths
+    return paths
 
 
 def qc_lines(result: QcResult, paths: list[Path]) -> list[str]:

@@ -44,6 +44,8 @@ class Errors:
     """correlation length of the noise, mm"""
     reference_share: float
     nugget: float
+    smoothing: float = 0.0
+    """mm, of the noise"""
 
     def with_noise(self, **changed: float) -> Errors:
         """With other noise of the test."""
@@ -59,6 +61,7 @@ class Errors:
             floor=scale * self.floor,
             noise_std=noise * self.noise_std,
             length=noise * self.length,
+            smoothing=noise * self.smoothing,
         )
 
 
@@ -93,6 +96,7 @@ def planned_likelihood(
             correlation_length=errors.length,
             reference_share=errors.reference_share,
             nugget=errors.nugget,
+            smoothing=errors.smoothing,
         )
     data = Dataset(
         name="planned",

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.data.dataset import Dataset, FieldData
-from calib.inference.field_noise import Kernel, field_covariance
+from calib.inference.field_noise import field_covariance
 from calib.inference.noise import (
     LOAD_CELL_SD,
     NoiseSettings,
@@ -36,7 +36,6 @@ class VirtualNoise:
     field_correlation_length: float = 0.3
     """mm"""
     field_reference_share: float = 0.5
-    kernel: Kernel = "exponential"
 
     def __post_init__(self) -> None:
         if self.n_samples < 2:
@@ -107,7 +106,7 @@ def _field(
         correlation_length=noise.field_correlation_length,
         reference_share=noise.field_reference_share,
     )
-    error = field_covariance(clean, kernel=noise.kernel).sample(rng, 1)[0]
+    error = field_covariance(clean).sample(rng, 1)[0]
     return FieldData(
         points=clean.points,
         displacement=displacement + error,

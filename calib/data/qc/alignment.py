@@ -12,6 +12,9 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
 
 from calib.data.qc.averaging import Placing
 from calib.data.qc.experiment_file import Experiment
@@ -25,6 +28,15 @@ STEP = 0.02
 KINK = 0.43
 """RMS error of the mean of 16 parabolas through three points anywhere on two straight lines with a
 kink, over that of the difference of these and parabolas over five points (4,000 random kinks)"""
+
+RESOLVED, RESOLVED_BESIDE = 1.5, 1.0
+"""SDs of the mean's noise by which a field mapped from half as many DIC points may differ, and at a
+point beside one that is not resolved: an edge of the field runs on"""
+CHANCE, CHANCE_BESIDE = 3.5, 2.5
+"""SDs of this change itself that it is less than by chance: noise of points that share little of it
+changes by about as much as it is"""
+BESIDE = 1.1
+"""distances of neighbours"""
 
 
 class Aligned(NamedTuple):
@@ -59,6 +71,30 @@ def aligned(
     by = np.concatenate([np.full_like(slopes[:, :1], np.nan), slopes], axis=1)
     placing = Placing(_known_mean(by), _error_of_mean(by), moved)
     return Aligned(fields, placing, _known_mean(coarse), _error_of_mean(coarse))
+
+
+def unresolved(found: Aligned, noise: Array, points: Array) -> BoolArray:
+    """(n,) points (n, 2) [mm] where DIC points do not resolve the field; `noise` (3,) SD, mm.
+
+    Two thresholds as in edge detection (Canny, IEEE Trans. PAMI 8, 1986): a change by the second
+    counts at a point beside one that is not resolved, as it is hardly noise there.
+    """
+    chance = np.sqrt(np.nanmean(found.coarse_sd**2, axis=(0, 1)))
+
+    def beyond(most: float, by_chance: float) -> BoolArray:
+        limit = np.maximum(most * noise, by_chance * chance)
+        # also where nothing is known
+        return np.asarray(np.any(~(np.abs(found.coarse) <= limit), axis=(0, 2)))
+
+    lost, weak = beyond(RESOLVED, CHANCE), beyond(RESOLVED_BESIDE, CHANCE_BESIDE)
+    tree = cKDTree(points)
+    reach = BESIDE * float(np.median(np.asarray(tree.query(points, k=2)[0])[:, 1]))
+    pairs = tree.query_pairs(reach, output_type="ndarray")
+    # weak points that weak ones join to a lost one
+    joined = pairs[weak[pairs].all(axis=1)]
+    links = coo_array((np.ones(len(joined)), tuple(joined.T)), shape=(len(points), len(points)))
+    group = connected_components(links, directed=False)[1]
+    return np.asarray(weak & np.isin(group, group[lost]))
 
 
 def mapping_std(found: Aligned, chosen: BoolArray) -> Array:

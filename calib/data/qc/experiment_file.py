@@ -17,6 +17,8 @@ from fe.response import Array
 
 STRICT = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False, use_attribute_docstrings=True)
 FILE = "experiment.toml"
+MOST_POINTS = 10_000
+"""of the data set: the correlation of their noise is a full matrix"""
 
 Positive = Annotated[float, Field(gt=0, lt=1e6)]
 NotNegative = Annotated[float, Field(ge=0, lt=1e6)]
@@ -247,6 +249,11 @@ class Experiment:
         if last >= self.specimen.height_mm:
             expected = f"steps that end below specimen.height_mm ({self.specimen.height_mm:g} mm)"
             raise Contradiction("protocol.increments", self.protocol.increments, expected)
+        area = 0.5 * self.specimen.width_mm * self.specimen.height_mm
+        spacing = self.field.spacing_mm
+        if self.field.mapping == "shape" and area > MOST_POINTS * spacing**2:
+            expected = f"a distance of at most {MOST_POINTS} points on half the face"
+            raise Contradiction("field.spacing_mm", spacing, expected)
         names = self.samples or ()
         for index, name in enumerate(names):
             if name in names[:index]:

@@ -214,7 +214,7 @@ def noise_figure(result: QcResult) -> Figure:
             continue
         axis.plot(floor.distance, floor.correlation, "o", ms=3, color=COLOURS[index], label=name)
         fine = np.linspace(0.0, float(floor.distance.max()), 200)
-        fitted = (1 - floor.nugget) * np.exp(-fine / floor.correlation_length)
+        fitted = (1 - floor.nugget) * floor.correlation_at(fine)
         axis.plot(fine, fitted, color=COLOURS[index], lw=0.9)
     axis.axhline(0, color=GREY, lw=0.8)
     axis.set(xlabel="distance of two points [mm]", ylabel="correlation of their noise")

@@ -11,6 +11,7 @@ from scipy.optimize import fmin, least_squares
 from scipy.spatial import cKDTree
 from scipy.spatial.distance import cdist
 
+from calib.data.noise_shape import correlation_at
 from fe.response import Array
 
 FARTHEST = 2.0
@@ -21,6 +22,8 @@ MOST_FITTED = 150
 """points of the likelihood of a length"""
 LENGTHS = (0.01, 5.0)
 """mm, between which a length is looked for"""
+MOST_SMOOTH, MOST_ROUGH = 3.0, 0.9
+"""lengths that noise is smoothed over, and nugget"""
 FREE_MEAN = 100.0
 """variance of a frame's mean, which was taken off"""
 TINY = 1e-6
@@ -32,7 +35,7 @@ class NoiseFloor(NamedTuple):
     std: Array
     """(3,) SD of each component at one point, mm"""
     correlation_length: float
-    """mm, of exp(-d / length)"""
+    """mm"""
     nugget: float
     """share of the variance that is not correlated between points"""
     reference_share: float
@@ -42,13 +45,19 @@ class NoiseFloor(NamedTuple):
     """(n_bin,) mm, at which the correlation was measured"""
     correlation: Array
     """(n_bin,) measured correlation"""
+    smoothing: float = 0.0
+    """mm, of `correlation_at`: 0 for exp(-d / length)"""
+
+    def correlation_at(self, distance: Array) -> Array:
+        """Correlation at distances [mm] of what is correlated between points."""
+        return correlation_at(distance, self.correlation_length, self.smoothing)
 
     def effective_number(self, points: Array, n_step: int) -> float:
         """Number of independent values that as much noise of `n_step` frames at `points` holds.
 
         (tr C)^2 / tr C^2 of its covariance C, over points (n, 2) [mm], frames and components.
         """
-        apart = (1 - self.nugget) * np.exp(-cdist(points, points) / self.correlation_length)
+        apart = (1 - self.nugget) * self.correlation_at(cdist(points, points))
         np.fill_diagonal(apart, 1.0)
         frames = n_step / (1 + (n_step - 1) * self.reference_share**2)
         variance = self.std**2
@@ -96,15 +105,16 @@ def pooled_noise(series: Sequence[Array], points: Array, *, roughly: bool = Fals
     pairs = [_pairs(v, at, width) for v, (_, at) in zip(scaled, parts, strict=True)]
     distance, correlation = _correlation(pairs, weights, len(places))
     length, nugget = fit_length(distance, correlation)
+    smoothing = 0.0
     if roughly:
         # the mean that was taken off had a share of a correlated field's variance
         lost = (1 - nugget) * float(np.exp(-cdist(places, places) / length).mean())
         factor = 1 / max(1 - lost, 0.2)
     else:
         at_points = [(values, at) for values, (_, at) in zip(scaled, parts, strict=True)]
-        length, nugget, factor = likeliest(at_points, share, (length, nugget))
-    std = np.sqrt(variance * factor)
-    return NoiseFloor(std, length, nugget, share, int(n_frame.sum()), distance, correlation)
+        length, smoothing, nugget, factor = likeliest(at_points, share, (length, nugget))
+    std, n = np.sqrt(variance * factor), int(n_frame.sum())
+    return NoiseFloor(std, length, nugget, share, n, distance, correlation, smoothing)
 
 
 def _at_complete(fields: Array, points: Array) -> tuple[Array, Array]:
@@ -167,23 +177,23 @@ def _correlation(pairs: Sequence[_Pairs], weights: Array, n_point: int) -> tuple
 
 def likeliest(
     series: Sequence[tuple[Array, Array]], share: float, start: tuple[float, float]
-) -> tuple[float, float, float]:
-    """Length [mm], nugget and variance of greatest (restricted) likelihood of Gaussian noise.
+) -> tuple[float, float, float, float]:
+    """Length, smoothing [mm], nugget and variance of greatest (restricted) likelihood.
 
     series are values (n_frame, n, 3) of unit variance without each frame's mean, at points (n, 2)
     [mm]; frames have `share` in common. A curve through a correlogram knows the length to a tenth,
     and the variance of what neighbours differ by, which weighs most in a likelihood, goes with its
     inverse: length and variance are to be taken together. Of many points those nearest to one
-    another are used.
+    another are used. Noise has a nugget, or is smooth, or neither: see `_shape`.
     """
     used = [_near_each_other(values, points) for values, points in series]
     scatter = [(_scatter(values, share), cdist(at, at), 3 * len(values)) for values, at in used]
 
     def variance_and_misfit(p: Array) -> tuple[float, float]:
-        length, nugget = np.clip(np.exp(p[0]), *LENGTHS), 0.5 * (1 + np.tanh(p[1]))
+        length, smoothing, nugget = _shape(p)
         total, logs, freedom = 0.0, 0.0, 0
         for product, apart, n_value in scatter:
-            matrix = (1 - nugget) * np.exp(-apart / length) + FREE_MEAN
+            matrix = (1 - nugget) * correlation_at(apart, length, smoothing) + FREE_MEAN
             matrix[np.diag_indices_from(matrix)] += nugget + TINY
             factor = cholesky(matrix, lower=True)
             total += float(np.trace(cho_solve((factor, True), product)))
@@ -192,14 +202,31 @@ def likeliest(
         variance = total / freedom
         return variance, logs / freedom + float(np.log(variance))
 
-    first = np.array([np.log(start[0]), np.arctanh(2 * np.clip(start[1], 0.02, 0.9) - 1)])
-
     def misfit(p: Array) -> float:
         return variance_and_misfit(p)[1]
 
-    found: Array = fmin(misfit, first, xtol=0.01, ftol=1e-5, maxfun=60, disp=False)
-    length, nugget = float(np.clip(np.exp(found[0]), *LENGTHS)), 0.5 * (1 + np.tanh(found[1]))
-    return length, float(np.clip(nugget, 0.0, 0.9)), variance_and_misfit(found)[0]
+    first = np.array([np.log(start[0]), start[1]])
+    found: Array = fmin(
+        misfit,
+        first,
+        xtol=0.003,
+        ftol=1e-6,
+        maxfun=100,
+        disp=False,
+        initial_simplex=first + np.array([[0.0, 0.0], [0.1, 0.0], [0.0, -0.05]]),
+    )
+    return *_shape(found), variance_and_misfit(found)[0]
+
+
+def _shape(p: Array) -> tuple[float, float, float]:
+    """Length, smoothing [mm] and nugget of p: logarithm of the length, and how rough noise is.
+
+    The second is the nugget where it is positive, and minus the smoothing over the length where it
+    is negative: a little of either changes what neighbours have in common by as much.
+    """
+    length = float(np.clip(np.exp(p[0]), *LENGTHS))
+    rough = float(np.clip(p[1], -MOST_SMOOTH, MOST_ROUGH))
+    return length, max(-rough, 0.0) * length, max(rough, 0.0)
 
 
 def _near_each_other(values: Array, points: Array) -> tuple[Array, Array]:

@@ -12,11 +12,12 @@ from typing import NamedTuple
 import numpy as np
 
 from calib.data.readers.frames import BoolArray
-from fe.response import Array
+from fe.response import Array, IntArray
 
 PASSES = 3
 """after which what is left of outliers next to each other stays"""
 _PAIRS = ((0, 1), (1, 0), (1, 1), (1, -1))
+_WAYS = (*_PAIRS, *((-down, -right) for down, right in _PAIRS))
 
 
 class Cleaned(NamedTuple):
@@ -36,14 +37,22 @@ def without_outliers(displacement: Array, threshold: float, floor: float) -> Cle
     """Replace values off their neighbours by more than threshold (local median deviation + floor).
 
     displacement (..., n_row, n_column, 3) in mm, NaN where nothing was measured; floor in mm.
-    Points with no complete pair of opposite neighbours are left as they are.
+    Points with no complete pair of opposite neighbours, as at an edge beside a lost one, are
+    compared with straight lines through two neighbours on one side; there is no value to put in
+    place of such an outlier. Points without these either are left as they are.
     """
+    shape = displacement.shape
+    displacement = displacement.reshape(-1, *shape[-3:])
     left, deviation = displacement, float("nan")
     for _ in range(PASSES):
         predicted = _median(_opposite_means(left))
+        lone = np.nonzero(np.isfinite(left[..., 0]) & np.isnan(predicted[..., 0]))
+        predicted[lone] = _median(2 * _gather(left, lone) - _gather(left, lone, 2))
         off = np.abs(left - predicted)
         around = _neighbours(off)
         usual = _median(around)
+        # few neighbours, predicted by the point itself: what is usual around these
+        usual[lone] = _median(_gather(usual, lone))
         # a wild value makes its neighbours look wild: only the worst of them goes at a time
         worst = np.nan_to_num(around).max(axis=(0, -1))
         with np.errstate(invalid="ignore"):
@@ -57,7 +66,7 @@ def without_outliers(displacement: Array, threshold: float, floor: float) -> Cle
         left = np.where(is_wild, np.nan, left)
     is_outlier = np.isnan(left[..., 0]) & np.isfinite(displacement[..., 0])
     cleaned = np.where(is_outlier[..., None], _median(_opposite_means(left)), left)
-    return Cleaned(cleaned, is_outlier, threshold, deviation)
+    return Cleaned(cleaned.reshape(shape), is_outlier.reshape(shape[:-1]), threshold, deviation)
 
 
 def _shifted(values: Array, down: int, right: int) -> Array:
@@ -73,9 +82,16 @@ def _opposite_means(values: Array) -> Array:
     return np.stack([0.5 * (_shifted(values, *p) + _shifted(values, -p[0], -p[1])) for p in _PAIRS])
 
 
+def _gather(values: Array, at: tuple[IntArray, ...], times: int = 1) -> Array:
+    """(8, n, 3) values `times` steps to each way from places (frame, row, column); NaN outside."""
+    padded = np.pad(values, [(0, 0), (2, 2), (2, 2), (0, 0)], constant_values=np.nan)
+    frame, row, column = at
+    ways = [(2 + times * down, 2 + times * right) for down, right in _WAYS]
+    return np.stack([padded[frame, row + down, column + right] for down, right in ways])
+
+
 def _neighbours(values: Array) -> Array:
-    ways = [*_PAIRS, *((-down, -right) for down, right in _PAIRS)]
-    return np.stack([_shifted(values, *way) for way in ways])
+    return np.stack([_shifted(values, *way) for way in _WAYS])
 
 
 def _median(values: Array) -> Array:

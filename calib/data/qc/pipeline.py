@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from calib.data.dataset import Dataset, FieldData, SampleData
-from calib.data.qc.alignment import aligned, mapping_std
+from calib.data.qc.alignment import aligned, mapping_std, unresolved
 from calib.data.qc.averaging import MeanField, mean_field, mean_force, with_enough
 from calib.data.qc.contact import SMALLEST_SD
 from calib.data.qc.experiment_file import Experiment, Mapping, read_experiment
@@ -27,8 +27,6 @@ from fe.response import Array
 
 THESIS_GRID = (35, 24)
 """points of half the face along x and y (thesis, section 4.4.2)"""
-RESOLVED = 1.5
-"""SDs of the mean's noise by which a field mapped from half as many DIC points may differ"""
 SHARED = 0.15
 """largest correlation of the noise of a point and its mirror image: the covariance takes the halves
 that are folded as independent"""
@@ -196,6 +194,7 @@ def _with_dataset(result: QcResult, static: StaticNoise | None, started: float) 
         correlation_length=noise.together.correlation_length,
         reference_share=noise.together.reference_share,
         nugget=nugget,
+        smoothing=noise.together.smoothing,
         patterns=mean.patterns if len(mean.patterns) else None,
         # one calibration for all samples: its error does not average away
         scale_sd=max(sample.face.scale_sd for sample in samples if sample.face is not None),
@@ -244,24 +243,24 @@ def _mean(
         return fields, mean, np.zeros(3)
     found = aligned(samples, experiment, points, mean.place_errors)
     noise = mean.residual_std / np.sqrt(len(samples))
-    unresolved = np.any(~(np.abs(found.coarse) <= RESOLVED * noise), axis=(0, 2))
-    length = _length(mean, points, static)
-    near = 2 * points[:, 0] < -np.log(SHARED) * length
+    near = _correlation_at(2 * points[:, 0], mean, points, static) > SHARED
     near &= points[:, 0] < MOST_SHARED * 0.5 * experiment.specimen.width_mm
-    fields = np.where((unresolved | near)[:, None], np.nan, found.fields)
+    fields = np.where((unresolved(found, noise, points) | near)[:, None], np.nan, found.fields)
     mean = mean_field(fields, points, travel, share, limit, found.placing)
     return fields, mean, mapping_std(found, mean.kept)
 
 
-def _length(mean: MeanField, points: Array, static: StaticNoise | None) -> float:
-    """Correlation length of the noise, about, mm; 0 where nothing tells it."""
+def _correlation_at(
+    distance: Array, mean: MeanField, points: Array, static: StaticNoise | None
+) -> Array:
+    """Correlation of the noise over distances [mm], about; 0 where nothing tells it."""
     if static is not None:
-        return static.mapped.correlation_length
+        return static.mapped.correlation_at(distance)
     try:
-        places = points[mean.kept]
-        return pooled_noise(with_enough(mean.residual), places, roughly=True).correlation_length
+        floor = pooled_noise(with_enough(mean.residual), points[mean.kept], roughly=True)
     except (ValueError, IndexError):  # no sample with enough points
-        return 0.0
+        return np.zeros_like(distance)
+    return floor.correlation_at(distance)
 
 
 def _with_mapping(noise: FieldNoise, by_mapping: Array) -> tuple[Array, float]:

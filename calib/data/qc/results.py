@@ -24,6 +24,9 @@ from fe.atomic_file import replacing
 DATASET = "dataset.npz"
 REPORT = "qc.json"
 TABLES = "tables"
+FIGURES = "figures"
+FIGURE_NAMES = ("placement", "machine", "cycles", "forces", "boxes", "field", "noise")
+"""of `calib.data.qc.figures.all_figures`"""
 
 
 def key_of(inputs: str, code: str) -> str:
@@ -34,13 +37,20 @@ def key_of(inputs: str, code: str) -> str:
 def write_results(result: QcResult, out: Path, version: str, code: str) -> list[Path]:
     """Write everything but the figures into the folder `out`; returns the paths.
 
-    `version` of softcal and the hash of its `code` go into qc.json. Without a data set an older
-    dataset.npz is removed: it is not that of these files.
+    `version` of softcal and the hash of its `code` go into qc.json. What older files have left and
+    these do not give is removed: dataset.npz without a data set, tables without a row, and all
+    figures, which are drawn anew or not at all.
     """
     (out / TABLES).mkdir(parents=True, exist_ok=True)
+    for name in FIGURE_NAMES:
+        (out / FIGURES / f"{name}.png").unlink(missing_ok=True)
     paths = []
     for table in all_tables(result):
-        paths.append(_text(out / TABLES / f"{table.name}.csv", table_csv(table)))
+        path = out / TABLES / f"{table.name}.csv"
+        if table.rows:
+            paths.append(_text(path, table_csv(table)))
+        else:
+            path.unlink(missing_ok=True)
     text = requirements_text(requirements(result))
     paths.append(_text(out / TABLES / "requirements.txt", text + "\n"))
     report = json.dumps(_plain(qc_report(result, version, code)), indent=1, allow_nan=False)
@@ -102,12 +112,16 @@ def qc_report(result: QcResult, version: str, code: str) -> dict[str, object]:
             "travel_zero_sd": dataset.travel_zero_sd,
             "n_points": len(dataset.field.points),
             "noise_std": dataset.field.noise_std,
+            "correlation_length": dataset.field.correlation_length,
+            "smoothing": dataset.field.smoothing,
             "nugget": dataset.field.nugget,
             "scale_sd": dataset.field.scale_sd,
             "n_patterns": 0 if dataset.field.patterns is None else len(dataset.field.patterns),
         },
         "tables": {
-            t.name: _rows(t) for t in all_tables(result) if t.name in ("placement", "mapping")
+            t.name: _rows(t)
+            for t in all_tables(result)
+            if t.rows and t.name in ("placement", "mapping")
         },
     }
 

@@ -37,8 +37,8 @@ def box(values: Array) -> Box:
 
 
 def all_tables(result: QcResult) -> tuple[QcTable, ...]:
-    """Every table of one experiment; those without a row are left out."""
-    tables = (
+    """Every table of one experiment; some may have no row."""
+    return (
         eligibility_table(result),
         rejections_table(result),
         placement_table(result),
@@ -50,7 +50,6 @@ def all_tables(result: QcResult) -> tuple[QcTable, ...]:
         mapping_table(result),
         noise_table(result),
     )
-    return tuple(table for table in tables if table.rows)
 
 
 def eligibility_table(result: QcResult) -> QcTable:
@@ -242,6 +241,7 @@ def noise_table(result: QcResult) -> QcTable:
         "y_mm",
         "z_mm",
         "correlation_length_mm",
+        "smoothing_mm",
         "nugget",
         "reference_share",
         "frames",
@@ -259,6 +259,7 @@ def noise_table(result: QcResult) -> QcTable:
             name,
             *(float(v) for v in floor.std),
             floor.correlation_length,
+            floor.smoothing,
             floor.nugget,
             floor.reference_share,
             floor.n_frames,
@@ -269,7 +270,7 @@ def noise_table(result: QcResult) -> QcTable:
     if noise.stated is not None:
         stated = (float(v) for v in noise.stated)
         length = "" if noise.stated_length is None else noise.stated_length
-        rows.append(("stated by the DIC program, field", *stated, length, "", "", ""))
+        rows.append(("stated by the DIC program, field", *stated, length, "", "", "", ""))
     return QcTable("noise", "Noise", columns, tuple(rows))
 
 
