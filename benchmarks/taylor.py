@@ -130,7 +130,7 @@ def orders(values: Array, steps: Array) -> Array:
     return slopes
 
 
-def order(block: BlockPinModel, name: str) -> Array:
+def order_of(block: BlockPinModel, name: str) -> Array:
     """(2,) order of the remainder of forces and field in one parameter."""
     steps = steps_of(block, name)
     return orders(remainders(block, name, steps), steps)
@@ -172,7 +172,7 @@ def figures() -> dict[str, Any]:
     order, detail, difference, cost = {}, {}, {}, {}
     for case, contact in CONTACTS.items():
         block = model(contact)
-        found = {name: order(block, name) for name in names(block)}
+        found = {name: order_of(block, name) for name in names(block)}
         worst = np.array(list(found.values())).min(axis=0)
         order[case] = {"force": worst[0], "field": worst[1]}
         detail[case] = {name: value.tolist() for name, value in found.items()}

@@ -101,7 +101,7 @@ def test_the_sobol_study_counts_what_was_reached_and_goes_on_where_it_was(tmp_pa
 def test_sensitivities_pass_the_taylor_test(case, name):
     """The remainder falls as h^2; with a wrong derivative it would as h. Force and field."""
     block = taylor.model(taylor.CONTACTS[case])
-    np.testing.assert_allclose(taylor.order(block, name), 2.0, atol=0.1)
+    np.testing.assert_allclose(taylor.order_of(block, name), 2.0, atol=0.1)
 
 
 def test_a_part_replaces_its_figures_and_leaves_the_others(tmp_path, monkeypatch):

@@ -111,3 +111,13 @@ def test_a_protocol_beyond_the_truth_is_refused() -> None:
     settings = LaboratorySettings(protocol=Protocol(increments=10))
     with pytest.raises(ValueError, match="increments: expected travels up to"):
         run_machine(analytic_truth(), 1.0, settings, np.random.default_rng(0))
+
+
+def test_an_early_contact_does_not_take_the_pin_beyond_the_truth() -> None:
+    """It is drawn again; a draw that fits is kept."""
+    machine = TestMachine(contact_sd_mm=0.1)
+    first = [0.1 * np.random.default_rng(seed).standard_normal() for seed in range(40)]
+    found = [run(machine, 0.1, seed).contact for seed in range(40)]
+    again = np.array(found) != np.array(first)
+    assert 3 < np.count_nonzero(again) < 20
+    assert max(found) < min(np.array(first)[again])

@@ -51,7 +51,8 @@ def run_machine(
     step = 1.0 / machine.rate_hz
     time = np.arange(0.0, path.end + step / 2.0, step)
     position: Array = np.interp(time, path.time, path.position)
-    contact = float(machine.contact_sd_mm * rng.standard_normal())
+    reach = float(_crosshead(truth, stiffness, machine.compliance_mm_per_N)[1][-1])
+    contact = _contact(machine.contact_sd_mm, reach - float(position.max()), rng)
     travel = _travel(truth, stiffness, position + contact, machine.compliance_mm_per_N)
     softening = _softening(path, time, protocol.preconditioning_cycles, settings.rubber)
     force = relaxing_force(truth.force_at(travel, stiffness) * softening, step, settings.rubber)
@@ -72,10 +73,26 @@ def run_machine(
     )
 
 
+def _contact(sd: float, room: float, rng: np.random.Generator) -> float:
+    """Normal error of contact, mm; drawn again while it takes the pin beyond what is known.
+
+    `room` is how much further, mm, than the programme the truth was computed.
+    """
+    contact = float(sd * rng.standard_normal())
+    while contact > room >= 0.0:
+        contact = float(sd * rng.standard_normal())
+    return contact
+
+
+def _crosshead(truth: TruthResponse, stiffness: float, compliance: float) -> tuple[Array, Array]:
+    """Travels of the pin into the sample, and what the crosshead goes for them, mm."""
+    table = np.linspace(0.0, truth.fine.travel[-1], N_CURVE)
+    return table, table + compliance * truth.force_at(table, stiffness)
+
+
 def _travel(truth: TruthResponse, stiffness: float, wanted: Array, compliance: float) -> Array:
     """Travel of the pin into the sample, mm, where the crosshead would go `wanted` mm into it."""
-    table = np.linspace(0.0, truth.fine.travel[-1], N_CURVE)
-    crosshead = table + compliance * truth.force_at(table, stiffness)
+    table, crosshead = _crosshead(truth, stiffness, compliance)
     if wanted.max() > crosshead[-1]:
         raise ValueError(
             f"increments: expected travels up to {crosshead[-1]:.3f} mm, as the truth was "
