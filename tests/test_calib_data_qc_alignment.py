@@ -42,9 +42,13 @@ def test_an_edge_of_the_field_shows_in_the_coarser_mapping_and_a_smooth_field_do
     assert off[0] > 0.01 and off[1] < 1e-3
 
 
-def test_an_edge_that_is_not_resolved_runs_on_over_points_beside_it():
-    """Changes of 1.2 SDs count where they join a larger one, those below 1 and lone ones do not."""
-    x, y = np.meshgrid(0.2 * np.arange(6), 0.2 * np.arange(5), indexing="ij")
+@pytest.mark.parametrize("dx", [0.2, 0.28, 0.14])
+def test_an_edge_that_is_not_resolved_runs_on_over_points_beside_it(dx):
+    """Changes of 1.2 SDs count where they join a larger one, those below 1 and lone ones do not.
+
+    Along either axis, however far apart its points are.
+    """
+    x, y = np.meshgrid(dx * np.arange(6), 0.2 * np.arange(5), indexing="ij")
     points, noise = np.stack([x.ravel(), y.ravel()], axis=1), np.array([1e-3, 1e-3, 2e-3])
     coarse = np.zeros((2, 6, 5, 3))
     coarse[1, 1, :4, 0] = [-1.2e-3, 1.6e-3, 1.2e-3, 0.9e-3]
@@ -60,6 +64,16 @@ def test_an_edge_that_is_not_resolved_runs_on_over_points_beside_it():
         noisy = found._replace(coarse_sd=nothing + scatter * noise)
         lost = np.argwhere(unresolved(noisy, noise, points).reshape(6, 5))
         assert lost.tolist() == expected
+
+
+def test_where_no_scatter_is_known_noise_alone_tells_what_is_not_resolved():
+    points = np.array([[0.0, 0.0], [0.2, 0.0], [0.4, 0.0], [0.0, 0.2], [0.2, 0.2], [0.4, 0.2]])
+    coarse = np.zeros((1, 6, 3))
+    coarse[0, 2, 1] = 1.6e-3
+    nothing = np.zeros_like(coarse)
+    placing = PlacingErrors(nothing, nothing, np.zeros((1, 3)))
+    found = Aligned(nothing[None], placing, coarse, np.full_like(coarse, np.nan))
+    assert np.flatnonzero(unresolved(found, np.full(3, 1e-3), points)).tolist() == [2]
 
 
 def test_the_mean_field_of_a_virtual_laboratory_is_the_truth_within_its_stated_errors(tmp_path):

@@ -15,7 +15,9 @@ from calib.data.qc.plateaus import (
     Cycle,
     Hold,
     converged_after,
+    cycle_change_sds,
     cycle_changes,
+    find_cycles,
     find_holds,
     step_holds,
 )
@@ -144,6 +146,29 @@ def test_cycles_have_the_peaks_of_the_record_and_their_convergence_is_counted():
     # changes are 0.12, 0.048, 0.019, 0.0077: below 1 % from the fourth on
     assert converged_after(cycles) == 4
     assert converged_after(cycles[:3]) is None
+    # where noise could hide a change of 1 % it is not told
+    for sd, expected in ((1e-4, 4), (3e-3, 6), (5e-3, None)):
+        noisy = [cycle._replace(peak_sd=sd) for cycle in cycles]
+        np.testing.assert_allclose(cycle_change_sds(noisy), 100 * sd * np.sqrt(2) / forces[1:])
+        assert converged_after(noisy) == expected
+
+
+def test_the_sd_of_peak_forces_is_their_scatter():
+    """Over 60 records of one test; the SD of an SD of 180 numbers is 5 %: five of them."""
+    time = np.arange(0.0, 40.0, 0.05)
+    travel = 0.8 * np.abs(np.sin(np.pi * time / 10.0))
+    protocol = Protocol(preconditioning_travel_mm=0.8)
+    rng = np.random.default_rng(4)
+    found = [
+        find_cycles(
+            time, travel, 2.0 * travel + 0.05 * rng.standard_normal(time.size), 40, protocol
+        )
+        for _ in range(60)
+    ]
+    peaks = np.array([[cycle.peak_force for cycle in cycles[:3]] for cycles in found])
+    stated = np.array([[cycle.peak_sd for cycle in cycles[:3]] for cycles in found])
+    scatter = np.sqrt(np.mean(np.var(peaks, axis=0, ddof=1)))
+    assert scatter == pytest.approx(np.sqrt(np.mean(stated**2)), rel=0.27)
 
 
 def test_relaxation_of_a_known_decay_is_that_of_its_formula():

@@ -138,13 +138,13 @@ def test_the_work_of_the_pin_is_stored(contact):
 
 
 def test_the_force_converges_as_the_mesh_gets_finer():
-    """Rows of contact points that land scatter forces by 0.1 to 0.2 % about their trend."""
+    """From 12 elements across on: 8 are as near as 16, as errors of either sign make up there."""
 
     def of(n: int) -> float:
         m = model(("stick", "stick"), (n, n // 2, 1), travel=(0.2,), sensitivities=())
         return m(RATIOS).force[0]
 
-    force = np.array([of(n) for n in (8, 16, 32, 48)])
+    force = np.array([of(n) for n in (12, 24, 48, 64)])
     coarse, middle, fine = np.abs(force[:-1] - force[-1]) / force[-1]
     assert middle < 0.3 * coarse
     assert fine < 0.3 * middle

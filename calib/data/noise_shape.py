@@ -19,3 +19,8 @@ def correlation_at(distance: Array, length: float, smoothing: float) -> Array:
     rounded = np.sqrt(distance**2 + smoothing**2) - smoothing
     correlation: Array = np.exp(-rounded / length)
     return correlation
+
+
+def fall_off(length: float, smoothing: float) -> float:
+    """Distance at which `correlation_at` is 1/e, mm: the length itself without smoothing."""
+    return float(np.sqrt((length + smoothing) ** 2 - smoothing**2))

@@ -37,6 +37,8 @@ CHANCE, CHANCE_BESIDE = 3.5, 2.5
 changes by about as much as it is"""
 BESIDE = 1.1
 """distances of neighbours"""
+FULL = 4
+"""places of a grid for each of its points, at most: more, and they are no grid"""
 
 
 class Aligned(NamedTuple):
@@ -79,7 +81,9 @@ def unresolved(found: Aligned, noise: Array, points: Array) -> BoolArray:
     Two thresholds as in edge detection (Canny, IEEE Trans. PAMI 8, 1986): a change by the second
     counts at a point beside one that is not resolved, as it is hardly noise there.
     """
-    chance = np.sqrt(np.nanmean(found.coarse_sd**2, axis=(0, 1)))
+    told = np.isfinite(found.coarse_sd)  # one sample alone tells no scatter
+    total = np.sum(np.where(told, found.coarse_sd, 0.0) ** 2, axis=(0, 1))
+    chance = np.sqrt(total / np.maximum(told.sum(axis=(0, 1)), 1))
 
     def beyond(most: float, by_chance: float) -> BoolArray:
         limit = np.maximum(most * noise, by_chance * chance)
@@ -87,14 +91,21 @@ def unresolved(found: Aligned, noise: Array, points: Array) -> BoolArray:
         return np.asarray(np.any(~(np.abs(found.coarse) <= limit), axis=(0, 2)))
 
     lost, weak = beyond(RESOLVED, CHANCE), beyond(RESOLVED_BESIDE, CHANCE_BESIDE)
-    tree = cKDTree(points)
-    reach = BESIDE * float(np.median(np.asarray(tree.query(points, k=2)[0])[:, 1]))
-    pairs = tree.query_pairs(reach, output_type="ndarray")
+    pairs = cKDTree(_by_spacing(points)).query_pairs(BESIDE, output_type="ndarray")
     # weak points that weak ones join to a lost one
     joined = pairs[weak[pairs].all(axis=1)]
     links = coo_array((np.ones(len(joined)), tuple(joined.T)), shape=(len(points), len(points)))
     group = connected_components(links, directed=False)[1]
     return np.asarray(weak & np.isin(group, group[lost]))
+
+
+def _by_spacing(points: Array) -> Array:
+    """(n, 2) points over the distance of neighbours, each axis by its own where they are a grid."""
+    lines = [np.unique(np.round(along, 6)) for along in points.T]
+    if np.prod([line.size for line in lines]) <= FULL * len(points) and min(map(len, lines)) > 1:
+        return np.asarray(points / [np.median(np.diff(line)) for line in lines])
+    nearest = np.asarray(cKDTree(points).query(points, k=2)[0])[:, 1]
+    return np.asarray(points / np.median(nearest))
 
 
 def mapping_std(found: Aligned, chosen: BoolArray) -> Array:

@@ -81,14 +81,16 @@ def machine_figure(result: QcResult) -> Figure:
 
 
 def cycles_figure(result: QcResult) -> Figure:
-    """Peak force over preconditioning cycles, by that of the last (Figure 5.1)."""
+    """Peak force over preconditioning cycles, by that of the last, with its SD (Figure 5.1)."""
     figure = _new(6.0, 4.0)
     axis = figure.subplots()
     for sample in result.samples:
         cycles = sample.machine.cycles if sample.machine else ()
         if cycles:
             peaks = np.array([cycle.peak_force for cycle in cycles])
-            axis.plot(np.arange(1, peaks.size + 1), peaks / peaks[-1], "o-", ms=3, lw=0.7)
+            sds = np.array([cycle.peak_sd for cycle in cycles]) / peaks[-1]
+            number = np.arange(1, peaks.size + 1)
+            axis.errorbar(number, peaks / peaks[-1], sds, fmt="o-", ms=3, lw=0.7, capsize=2)
     axis.axhspan(0.99, 1.01, color=GREY, alpha=0.2, lw=0)
     axis.set(xlabel="cycle", ylabel="peak force over that of the last cycle")
     return figure

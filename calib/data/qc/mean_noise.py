@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from calib.data.noise_shape import fall_off
 from calib.data.qc.averaging import MeanField, with_enough
 from calib.data.qc.noise_floor import NoiseFloor, pooled_noise
 from calib.data.qc.static_noise import StaticNoise
@@ -59,8 +60,10 @@ def mean_noise(
         std = together.std
     else:
         std = std if stated is None else np.maximum(std, stated)
-        length = max(repeats.correlation_length, stated_length or 0.0)
-        together = repeats._replace(correlation_length=length)
+        if stated_length is not None and stated_length > fall_off(
+            repeats.correlation_length, repeats.smoothing
+        ):
+            together = repeats._replace(correlation_length=stated_length, smoothing=0.0)
     effective = len(mean.n_samples) / np.sum(1.0 / mean.n_samples)
     return FieldNoise(
         at_points=None if static is None else static.at_points,

@@ -11,6 +11,8 @@ from scipy.signal import find_peaks
 from calib.data.qc.experiment_file import Protocol
 from fe.response import Array
 
+NORMAL_MEDIAN = 0.6745
+"""median of the size of a normal number of SD 1"""
 STILL = 0.1
 """share of an increment within which the position of a hold stays"""
 SHORTEST = 0.5
@@ -39,6 +41,8 @@ class Cycle(NamedTuple):
     """N"""
     peak_travel: float
     """mm"""
+    peak_sd: float = 0.0
+    """N, SD of the peak force by the noise of readings"""
 
 
 def find_holds(time: Array, position: Array, protocol: Protocol) -> list[Hold]:
@@ -119,6 +123,8 @@ def find_cycles(
     depth = protocol.preconditioning_travel_mm
     padded = np.concatenate([[travel.min()], travel])  # a record may begin at the first peak
     peaks, _ = find_peaks(padded, prominence=0.5 * depth)
+    # white noise by second differences, to which the force itself adds next to nothing
+    noise = float(np.median(np.abs(np.diff(force, 2)))) / (NORMAL_MEDIAN * np.sqrt(6.0))
     cycles = []
     for peak in peaks - 1:
         level = travel[peak]
@@ -128,7 +134,8 @@ def find_cycles(
             first -= 1
         while after < travel.size and close[after]:
             after += 1
-        cycles.append(Cycle(float(time[peak]), float(np.mean(force[first:after])), float(level)))
+        mean, sd = float(np.mean(force[first:after])), noise / np.sqrt(after - first)
+        cycles.append(Cycle(float(time[peak]), mean, float(level), float(sd)))
     return cycles
 
 
@@ -141,11 +148,22 @@ def cycle_changes(cycles: list[Cycle]) -> Array:
     return change
 
 
+def cycle_change_sds(cycles: list[Cycle]) -> Array:
+    """(n_cycle - 1,) SD of these changes by the noise of readings, percent."""
+    peaks = np.array([cycle.peak_force for cycle in cycles])
+    sd = np.array([cycle.peak_sd for cycle in cycles])
+    if peaks.size < 2:
+        return np.zeros(0)
+    found: Array = 100 * np.hypot(sd[1:], sd[:-1]) / np.abs(peaks[1:])
+    return found
+
+
 def converged_after(cycles: list[Cycle], percent: float = 1.0) -> int | None:
     """Number of cycles after which the peak force changes by less than `percent` a cycle.
 
-    None when it does not within the record (thesis, Figure 5.1: after 5 to 6).
+    None when it does not within the record (thesis, Figure 5.1: after 5 to 6), or when noise is
+    too large to tell: a change counts with two of its SDs.
     """
-    changes = np.abs(cycle_changes(cycles))
+    changes = np.abs(cycle_changes(cycles)) + 2.0 * cycle_change_sds(cycles)
     settled = [i for i in range(changes.size) if np.all(changes[i:] < percent)]
     return settled[0] + 1 if settled else None

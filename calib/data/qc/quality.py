@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from calib.data.qc.experiment_file import Experiment
-from calib.data.qc.plateaus import cycle_changes
+from calib.data.qc.plateaus import cycle_change_sds, cycle_changes
 from calib.data.qc.sample import Sample
 from fe.response import Array
 
@@ -61,8 +61,10 @@ def placement_rules(sample: Sample, points: int, experiment: Experiment) -> tupl
     outliers = float(face.cleaned.is_outlier.sum() / max(int(present.sum()), 1))
     force = np.full(steps.size, np.nan) if sample.force is None else sample.force
     missing = float(np.count_nonzero(~np.isfinite(force)))
-    changes = cycle_changes(list(machine.cycles))
-    change = abs(float(changes[-1])) if changes.size else 0.0
+    cycles = list(machine.cycles)
+    # what noise may be does not reject a sample
+    changes = np.maximum(np.abs(cycle_changes(cycles)) - 2.0 * cycle_change_sds(cycles), 0.0)
+    change = float(changes[-1]) if changes.size else 0.0
     return (
         Rule(
             "max_angle_deg",
@@ -83,7 +85,7 @@ def placement_rules(sample: Sample, points: int, experiment: Experiment) -> tupl
         ),
         Rule(
             "max_cycle_change_percent",
-            "change over the last preconditioning cycle",
+            "change over the last preconditioning cycle, less two SDs of its noise",
             "percent",
             quality.max_cycle_change_percent,
             change,

@@ -8,7 +8,7 @@ import numpy as np
 
 from calib.data.qc.experiment_file import Mapping
 from calib.data.qc.pipeline import QcResult, sample_field
-from calib.data.qc.plateaus import converged_after, cycle_changes
+from calib.data.qc.plateaus import converged_after, cycle_change_sds, cycle_changes
 from calib.data.qc.quality import eligibility
 from calib.data.qc.table import Cell, QcTable
 from calib.data.requirements import Outcome, force_deviation, requirements_table
@@ -189,11 +189,21 @@ def cycles_table(result: QcResult) -> QcTable:
             continue
         cycles = list(sample.machine.cycles)
         changes = np.concatenate([[np.nan], cycle_changes(cycles)])
+        sds = np.concatenate([[np.nan], cycle_change_sds(cycles)])
         settled = converged_after(cycles)
-        for number, (cycle, change) in enumerate(zip(cycles, changes, strict=False), start=1):
-            after = settled if settled is not None else float("nan")
-            rows.append((sample.name, number, cycle.peak_force, float(change), after))
-    columns = ("sample", "cycle", "peak_force_N", "change_percent", "converged_after_cycles")
+        after = settled if settled is not None else float("nan")
+        for i, cycle in enumerate(cycles):
+            forces = (cycle.peak_force, cycle.peak_sd)
+            rows.append((sample.name, i + 1, *forces, float(changes[i]), float(sds[i]), after))
+    columns = (
+        "sample",
+        "cycle",
+        "peak_force_N",
+        "peak_force_sd_N",
+        "change_percent",
+        "change_sd_percent",
+        "converged_after_cycles",
+    )
     return QcTable("cycles", "Preconditioning", columns, tuple(rows))
 
 

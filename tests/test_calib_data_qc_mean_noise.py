@@ -1,0 +1,53 @@
+"""Noise of the mean field: which correlation holds where the DIC program states one."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from calib.data.noise_shape import correlation_at, fall_off
+from calib.data.qc.averaging import MeanField
+from calib.data.qc.mean_noise import mean_noise
+
+
+def smooth_scatter():
+    """Points of a face and the mean field of samples whose noise is smooth over half a mm."""
+    x, y = np.meshgrid(0.2 * np.arange(11), 0.2 * np.arange(7), indexing="ij")
+    points = np.stack([x.ravel(), y.ravel()], axis=1)
+    apart = np.linalg.norm(points[:, None] - points, axis=2)
+    root = np.linalg.cholesky(correlation_at(apart, 0.15, 0.4) + 1e-9 * np.eye(len(points)))
+    rng = np.random.default_rng(2)
+    residual = 1e-3 * np.swapaxes(rng.standard_normal((12, 3, 3, len(points))) @ root.T, 2, 3)
+    mean = MeanField(
+        np.ones(len(points), bool),
+        np.zeros((3, len(points), 3)),
+        np.full(len(points), 12),
+        np.zeros((0, 3, len(points), 3)),
+        residual,
+        np.full(3, 1e-3),
+        np.zeros((12, 3)),
+    )
+    return points, mean
+
+
+def test_correlation_has_fallen_to_1_over_e_at_its_fall_off():
+    for length, smoothing in ((0.3, 0.0), (0.3, 0.05), (0.1, 0.6)):
+        distance = np.array([fall_off(length, smoothing)])
+        assert correlation_at(distance, length, smoothing)[0] == pytest.approx(np.exp(-1.0))
+    assert fall_off(0.3, 0.0) == pytest.approx(0.3)
+
+
+def test_a_stated_length_counts_only_where_it_reaches_further_than_the_noise_found():
+    """It is that of an exponential: noise found smooth keeps its shape, or is left for it whole."""
+    points, mean = smooth_scatter()
+    found = mean_noise(points, mean, None, None).together
+    reach = fall_off(found.correlation_length, found.smoothing)
+    assert found.smoothing > 0.1  # so that its length alone is much less than its reach
+    assert found.correlation_length < 0.7 * reach
+    shorter = mean_noise(points, mean, None, None, 0.9 * reach).together
+    assert (shorter.correlation_length, shorter.smoothing) == (
+        found.correlation_length,
+        found.smoothing,
+    )
+    longer = mean_noise(points, mean, None, None, 1.1 * reach).together
+    assert (longer.correlation_length, longer.smoothing) == (1.1 * reach, 0.0)
