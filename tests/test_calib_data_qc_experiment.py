@@ -196,7 +196,7 @@ def test_the_verb_writes_data_set_report_tables_and_figures(lab, tmp_path, capsy
 
 def test_what_older_files_left_and_these_do_not_give_is_removed(some, tmp_path):
     """A study makes a data set anew without figures: those of the older one go."""
-    folder, out = some("S1", "S2", *BAD), tmp_path / "out"
+    folder, out = some("S1", "S2", "S3", *BAD), tmp_path / "out"
     assert main(["qc", str(folder), "--out", str(out)]) == 0
     assert {p.stem for p in (out / "figures").iterdir()} == set(FIGURE_NAMES)
     (out / "figures" / "own.png").write_bytes(b"not ours")
