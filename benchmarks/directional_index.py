@@ -7,9 +7,10 @@ and along z, or of rings, layers and sectors; all else is alike
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -29,10 +30,9 @@ BEFORE: dict[str, Mesh] = {
 }
 """by case: the mesh that was refined first, whose sum was over 1 % or 0.005 mm: of the coordinate
 with the largest share the fitting mesh has twice as many elements"""
-LESS_FINE: dict[str, tuple[str, int]] = {"slide": ("z", 6)}
-"""by case: a coordinate and the number of elements to which it is refined once more, by less than
+LESS_FINE: dict[str, dict[str, int]] = {"slide": {"z": 6}}
+"""by case: numbers of elements of a second index, to which a coordinate is refined by less than
 twice: of 16 x 5 x 8 the front face tucks in its foot at 1.4 mm, which no other mesh does"""
-NO_OTHER = ("", 0)
 FEWEST_RUBBING = 3
 """elements along a bar with friction: one or two keep lines of a design sample's mesh"""
 
@@ -41,7 +41,6 @@ class Neighbours(NamedTuple):
     """A coordinate and the meshes that differ from a mesh in it alone."""
 
     name: str
-    axis: int
     coarse: Mesh
     fine: Mesh
     numbers: tuple[int, int, int]
@@ -57,8 +56,13 @@ class Index(NamedTuple):
     """mm, RMS over points and components, by coordinate"""
 
 
-def neighbours(case: Case, mesh: Mesh) -> list[Neighbours]:
-    """With half as many elements, rounded up, and twice as many, of each coordinate in turn."""
+def neighbours(
+    case: Case, mesh: Mesh, finer: Mapping[str, int] = MappingProxyType({})
+) -> list[Neighbours]:
+    """With half as many elements, rounded up, and twice as many, of each coordinate in turn.
+
+    `finer` are other numbers than twice as many, by the coordinate's name.
+    """
     rings = isinstance(mesh.cells, Rings)
     found = []
     for axis, name in enumerate(("rings", "layers", "sectors") if rings else ("x", "y", "z")):
@@ -66,9 +70,9 @@ def neighbours(case: Case, mesh: Mesh) -> list[Neighbours]:
         half = (own + 1) // 2
         if name == "z" and case.pin == "bar" and not isinstance(case.interface, str):
             half = max(half, FEWEST_RUBBING)
-        numbers = (half, own, 2 * own)
-        coarse, fine = _with(mesh, axis, half), _with(mesh, axis, 2 * own)
-        found.append(Neighbours(name, axis, coarse, fine, numbers))
+        numbers = (half, own, finer.get(name, 2 * own))
+        coarse, fine = (_with(mesh, axis, number) for number in numbers[::2])
+        found.append(Neighbours(name, coarse, fine, numbers))
     return found
 
 
@@ -98,22 +102,19 @@ def study(
     case: Case,
     mesh: Mesh,
     before: Mesh | None = None,
-    less_fine: tuple[str, int] = NO_OTHER,
+    finer: Mapping[str, int] = MappingProxyType({}),
 ) -> Index:
     """Index of one mesh; runs that the folder does not hold are made.
 
-    `less_fine` is a coordinate that is refined to another number than twice the mesh's, and that.
-    Where the mesh has as many elements in a coordinate as the mesh `before`, that one's neighbours
-    tell: in a sum of terms of one coordinate each the others do not matter.
+    `finer` as in `neighbours`.  Where the mesh has as many elements in a coordinate as the mesh
+    `before`, that one's neighbours tell: in a sum of terms of one coordinate each the others do not
+    matter.
     """
     triples = {}
     meshes = (mesh, before or mesh)
-    for own, first in zip(*(neighbours(case, one) for one in meshes), strict=True):
+    for own, first in zip(*(neighbours(case, one, finer) for one in meshes), strict=True):
         same = own.numbers == first.numbers
         of, middle = (first, meshes[1]) if same else (own, mesh)
-        if own.name == less_fine[0]:
-            axis, number = own.axis, less_fine[1]
-            of = of._replace(fine=_with(middle, axis, number), numbers=(*of.numbers[:2], number))
         run = simulate(folder, case, middle, RATIOS)
         runs = [_beside(folder, case, of.coarse, run), run, _beside(folder, case, of.fine, run)]
         triples[of.name] = (of.numbers, runs)
@@ -161,19 +162,19 @@ def figures(folder: Path, cases: Sequence[Case] = CASES) -> dict[str, Any]:
     """Sums and shares of force (%) and field (mm) by contact and increment.
 
     Of the fitting meshes; of the mesh before, if there is one, under the case and its numbers; with
-    the other finer mesh of `LESS_FINE` under the case, its coordinate and number.
+    the finer meshes of `LESS_FINE` under the case, their coordinates and numbers.
     """
     found: dict[str, dict[str, Any]] = {}
     for case in cases:
         name, mesh, before = str(case), fitting(case), BEFORE.get(str(case))
-        rows = {name: (mesh, before, NO_OTHER)}
+        rows: dict[str, tuple[Mesh, Mesh | None, Mapping[str, int]]] = {name: (mesh, before, {})}
         if before:
-            rows[f"{name}, {name_of(before.cells)}"] = (before, None, NO_OTHER)
-        if name in LESS_FINE:
-            other = LESS_FINE[name]
-            rows[f"{name}, {other[0]} to {other[1]}"] = (mesh, before, other)
-        for label, (one, first, less_fine) in rows.items():
-            of = study(folder, case, one, first, less_fine)
+            rows[f"{name}, {name_of(before.cells)}"] = (before, None, {})
+        if finer := LESS_FINE.get(name):
+            to = ", ".join(f"{axis} to {number}" for axis, number in finer.items())
+            rows[f"{name}, {to}"] = (mesh, before, finer)
+        for label, (one, first, finer) in rows.items():
+            of = study(folder, case, one, first, finer)
             print(f"{label}: {one}\n{table(of)}", flush=True)
             for key, value in _row(one, of).items():
                 found.setdefault(key, {})[label] = value

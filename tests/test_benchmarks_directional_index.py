@@ -192,7 +192,8 @@ def test_the_index_of_a_case_is_that_of_the_errors_of_its_coordinates(tmp_path, 
     }
     meshes |= {
         f"{case}, {name} to {number}": meshes[case]
-        for case, (name, number) in directional_index.LESS_FINE.items()
+        for case, finer in directional_index.LESS_FINE.items()
+        for name, number in finer.items()
     }
     assert set(found["force_directional_percent"]) == set(meshes)
     for name, mesh in meshes.items():

@@ -161,6 +161,7 @@ def by_runs(
     """Other cameras and other blocks, each by one FE run at theta (3,) on the sampling mesh."""
 
     def plan(name: str, group: str, run: Run, changed: Errors, *faces: Face) -> Plan:
+        """A test that sees these faces of the run, with these errors."""
         seen = together(run, faces)
         forward = FirstOrderForward(
             run.ratios, run.force, run.force_gradient, seen.displacement, seen.gradient

@@ -190,6 +190,7 @@ def likeliest(
     scatter = [(_scatter(values, share), cdist(at, at), 3 * len(values)) for values, at in used]
 
     def variance_and_misfit(p: Array) -> tuple[float, float]:
+        """Variance of greatest likelihood at the shape p; the misfit there, -2 ln L a value."""
         length, smoothing, nugget = _shape(p)
         total, logs, freedom = 0.0, 0.0, 0
         for product, apart, n_value in scatter:

@@ -13,6 +13,8 @@ from fe.response import Array
 
 NORMAL_MEDIAN = 0.6745
 """median of the size of a normal number of SD 1"""
+SURE = 2.0
+"""SDs of its noise that a change of the peak force may be off by"""
 STILL = 0.1
 """share of an increment within which the position of a hold stays"""
 SHORTEST = 0.5
@@ -164,6 +166,6 @@ def converged_after(cycles: list[Cycle], percent: float = 1.0) -> int | None:
     None when it does not within the record (thesis, Figure 5.1: after 5 to 6), or when noise is
     too large to tell: a change counts with two of its SDs.
     """
-    changes = np.abs(cycle_changes(cycles)) + 2.0 * cycle_change_sds(cycles)
+    changes = np.abs(cycle_changes(cycles)) + SURE * cycle_change_sds(cycles)
     settled = [i for i in range(changes.size) if np.all(changes[i:] < percent)]
     return settled[0] + 1 if settled else None

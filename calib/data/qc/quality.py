@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from calib.data.qc.experiment_file import Experiment
-from calib.data.qc.plateaus import cycle_change_sds, cycle_changes
+from calib.data.qc.plateaus import SURE, cycle_change_sds, cycle_changes
 from calib.data.qc.sample import Sample
 from fe.response import Array
 
@@ -63,7 +63,7 @@ def placement_rules(sample: Sample, points: int, experiment: Experiment) -> tupl
     missing = float(np.count_nonzero(~np.isfinite(force)))
     cycles = list(machine.cycles)
     # what noise may be does not reject a sample
-    changes = np.maximum(np.abs(cycle_changes(cycles)) - 2.0 * cycle_change_sds(cycles), 0.0)
+    changes = np.maximum(np.abs(cycle_changes(cycles)) - SURE * cycle_change_sds(cycles), 0.0)
     change = float(changes[-1]) if changes.size else 0.0
     return (
         Rule(

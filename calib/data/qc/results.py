@@ -9,7 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from calib.data.dataset import Dataset
 from calib.data.dataset_file import save_dataset
+from calib.data.qc.mean_noise import FieldNoise
 from calib.data.qc.noise_floor import NoiseFloor
 from calib.data.qc.pipeline import QcResult
 from calib.data.qc.quality import eligibility
@@ -65,7 +67,7 @@ def write_results(result: QcResult, out: Path, version: str, code: str) -> list[
 
 def qc_report(result: QcResult, version: str, code: str) -> dict[str, object]:
     """What was kept and rejected, with reason, value and threshold, and what was found."""
-    experiment, noise, dataset = result.experiment, result.noise, result.dataset
+    experiment = result.experiment
     samples = []
     for sample, rules, kept in zip(result.samples, result.rules, result.kept, strict=True):
         own = [r for r in result.rejections if r.sample == sample.name]
@@ -91,38 +93,47 @@ def qc_report(result: QcResult, version: str, code: str) -> dict[str, object]:
         },
         "thresholds_of_the_study": result.study_rules,
         "samples": samples,
-        "noise": None
-        if noise is None
-        else {
-            "mean_std": noise.mean_std,
-            "at_points": _floor(noise.at_points),
-            "static": _floor(noise.static),
-            "repeats": _floor(noise.repeats),
-            "stated": noise.stated,
-            "stated_correlation_length": noise.stated_length,
-        },
-        "dataset": None
-        if dataset is None or dataset.field is None
-        else {
-            "travel": dataset.travel,
-            "force_mean": dataset.force_mean,
-            "force_sd": dataset.force_sd,
-            "force_covariance": dataset.force_covariance,
-            "n_samples": dataset.n_samples,
-            "travel_zero_sd": dataset.travel_zero_sd,
-            "n_points": len(dataset.field.points),
-            "noise_std": dataset.field.noise_std,
-            "correlation_length": dataset.field.correlation_length,
-            "smoothing": dataset.field.smoothing,
-            "nugget": dataset.field.nugget,
-            "scale_sd": dataset.field.scale_sd,
-            "n_patterns": 0 if dataset.field.patterns is None else len(dataset.field.patterns),
-        },
+        "noise": None if result.noise is None else _noise(result.noise),
+        "dataset": None if result.dataset is None else _dataset(result.dataset),
         "tables": {
             t.name: _rows(t)
             for t in all_tables(result)
             if t.rows and t.name in ("placement", "mapping")
         },
+    }
+
+
+def _noise(noise: FieldNoise) -> dict[str, object]:
+    """Noise of the mean field by its sources, mm."""
+    return {
+        "mean_std": noise.mean_std,
+        "at_points": _floor(noise.at_points),
+        "static": _floor(noise.static),
+        "repeats": _floor(noise.repeats),
+        "stated": noise.stated,
+        "stated_correlation_length": noise.stated_length,
+    }
+
+
+def _dataset(dataset: Dataset) -> dict[str, object] | None:
+    """What the data set holds, mm and N; None without a field."""
+    field = dataset.field
+    if field is None:
+        return None
+    return {
+        "travel": dataset.travel,
+        "force_mean": dataset.force_mean,
+        "force_sd": dataset.force_sd,
+        "force_covariance": dataset.force_covariance,
+        "n_samples": dataset.n_samples,
+        "travel_zero_sd": dataset.travel_zero_sd,
+        "n_points": len(field.points),
+        "noise_std": field.noise_std,
+        "correlation_length": field.correlation_length,
+        "smoothing": field.smoothing,
+        "nugget": field.nugget,
+        "scale_sd": field.scale_sd,
+        "n_patterns": 0 if field.patterns is None else len(field.patterns),
     }
 
 
