@@ -85,10 +85,12 @@ class Case(NamedTuple):
 
 GLUED = tuple(Mesh((4 * n, 4 * n, 2 * n), 0.05) for n in (2, 3, 4))
 SLIDING = tuple(Mesh((4 * n, 2 * n, n), 0.05) for n in (2, 3, 4))
+RUBBING = tuple(Mesh((4 * n, 2 * n, n), 0.05) for n in (3, 4, 5))
 STUCK_TO_ROUND = tuple(Mesh(Rings(4 * n, 4 * n), 0.05) for n in (2, 3, 4))
 UNDER_ROUND = tuple(Mesh(Rings(3 * n, 2 * n), 0.05) for n in (2, 3, 4))
 RUBBING_ROUND = tuple(Mesh(Rings(6 * n, 2 * n), 0.05) for n in (1, 2, 3))
-"""coarse to fine, similar to each other; rings in the section across the rim, with two elements
+"""coarse to fine, similar to each other (of a bar with friction two elements along it keep the lines
+of design samples); rings in the section across the rim, with two elements
 along an eighth of it on all"""
 
 
@@ -97,7 +99,7 @@ def similar(case: Case) -> tuple[Mesh, ...]:
     if case.pin == "round":
         touch = {"stick": STUCK_TO_ROUND, "slide": UNDER_ROUND}
         return touch.get(str(case.interface), RUBBING_ROUND)
-    return GLUED if case.interface == "stick" else SLIDING
+    return {"stick": GLUED, "slide": SLIDING}.get(str(case.interface), RUBBING)
 
 
 def sampling(case: Case) -> Mesh:

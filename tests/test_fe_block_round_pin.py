@@ -110,7 +110,7 @@ def test_forces_of_an_independent_prototype(monkeypatch):
     20 N/mm3.
     """
     lines = fe.specimens.block_pin_mesh
-    monkeypatch.setattr(lines, "GLUED_RIM", Dense(peak=0.0, spread=1.0))
+    monkeypatch.setattr(lines, "GLUED_RIM", lines.Edge(0.7, Dense(peak=0.0, spread=1.0)))
     monkeypatch.setattr(lines, "STUCK_TO_ROUND", Thinning(front=0.0, top=0.0))
     m = model(
         cells=(12, 6, 12),

@@ -23,21 +23,30 @@ Array = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
 
 
-GLUED_EDGE = Dense(peak=8.0, spread=0.35)
-"""of a bar that sticks, at the usual edge of its flat, by its half width: there the glue ends"""
-SLIDING_EDGE = Dense(peak=2.0, spread=0.45)
-"""of a pin that slides, at 0.7 of the half width, the unit: material that slides past the fillet
-comes from further in"""
-GLUED_RIM = Dense(peak=3.0, spread=0.35)
-"""of a round pin that sticks, at 0.7 of its radius, the unit: its rim runs across the elements"""
+class Edge(NamedTuple):
+    """Lines that stand closer under the edge of a pin, whose half width or radius is the unit."""
+
+    at: float
+    dense: Dense
+
+
+FLAT = 0.85
+"""usual half width of a bar's flat over that of the bar"""
+GLUED_EDGE = Edge(FLAT, Dense(peak=8.0, spread=0.35))
+"""of a bar that sticks: at the edge of its flat the glue ends"""
+RUBBING_EDGE = Edge(FLAT, Dense(peak=4.0, spread=0.35))
+"""of a bar with friction and more than two elements along it: what sticks under its flat ends near
+there, but not on a line of the mesh"""
+SLIDING_EDGE = Edge(0.7, Dense(peak=2.0, spread=0.45))
+"""of a pin that slides: material that slides past the fillet comes from further in"""
+GLUED_RIM = Edge(0.7, Dense(peak=3.0, spread=0.35))
+"""of a round pin that sticks: its rim runs across the elements"""
 SIDE = Dense(peak=0.7, spread=0.12)
 """at the free side of a glued base, by the length to it: its edge is singular"""
 BASE = Dense(peak=5.0, spread=0.1)
 """above a glued base, by the height: close to it the free faces bend sharply"""
 TOP = Dense(peak=4.0, spread=0.12)
 """below a glued top, by the height"""
-FLAT = 0.85
-"""usual half width of a bar's flat over that of the bar"""
 GLUED_DEPTH = 2.25
 """along a bar elements get thinner towards the front face: 1 - (1 - t)^GLUED_DEPTH"""
 
@@ -134,11 +143,13 @@ def block_mesh(specimen: BlockPin, symmetry: Symmetry, cells: Cells, contact: Co
     x0, z0 = specimen.pin_shift
     is_round, sticks = specimen.pin == "round", contact.pin == "stick"
     glued = Glued(not is_round and sticks, not is_round and contact.base == "stick")
-    rim = GLUED_RIM if is_round and sticks else SLIDING_EDGE
     thinning = _thinning(contact, nz, is_round)
+    edge = RUBBING_EDGE if thinning is RUBBING else SLIDING_EDGE
+    if is_round and sticks:
+        edge = GLUED_RIM
 
     def across(length: float, n: int) -> Array:
-        return _from_axis(specimen, glued, rim, length, n)
+        return _from_axis(specimen, glued, edge, length, n)
 
     def along(length: float, n: int) -> Array:
         return across(length, n) if is_round else _along_bar(glued, thinning, length, n)
@@ -168,15 +179,15 @@ def _thinning(contact: Contact, nz: int, is_round: bool) -> Thinning:
     return RUBBING if nz > 2 and max(law.pin, law.base) > 0.0 else SLIDING
 
 
-def _from_axis(specimen: BlockPin, glued: Glued, rim: Dense, length: float, n: int) -> Array:
-    """(n + 1,) lines at distances from the pin's axis, mm; `rim` of a top that is not glued."""
-    edge = specimen.pin_width / 2.0
+def _from_axis(specimen: BlockPin, glued: Glued, edge: Edge, length: float, n: int) -> Array:
+    """(n + 1,) lines at distances from the pin's axis, mm; `edge` of a top that is not glued."""
+    unit = specimen.pin_width / 2.0
     x = np.linspace(0.0, length, N_DENSITY)
+    at, dense = GLUED_EDGE if glued.top else edge
     density = 1.0 + (bump(length - x, SIDE, length) if glued.base else 0.0)
-    if not glued.top:
-        return lines_of_density(x, density + bump(x - 0.7 * edge, rim, edge), n)
-    density = density + bump(x - FLAT * edge, GLUED_EDGE, edge)
-    return lines_of_density(x, density, n, middle=edge - specimen.pin_fillet)
+    density = density + bump(x - at * unit, dense, unit)
+    middle = unit - specimen.pin_fillet if glued.top else None
+    return lines_of_density(x, density, n, middle)
 
 
 def _along_bar(glued: Glued, thinning: Thinning, length: float, n: int) -> Array:
