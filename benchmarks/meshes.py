@@ -23,7 +23,7 @@ FITTING_CELLS: dict[str, Cells | Rings] = {
     "bar, stick": (20, 14, 5),
     "bar, friction": (16, 8, 4),
     "bar, frictionless": (16, 5, 4),
-    "round, stick": Rings(16, 16, 3),
+    "round, stick": Rings(16, 16, 2),
     "round, friction": Rings(18, 6, 2),
     "round, frictionless": Rings(12, 8, 2),
 }
