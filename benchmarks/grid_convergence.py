@@ -82,19 +82,22 @@ def figures(folder: Path, cases: Sequence[Case] = CASES) -> dict[str, Any]:
         e21, e32 = field_difference(runs[1], runs[0]), field_difference(runs[2], runs[1])
         by_force = [index_percent(force[:, i], size) for i in range(len(TRAVEL))]
         by_field = [grid_index(a, b, size) for a, b in zip(e21, e32, strict=True)]
-        monotone = np.diff(force, axis=0).prod(axis=0) >= 0.0
+        product = np.diff(force, axis=0).prod(axis=0)
+        monotone = [np.nan if np.isnan(p) else bool(p >= 0.0) for p in product]
         found["force_gci_percent"][name] = _by_travel([index for index, _ in by_force])
         found["force_gci_order"][name] = _by_travel([order for _, order in by_force])
         found["field_gci_mm"][name] = _by_travel([index for index, _ in by_field])
         found["field_gci_order"][name] = _by_travel([order for _, order in by_field])
-        found["force_gci_monotone"][name] = _by_travel(monotone.tolist())
+        found["force_gci_monotone"][name] = _by_travel(monotone)
         found["gci_seconds"][name] = [run.seconds for run in runs[::-1]]
         found["gci_meshes"][name] = [[*mesh.numbers] for mesh in meshes]
     return found
 
 
 def _by_travel(values: list[Any]) -> dict[str, Any]:
-    return {str(d): value for d, value in zip(TRAVEL, values, strict=True)}
+    """None where a mesh is not followed."""
+    known = [None if np.isnan(value) else value for value in values]
+    return dict(zip(map(str, TRAVEL), known, strict=True))
 
 
 def _run(folder: Path, case: Case, mesh: Mesh) -> Response:

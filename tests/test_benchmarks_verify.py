@@ -197,6 +197,22 @@ def test_indices_of_force_and_field_cover_errors_of_second_order(tmp_path, monke
         assert all(found["force_gci_monotone"][contact].values())
 
 
+def test_an_index_is_none_where_the_finest_mesh_is_not_followed(tmp_path, monkeypatch):
+    def simulate(folder, case, mesh, ratios):
+        force = np.full(5, 100.0 + 1.0 / mesh.numbers[0])
+        field = np.full((5, 7, 3), 1.0 / mesh.numbers[0])
+        if mesh == similar(case)[-1]:
+            force[-1] = field[-1] = np.nan
+        return SimpleNamespace(force=force, displacement=field, seconds=1.0, status="made up")
+
+    monkeypatch.setattr(grid_convergence, "simulate", simulate)
+    found = grid_convergence.figures(tmp_path)
+    for key in ("force_gci_percent", "force_gci_order", "field_gci_mm", "force_gci_monotone"):
+        *known, last = found[key]["stick"].values()
+        assert last is None
+        assert None not in known
+
+
 def test_bounds_of_the_fitting_mesh_cover_errors_of_second_order(tmp_path, monkeypatch):
     """With errors C h^2 by the number of elements the bound is 1.25 times the fitting mesh's."""
 
