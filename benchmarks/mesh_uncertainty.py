@@ -20,10 +20,10 @@ from fe.specimens.block_pin_mesh import block_mesh
 
 Array = npt.NDArray[np.float64]
 
-_RUBBING = ((10, 5, 3), (12, 6, 3), (14, 7, 3), (16, 8, 4), (18, 9, 4))
+_RUBBING = ((10, 5, 3), (12, 6, 3), (14, 7, 3), (16, 8, 4))
 MESHES: dict[str, tuple[tuple[int, int, int], ...]] = {
     "stick": ((8, 8, 4), (10, 10, 5), (12, 12, 6), (14, 14, 7), (16, 16, 8)),
-    "slide": ((8, 4, 2), *_RUBBING),
+    "slide": ((8, 4, 2), *_RUBBING, (18, 9, 4)),
     "friction 0.3": _RUBBING,
 }
 """coarse to fine, by case"""
