@@ -13,6 +13,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 import numpy.typing as npt
 import scipy.sparse as sp
+from scipy.sparse.linalg import LinearOperator, gmres
 
 from fe import superlu
 
@@ -25,12 +26,21 @@ Array = npt.NDArray[np.float64]
 Int32Array = npt.NDArray[np.int32]
 
 
+MOST_PRODUCTS = 25
+"""of an iterative solve: more cost as much as a factorisation of a small matrix"""
+
+
 class GeneralMatrix(NamedTuple):
     """An unsymmetric matrix in CSR."""
 
     indptr: Int32Array
     indices: Int32Array
     data: Array
+
+    def sparse(self) -> sp.csr_matrix:
+        """The same for scipy, nothing copied."""
+        n = self.indptr.size - 1
+        return sp.csr_matrix((self.data, self.indices, self.indptr), (n, n))
 
 
 class DirectMatrix(Protocol):
@@ -128,6 +138,26 @@ class SymmetricSolver:
             self._general_data = matrix.data
             self.n_factorisations += 1
         return self._general.solve(b, transposed=transposed)
+
+    def solve_near(self, matrix: GeneralMatrix, b: Array, tolerance: float) -> Array:
+        """Solution with an unsymmetric matrix for b (n,), to a residual of `tolerance`, relative.
+
+        By GMRES about the factor of the symmetric one, which should be near: a few products and
+        back-substitutions in place of a factorisation.  By `solve_general` where it does not get
+        there, and where that has the factor already.
+        """
+        size = float(np.linalg.norm(b))
+        if matrix.data is self._general_data or not 0.0 < size < np.inf:
+            return self.solve_general(matrix, b)
+        whole = matrix.sparse()
+        about = LinearOperator(
+            (self._n, self._n), matvec=lambda y: whole @ self._upper.solve(y), dtype=np.float64
+        )
+        y, _ = gmres(about, b, rtol=tolerance, restart=MOST_PRODUCTS, maxiter=1)
+        x = self._upper.solve(y)
+        if np.linalg.norm(whole @ x - b) <= 2.0 * tolerance * size:
+            return x
+        return self.solve_general(matrix, b)
 
     def close(self) -> None:
         """Release the memory of all factors."""

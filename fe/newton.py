@@ -43,6 +43,8 @@ class NewtonOptions:
     """relative residual below which, with friction, a step that reduces it needs no line search"""
     reduction: float = 0.7
     """of the residual by such a step, at least"""
+    inexact: float = 1e-3
+    """relative residual to which directions with friction's coupling are solved for"""
 
     def __post_init__(self) -> None:
         positive_numbers(self)
@@ -75,7 +77,7 @@ def descent_direction(
     At a stable state with friction it is that of the whole tangent, if that is found and goes down.
     """
     if negative == 0 and potential.has_friction:
-        coupled = solve_coupled(potential, solver, -gradient)
+        coupled = solver.solve_near(potential.coupled_tangent(), -gradient, options.inexact)
         if gradient @ coupled < 0.0:
             return coupled
     x = solver.solve(-gradient)
@@ -199,7 +201,7 @@ def _nearer(
     descent and the thaw after it go round in circles.
     """
     b = -assembly.gradient
-    du = potential.expand(solve_coupled(potential, solver, b))
+    du = potential.expand(solver.solve_near(potential.coupled_tangent(), b, options.inexact))
     if not np.abs(du).max() < options.max_move:  # so is NaN
         return None
     dp = potential.pressure_step(du)

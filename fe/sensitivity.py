@@ -13,7 +13,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-import scipy.sparse as sp
 
 from fe.contact_memory import ContactMemory
 from fe.directions import Directions
@@ -79,8 +78,7 @@ class Tangent:
             return self._solver.solve(b)
         matrix = self._potential.coupled_tangent()
         x = self._solver.solve_general(matrix, b, transposed=transposed)
-        n = len(b)
-        whole = sp.csr_matrix((matrix.data, matrix.indices, matrix.indptr), (n, n))
+        n, whole = len(b), matrix.sparse()
         mix = np.cos(np.arange(b.reshape(n, -1).shape[1]))
         one, load = (part.reshape(n, -1) @ mix for part in (x, b))
         missed = (whole.T if transposed else whole) @ one - load

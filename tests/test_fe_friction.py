@@ -321,3 +321,12 @@ def test_the_slip_in_which_friction_builds_up_hardly_matters():
         for a in (0.005, 0.01)
     )
     assert sharp == pytest.approx(blunt, rel=0.01)
+
+
+def test_directions_to_a_thousandth_end_where_exact_ones_do():
+    """With the usual tolerance of the equilibrium, 1e-5 of the contact forces."""
+    rough, exact = (
+        model(0.3, 0.3, newton=NewtonOptions(inexact=inexact))(RATIOS) for inexact in (1e-3, 1e-12)
+    )
+    np.testing.assert_allclose(rough.force, exact.force, rtol=3e-6)
+    np.testing.assert_allclose(rough.displacement, exact.displacement, atol=1e-6)

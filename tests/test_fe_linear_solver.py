@@ -97,6 +97,46 @@ def test_an_unsymmetric_matrix_is_factorised_when_its_entries_are_new(library):
     solver.close()
 
 
+def general(dense: np.ndarray) -> GeneralMatrix:
+    whole = sp.csr_matrix(dense)
+    return GeneralMatrix(whole.indptr, whole.indices, whole.data)
+
+
+@pytest.mark.parametrize("library", LIBRARIES)
+def test_a_matrix_near_the_symmetric_one_is_solved_without_a_factorisation(library):
+    rng = np.random.default_rng(4)
+    symmetric = indefinite(60, 0)
+    solver, _ = solver_of(symmetric, library)
+    dense = symmetric + 0.01 * rng.standard_normal((60, 60))
+    b = rng.standard_normal(60)
+    for tolerance in (1e-2, 1e-4, 1e-9):
+        x = solver.solve_near(general(dense), b, tolerance)
+        assert np.linalg.norm(dense @ x - b) <= 2.0 * tolerance * np.linalg.norm(b)
+    assert solver.n_factorisations == 1
+    solver.close()
+
+
+@pytest.mark.parametrize("library", LIBRARIES)
+def test_a_matrix_too_far_from_the_symmetric_one_is_factorised(library):
+    rng = np.random.default_rng(5)
+    solver, _ = solver_of(indefinite(60, 0), library)
+    dense, b = rng.standard_normal((60, 60)), rng.standard_normal(60)
+    np.testing.assert_allclose(dense @ solver.solve_near(general(dense), b, 1e-3), b, atol=1e-9)
+    assert solver.n_factorisations == 2
+    solver.close()
+
+
+def test_a_factor_that_is_there_is_used():
+    rng = np.random.default_rng(6)
+    symmetric = indefinite(60, 0)
+    solver, _ = solver_of(symmetric)
+    dense = symmetric + 0.01 * rng.standard_normal((60, 60))
+    matrix, b = general(dense), rng.standard_normal(60)
+    solver.solve_general(matrix, b)
+    np.testing.assert_allclose(dense @ solver.solve_near(matrix, b, 1e-2), b, atol=1e-11)
+    solver.close()
+
+
 @pytest.mark.parametrize("n_negative", [1, 3])
 def test_the_flipped_direction_is_that_of_a_definite_matrix(n_negative):
     """W' K W is diagonal and negative, and b' x > 0 for any b: the energy falls along x."""
