@@ -26,7 +26,7 @@ from dataclasses import replace
 from typing import Any
 
 from benchmarks import kernel, other_codes, thesis_meshes
-from benchmarks.meshes import SAMPLING_CELLS
+from benchmarks.meshes import SAMPLING_CELLS, name_of
 from benchmarks.thesis_meshes import TABLE_3_7, TRAVEL, BarRun, press_bar
 from benchmarks.timing import median_seconds, peak_memory_gb, peak_memory_of
 from fe import BlockPin, BlockPinModel, Contact
@@ -79,7 +79,7 @@ def samples(quick: bool) -> dict[str, Any]:
         )
         run, seconds[case] = median_seconds(lambda m=model: m([0.5, 0.05]), 1 if quick else 3)
         print(
-            f"  {case}, {' x '.join(map(str, model.cells))} elements: {seconds[case]:.2f} s, "
+            f"  {case}, {name_of(model.cells)}: {seconds[case]:.2f} s, "
             f"{run.n_factorisations} factorisations, {run.status} at {run.reached:g} mm"
         )
     return {"sample_seconds": max(seconds.values()), "sample_seconds_by_contact": seconds}

@@ -10,15 +10,16 @@ from fe import Rings
 Cells = tuple[int, int, int]
 Pin = Literal["bar", "round"]
 
-SAMPLING_CELLS: dict[str, Cells] = {
+SAMPLING_CELLS: dict[str, Cells | Rings] = {
     "bar, stick": (12, 6, 2),
     "bar, friction": (12, 4, 2),
     "bar, frictionless": (12, 4, 2),
-    "round, stick": (6, 4, 6),
-    "round, friction": (6, 3, 6),
-    "round, frictionless": (6, 4, 6),
+    "round, stick": Rings(8, 4, 2),
+    "round, friction": Rings(8, 2, 2),
+    "round, frictionless": Rings(7, 4, 2),
 }
-"""of a design sample: Q2 elements of a quarter along x, y, z"""
+"""of a design sample: Q2 elements of a quarter along x, y, z, or rings, layers, sectors where they
+follow the rim of a round pin"""
 FITTING_CELLS: dict[str, Cells | Rings] = {
     "bar, stick": (20, 14, 5),
     "bar, friction": (16, 8, 4),
@@ -27,8 +28,7 @@ FITTING_CELLS: dict[str, Cells | Rings] = {
     "round, friction": Rings(18, 6, 2),
     "round, frictionless": Rings(12, 8, 2),
 }
-"""of the runs that a fit is checked or corrected with; rings, layers, sectors where they follow the
-rim of a round pin"""
+"""of the runs that a fit is checked or corrected with"""
 
 
 def name_of(cells: Cells | Rings) -> str:

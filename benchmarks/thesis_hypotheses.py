@@ -27,7 +27,7 @@ from calib.inference import (
 from calib.study.block_cells import refinement
 from calib.study.mesh_error import MeshError, mesh_error
 from calib.study.training_runs import training_set
-from fe import BlockPin, BlockPinModel, Contact, run_campaign
+from fe import BlockPin, BlockPinModel, Contact, Rings, run_campaign
 from fe.campaign_result import Campaign
 from fe.response import Array
 from fe.specimens.block_pin_geometry import Interface
@@ -39,13 +39,13 @@ N_RUNS = 14
 SEED = 20261122
 NOMINAL_MESH_ERROR = 0.03
 """relative SD of the force with which the posterior is first looked at, to place the check"""
-CHECK_CELLS: dict[str, Cells] = {
+CHECK_CELLS: dict[str, Cells | Rings] = {
     "bar, stick": (20, 14, 5),
     "bar, friction": (16, 8, 4),
     "bar, frictionless": (18, 8, 3),
-    "round, stick": (9, 6, 9),
-    "round, friction": (9, 5, 9),
-    "round, frictionless": (9, 6, 9),
+    "round, stick": Rings(12, 8, 2),
+    "round, friction": Rings(12, 4, 2),
+    "round, frictionless": Rings(12, 8, 2),
 }
 """finer meshes that measure the discretisation error, at one point of each posterior"""
 PRIOR = Prior(
@@ -68,7 +68,7 @@ class Reading:
     bulk_ratio: float = 200.0
     """bulk modulus over shear modulus"""
 
-    def model(self, cells: Cells) -> BlockPinModel:
+    def model(self, cells: Cells | Rings) -> BlockPinModel:
         """The FE model on a mesh of the quarter."""
         return BlockPinModel(
             BlockPin(height=self.height, pin=self.shape),

@@ -55,14 +55,14 @@ def written(cells: Cells | RingCells) -> str:
     return " x ".join(str(n) for n in cells)
 
 
-def n_elements(cells: Cells | RingCells) -> int:
+def n_elements(cells: Cells | RingCells | Rings) -> int:
     """Number of elements of the quarter."""
-    if isinstance(cells, RingCells):
+    if isinstance(cells, RingCells | Rings):
         return cells.layers * cells.sectors * (cells.sectors + 2 * cells.rings)
     return math.prod(cells)
 
 
-def refinement(check: Cells | RingCells, sampling: Cells | RingCells) -> float:
+def refinement(check: Cells | RingCells | Rings, sampling: Cells | RingCells | Rings) -> float:
     """Edge of the sampling mesh's elements over that of `check`'s, mean of directions."""
     return math.cbrt(n_elements(check) / n_elements(sampling))
 
