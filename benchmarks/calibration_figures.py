@@ -198,7 +198,7 @@ def finer_arms(store: Path, n: int, name: str) -> tuple[Arm, Arm]:
     it.
     """
     case = runs.MESH_CASES[name]
-    known, truths, seeds = finer_case(store, case.hypothesis)
+    known, truths, seeds = finer_case(store, case)
     bare = likelihood_of(known, points())
     drawn = by_runs(bare, sbc_prior(), truths, n, runs.SEED + seeds[0])
     without = Arm(f"{name}-without-mesh-error", drawn, lambda _: bare, seeds[1])
@@ -229,14 +229,13 @@ def with_mesh_error(
 
 
 def finer_case(
-    store: Path, hypothesis: str
+    store: Path, case: runs.MeshCase
 ) -> tuple[ScaledEmulator, Campaign, tuple[int, int, int]]:
     """Emulator on a mesh, truths on a finer one, and seeds."""
-    if hypothesis == "sliding":
-        return dense_emulator(store), runs.finer_truths(store), (2, 3, 4)
-    coarse = runs.coarse_design(store, hypothesis)
-    known = trained(store, training_set([coarse], gradients=True))
-    return known, runs.held_out_truths(store, hypothesis), (12, 10, 11)
+    truths = runs.finer_truths(store, case)
+    if case.hypothesis == "sliding":
+        return dense_emulator(store), truths, (2, 3, 4)
+    return stuck_emulator(store), truths, (12, 10, 11)
 
 
 def sbc(store: Path, n: int) -> dict[str, Any]:

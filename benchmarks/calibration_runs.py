@@ -35,8 +35,6 @@ from surrogate.design import sobol_design
 ROOT = Path(__file__).resolve().parents[1]
 STORE = ROOT / "runs" / "verify-inference"
 SEED, TRUTH_SEED = 20261122, 3
-FINER_CELLS: Cells = (16, 6, 3)
-"""of truths of the sliding block on a finer mesh, finer than the checks too"""
 COARSE_CELLS: Cells = (8, 3, 2)
 """of the direct posterior, which takes a run at every node of a quadrature"""
 FRICTION = 0.3
@@ -50,7 +48,7 @@ CONTACTS = {"sliding": "slide", "stuck": "stick"}
 """what benchmarks/emulator.py calls the hypotheses, whose sampling meshes are the study's"""
 N_PLACED = 8
 """corners and centres of faces that come first in a design of (r, s)"""
-N_FINER, N_CHECKS, N_OTHER, N_RUBBING = 8, 5, 15, 100
+N_FINER, N_CHECKS, N_OTHER, N_RUBBING = 12, 5, 15, 100
 EVEN = replace(DESIGNS[0], dense_below=None)
 """runs that fill the box of (r, s) evenly, as the prior does"""
 
@@ -59,13 +57,18 @@ Progress = Callable[[int, int], None]
 
 @dataclass(frozen=True)
 class MeshCase:
-    """An emulator's mesh and a finer one that measures its error; truths are on a finer one yet."""
+    """The mesh of an emulator, which is the study's sampling mesh, and two finer ones."""
 
     hypothesis: str
-    cells: Cells
-    """of the emulator's runs"""
     check_cells: Cells
-    suffix: str
+    """measure its error"""
+    truth_cells: Cells
+    """finer than those too"""
+
+    @property
+    def cells(self) -> Cells:
+        """Of the emulator's runs."""
+        return study().sampling_cells(hypothesis(self.hypothesis))
 
     @property
     def refinement(self) -> float:
@@ -81,11 +84,6 @@ def study() -> Study:
 def hypothesis(name: str) -> Hypothesis:
     """A hypothesis of the study by its name."""
     return next(found for found in study().hypotheses if found.name == name)
-
-
-def sampling_cells() -> Cells:
-    """Of the sliding block's emulator."""
-    return study().sampling_cells(hypothesis("sliding"))
 
 
 def prior() -> Prior:
@@ -171,10 +169,10 @@ def _benchmark_runs(store: Path, name: str, points: Array, progress: Progress | 
     return simulate(points, model, store / contact, progress or _quiet)
 
 
-def finer_truths(store: Path, progress: Progress | None = None) -> Campaign:
+def finer_truths(store: Path, case: MeshCase, progress: Progress | None = None) -> Campaign:
     """Truths drawn from the prior, on the finer mesh."""
-    ratios = ratios_drawn(N_FINER, 0)
-    return sliding(store, "finer", ratios, FINER_CELLS, progress)
+    ratios, name = ratios_drawn(N_FINER, 0), case.hypothesis
+    return solved(store, name, f"finer-{name}", ratios, case.truth_cells, progress)
 
 
 def check_ratios() -> Array:
@@ -194,8 +192,8 @@ def checks(
 ) -> tuple[Campaign, Campaign]:
     """Runs on the check mesh and on that of the emulator at the same ratios."""
     ratios, name = check_ratios(), case.hypothesis
-    fine = solved(store, name, f"check{case.suffix}", ratios, case.check_cells, progress)
-    return fine, solved(store, name, f"check-coarse{case.suffix}", ratios, case.cells, progress)
+    fine = solved(store, name, f"check-{name}", ratios, case.check_cells, progress)
+    return fine, solved(store, name, f"check-coarse-{name}", ratios, case.cells, progress)
 
 
 def other_truths(store: Path, progress: Progress | None = None) -> Campaign:
@@ -230,11 +228,9 @@ def rubbing_truths(store: Path, progress: Progress | None = None) -> Campaign:
 
 
 MESH_CASES = {
-    "finer": MeshCase("sliding", (12, 4, 2), (14, 6, 3), ""),
-    "finer-stuck": MeshCase("stuck", COARSE_CELLS, (10, 5, 2), "-stuck"),
+    "finer": MeshCase("sliding", (16, 5, 4), (18, 7, 5)),
+    "finer-stuck": MeshCase("stuck", (14, 8, 3), (16, 11, 4)),
 }
-"""sampling mesh of the sliding block; a coarse one of the stuck block, whose truths are then on its
-sampling mesh"""
 
 PARTS: dict[str, Callable[[Path, Progress], object]] = {
     "sliding": lambda store, progress: design(store, "sliding", progress),
@@ -243,10 +239,10 @@ PARTS: dict[str, Callable[[Path, Progress], object]] = {
     "rubbing": rubbing_truths,
     "ogden": other_truths,
     "truths": truths,
-    "coarse": lambda store, progress: coarse_design(store, "stuck", progress),
     "checks": lambda store, progress: checks(store, MESH_CASES["finer"], progress),
     "checks-stuck": lambda store, progress: checks(store, MESH_CASES["finer-stuck"], progress),
-    "finer": finer_truths,
+    "finer": lambda store, progress: finer_truths(store, MESH_CASES["finer"], progress),
+    "finer-stuck": lambda store, progress: finer_truths(store, MESH_CASES["finer-stuck"], progress),
 }
 
 

@@ -36,7 +36,7 @@ class Fitted:
 def figures(store: Path, name: str) -> dict[str, Any]:
     """For a mesh and its finer truths, of `MESH_CASES`: errors of r and s in their SDs."""
     case = runs.MESH_CASES[name]
-    known, truths, _ = finer_case(store, case.hypothesis)
+    known, truths, _ = finer_case(store, case)
     ratios = truths.theta[:, :2]
     likelihoods = with_mesh_error(store, case, known, ratios)
     found = [fitted(*each) for each in zip(likelihoods, ratios, truths.displacement, strict=True)]
