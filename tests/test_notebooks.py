@@ -49,9 +49,10 @@ def run_and_look(name: str) -> None:
 
 @pytest.mark.study
 def test_the_notebook_of_the_thesis_study_runs(
-    thesis_study: StudyResult, monkeypatch: pytest.MonkeyPatch
+    thesis_file: Path, thesis_study: StudyResult, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("SOFTCAL_RUNS", str(thesis_study.out.parent))
+    monkeypatch.setenv("SOFTCAL_STUDY", str(thesis_file))
     run_and_look(THESIS_STUDY)
 
 

@@ -26,8 +26,10 @@ def test_the_thesis_study_is_good_by_its_own_limits(thesis_study: StudyResult) -
     assert thesis_study.passed, [summary.failures for summary in thesis_study.summaries]
 
 
-def test_a_second_run_finds_everything_up_to_date(thesis_study: StudyResult) -> None:
-    again = run_study(load_study("thesis-forces"), thesis_study.out, show_progress=False)
+def test_a_second_run_finds_everything_up_to_date(
+    thesis_file: Path, thesis_study: StudyResult
+) -> None:
+    again = run_study(load_study(str(thesis_file)), thesis_study.out, show_progress=False)
     assert again.ran == ()
 
 
