@@ -36,8 +36,8 @@ COARSE = 3
 """every which share is looked at first"""
 DEPTH = 12.0
 """ln of posterior weight below the best coarse share at which a share's neighbours are left out"""
-RIVAL = 1.0
-"""of `COMMON`, for comparison"""
+RIVALS = {"with_rival": 0.5 * COMMON, "with_double": 2.0 * COMMON}
+"""half and twice of it, for comparison, by the end of their figures' names"""
 N_LOOK, N_DRAWS = 512, 1024
 """draws of a first look at a share, and of a share that counts"""
 FEWEST = 0.05
@@ -92,25 +92,25 @@ def figures(store: Path, n: int) -> dict[str, Any]:
     emulator = stuck_emulator(store)
     without = likelihood_of(emulator, points())
     forms = [Form("without", emulator, None), Form("with", emulator, COMMON)]
-    rival = Form("with_rival", emulator, RIVAL)
+    rival = [Form(name, emulator, common) for name, common in RIVALS.items()]
     told: dict[str, Any] = {
         "misspecified_n": n,
         "misspecified_level": LEVEL,
         "misspecified_prior_sd": float(np.ptp(runs.prior().bounds[0]) / np.sqrt(12.0)),
-    } | rivals(store)
+    } | of_rivals(store)
     for start, (truths, seed) in TRUTHS.items():
         # kappa = mu / 2 of an Ogden run at mu = 2 MPa is 1 MPa, as for ratios.
         campaign = truths(store)
         drawn = by_runs(without, sbc_prior(), campaign, n, seed)
         told[f"misspecified_{start}n_fe_runs"] = len(np.unique(drawn.run))
-        for form in [*forms, rival] if not start else forms:
+        for form in [*forms, *rival] if not start else forms:
             found = _placed(store / "placed" / f"misspecified-{start}{form.name}", form, drawn)
             told |= _described(found, drawn.run, f"misspecified_{{}}_{start}{form.name}")
             print(f"  {start}{form.name}: {told[f'misspecified_coverage_{start}{form.name}']:.2f}")
     return told
 
 
-def rivals(store: Path) -> dict[str, float]:
+def of_rivals(store: Path) -> dict[str, float]:
     """How far the rivals of the study, stuck and sliding at the same (r, s), differ.
 
     What `calib.inference.discrepancy.COMMON` is held against: of forces the logarithm, its mean
