@@ -11,7 +11,7 @@ PYTEST_ARGS ?=
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help study test test-quick test-study test-all test-lowest lint types bench bench-fe bench-inference verify-fe verify-data verify-dic verify-inference baseline clean
+.PHONY: help study compile checks test test-quick test-study test-all test-lowest lint types bench bench-fe bench-inference verify-fe verify-data verify-dic verify-inference baseline clean
 VERIFY_ARGS ?=
 
 # One thread a process: the runs are spread over processes, and sums come in one order.
@@ -31,7 +31,10 @@ $(INSTALLED): pyproject.toml
 study: $(INSTALLED)  ## calibrate on the real forces of the thesis (study thesis-forces)
 	$(BIN)/calib run thesis-forces
 
-test: $(INSTALLED)  ## run the tests, the study of the thesis and the notebooks among them (some 15 minutes)
+compile: $(INSTALLED)  ## compile the kernels of the FE models, which the tests' processes would do side by side
+	$(BIN)/python tests/compile_kernels.py
+
+test: compile  ## run the tests, the study of the thesis and the notebooks among them (some 20 minutes)
 	$(MAKE) --no-print-directory -j2 test-quick test-study
 
 test-quick: $(INSTALLED)  ## the part of `make test` without the study of the thesis
@@ -44,6 +47,9 @@ test-study: $(INSTALLED)  ## the part of `make test` that runs the study of the 
 test-all: $(INSTALLED)  ## run all tests, long statistical ones too
 	$(BIN)/python -m pytest -n 2 --dist worksteal -m "not study" $(PYTEST_ARGS)
 	$(BIN)/python -m pytest -m study $(PYTEST_ARGS)
+
+checks: $(INSTALLED)
+	$(MAKE) --no-print-directory lint types
 
 lint: $(INSTALLED)  ## check style and format
 	$(BIN)/ruff check .
