@@ -1,6 +1,6 @@
 """Compile the kernels of the FE models once, which processes of the tests would do side by side.
 
-    python tests/compile_kernels.py
+python tests/compile_kernels.py
 """
 
 from __future__ import annotations
