@@ -251,8 +251,8 @@ def test_what_init_writes_runs_to_a_report(tmp_path, capsys):
     for old, new in {
         "[12, 4, 2]": "[3, 2, 3]",
         "[12, 6, 2]": "[3, 2, 3]",
-        "[18, 8, 3]": "[5, 3, 4]",
-        "[16, 16, 6]": "[5, 3, 4]",
+        "[18, 6, 4]": "[5, 3, 4]",
+        "[20, 14, 5]": "[5, 3, 4]",
         "n_runs = 20": "n_runs = 8",
         "n_held_out = 4": "n_held_out = 2",
         "n_refine = 8": "n_refine = 3",
