@@ -120,9 +120,12 @@ def _discrepancy_rows(study: Study) -> list[tuple[str, str, str]]:
     if not unknown and noise.discrepancy == 0:
         return []
     share = "has a prior" if unknown else f"{noise.discrepancy:g}"
+    given_ratio = any(prior.discrepancy_of_force is not None for prior in priors)
+    open_ratio = given_ratio or (unknown and noise.discrepancy_of_force is None)
+    ratio = "has a prior" if open_ratio else f"{noise.ratio:g}"
     return [
         ("share by which the model errs, SD", share, "-"),
-        ("SD of ln of the forces' common factor over it", f"{noise.discrepancy_of_force:g}", "-"),
+        ("SD of ln of the forces' common factor over it", ratio, "-"),
         ("its correlation length over the front face", f"{noise.discrepancy_length:g}", "mm"),
         ("its correlation length over the travel", f"{noise.discrepancy_travel_length:g}", "mm"),
     ]

@@ -89,7 +89,7 @@ def noise_of(study: Study) -> NoiseSettings:
         force_freedom=study.noise.force_freedom,
         field_freedom=study.noise.field_freedom,
         discrepancy=study.noise.discrepancy,
-        discrepancy_of_force=study.noise.discrepancy_of_force,
+        discrepancy_of_force=study.noise.ratio,
         discrepancy_length=study.noise.discrepancy_length,
         discrepancy_travel_length=study.noise.discrepancy_travel_length,
     )

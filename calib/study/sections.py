@@ -11,6 +11,7 @@ from typing import Annotated, Literal
 from pydantic import Field, SkipValidation
 from pydantic.dataclasses import dataclass
 
+from calib.inference.discrepancy import COMMON
 from calib.inference.laws import RATIOS
 from calib.study.block_cells import (
     MIN_REFINEMENT,
@@ -218,12 +219,18 @@ class Noise:
     """degrees of freedom, 1 or more, of a Student-t for the field's noise; without it normal"""
     discrepancy: NotNegative = 0.0
     """share by which the model itself errs, where it is known; 0 is none"""
-    discrepancy_of_force: NotNegative = 2.0
-    """standard deviation of ln of the forces' common factor over that share"""
+    discrepancy_of_force: NotNegative | None = None
+    """standard deviation of ln of the forces' common factor over that share, where it is known;
+    without it 2, and known to a factor of two where the share has a prior"""
     discrepancy_length: Positive = 1.5
     """distance over the front face over which a discrepancy is correlated, mm"""
     discrepancy_travel_length: Positive = 0.8
     """travel over which a discrepancy is correlated, mm"""
+
+    @property
+    def ratio(self) -> float:
+        """That of the forces' common factor over the share, where no prior has it."""
+        return COMMON if self.discrepancy_of_force is None else self.discrepancy_of_force
 
     def __post_init__(self) -> None:
         if self.discrepancy > 0 and self.force_freedom is not None:

@@ -45,6 +45,9 @@ ERRORS = {
 }
 """unknowns of the errors"""
 OF_FIELD = ("field_noise",)
+RATIO = ParameterPrior(distribution="lognormal", low=0.2, high=20.0, mean=2.5, sd=2.0)
+"""of `discrepancy_of_force` where nothing is said of it: 2, known to a factor of two; taken as known,
+it covers the stiffness of half of the wrong models tried"""
 CONSTANTS = ("C10", "C01", "C11")
 LARGEST_CORNERS = 8
 """corners of the box that a design begins with where there are more than three inputs"""
@@ -59,6 +62,9 @@ def given(study: Study, hypothesis: Hypothesis, name: str) -> ParameterPrior | N
     """The prior of one parameter under a hypothesis: its own, or else the study's."""
     own = None if hypothesis.prior is None else getattr(hypothesis.prior, name)
     found: ParameterPrior | None = getattr(study.prior, name) if own is None else own
+    if found is None and name == "discrepancy_of_force":
+        known = study.noise.discrepancy_of_force is not None
+        return None if known or given(study, hypothesis, "discrepancy") is None else RATIO
     return found
 
 
