@@ -46,8 +46,8 @@ ERRORS = {
 """unknowns of the errors"""
 OF_FIELD = ("field_noise",)
 RATIO = ParameterPrior(distribution="lognormal", low=0.2, high=20.0, mean=2.5, sd=2.0)
-"""of `discrepancy_of_force` where nothing is said of it: 2, known to a factor of two; taken as known,
-it covers the stiffness of half of the wrong models tried"""
+"""of `discrepancy_of_force` where nothing is said of it: 2, known to a factor of two. Taken as
+known it covers the stiffness of half of the wrong models tried"""
 CONSTANTS = ("C10", "C01", "C11")
 LARGEST_CORNERS = 8
 """corners of the box that a design begins with where there are more than three inputs"""
