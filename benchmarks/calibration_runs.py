@@ -57,7 +57,11 @@ Progress = Callable[[int, int], None]
 
 @dataclass(frozen=True)
 class MeshCase:
-    """The mesh of an emulator, which is the study's sampling mesh, and two finer ones."""
+    """The mesh of an emulator, the study's sampling mesh, and two finer ones, cheaper than its own.
+
+    Elements of the check are 1.3 to 1.5 times smaller than the emulator's (1.65 and 2.1 in the
+    study), those of the truth 1.25 and 1.28 times smaller than the check's.
+    """
 
     hypothesis: str
     check_cells: Cells

@@ -42,7 +42,7 @@ NOMINAL_MESH_ERROR = 0.03
 CHECK_CELLS: dict[str, Cells | Rings] = {
     "bar, stick": (20, 14, 5),
     "bar, friction": (16, 8, 4),
-    "bar, frictionless": (18, 8, 3),
+    "bar, frictionless": (18, 6, 4),
     "round, stick": Rings(12, 8, 2),
     "round, friction": Rings(12, 4, 2),
     "round, frictionless": Rings(12, 8, 2),

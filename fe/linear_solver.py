@@ -142,9 +142,10 @@ class SymmetricSolver:
     def solve_near(self, matrix: GeneralMatrix, b: Array, tolerance: float) -> Array:
         """Solution with an unsymmetric matrix for b (n,), to a residual of `tolerance`, relative.
 
-        By GMRES about the factor of the symmetric one, which should be near: a few products and
-        back-substitutions in place of a factorisation.  By `solve_general` where it does not get
-        there, and where that has the factor already.
+        By GMRES about the factor of the symmetric one factorised last, which should be near (in
+        Newton's last steps it is of an earlier iterate): a few products and back-substitutions in
+        place of a factorisation. Up to twice the tolerance is taken. By `solve_general` where it
+        does not get there, and where that has the factor already.
         """
         size = float(np.linalg.norm(b))
         if matrix.data is self._general_data or not 0.0 < size < np.inf:
