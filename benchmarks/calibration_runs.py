@@ -48,7 +48,7 @@ CONTACTS = {"sliding": "slide", "stuck": "stick"}
 """what benchmarks/emulator.py calls the hypotheses, whose sampling meshes are the study's"""
 N_PLACED = 8
 """corners and centres of faces that come first in a design of (r, s)"""
-N_FINER, N_CHECKS, N_OTHER, N_RUBBING = 12, 5, 15, 100
+N_FINER, N_OTHER, N_RUBBING = 12, 15, 100
 EVEN = replace(DESIGNS[0], dense_below=None)
 """runs that fill the box of (r, s) evenly, as the prior does"""
 
@@ -68,6 +68,11 @@ class MeshCase:
     """measure its error"""
     truth_cells: Cells
     """finer than those too"""
+
+    def __str__(self) -> str:
+        """Names what is stored of it."""
+        check, truth = ("x".join(map(str, cells)) for cells in (self.check_cells, self.truth_cells))
+        return f"{self.hypothesis}-by-{check}-of-{truth}"
 
     @property
     def cells(self) -> Cells:
@@ -179,11 +184,6 @@ def finer_truths(store: Path, case: MeshCase, progress: Progress | None = None) 
     return solved(store, name, f"finer-{name}", ratios, case.truth_cells, progress)
 
 
-def check_ratios() -> Array:
-    """(N_CHECKS, 2) ratios at which the mesh's error is measured, spread over the box."""
-    return sobol_design(N_CHECKS, prior().bounds[1:], SEED, n_corners=0)
-
-
 def coarse_design(store: Path, name: str, progress: Progress | None = None) -> Campaign:
     """The study's design of training runs, with derivatives, on the coarse mesh."""
     used = study()
@@ -192,12 +192,15 @@ def coarse_design(store: Path, name: str, progress: Progress | None = None) -> C
 
 
 def checks(
-    store: Path, case: MeshCase, progress: Progress | None = None
+    store: Path, case: MeshCase, ratios: Array, progress: Progress | None = None
 ) -> tuple[Campaign, Campaign]:
-    """Runs on the check mesh and on that of the emulator at the same ratios."""
-    ratios, name = check_ratios(), case.hypothesis
-    fine = solved(store, name, f"check-{name}", ratios, case.check_cells, progress)
-    return fine, solved(store, name, f"check-coarse-{name}", ratios, case.cells, progress)
+    """Runs on the check mesh and on that of the emulator at the same ratios (n, 2)."""
+    name = case.hypothesis
+    fine, coarse = (
+        solved(store, name, f"check-{kind}-{name}", ratios, cells, progress)
+        for kind, cells in (("fine", case.check_cells), ("coarse", case.cells))
+    )
+    return fine, coarse
 
 
 def other_truths(store: Path, progress: Progress | None = None) -> Campaign:
@@ -243,8 +246,6 @@ PARTS: dict[str, Callable[[Path, Progress], object]] = {
     "rubbing": rubbing_truths,
     "ogden": other_truths,
     "truths": truths,
-    "checks": lambda store, progress: checks(store, MESH_CASES["finer"], progress),
-    "checks-stuck": lambda store, progress: checks(store, MESH_CASES["finer-stuck"], progress),
     "finer": lambda store, progress: finer_truths(store, MESH_CASES["finer"], progress),
     "finer-stuck": lambda store, progress: finer_truths(store, MESH_CASES["finer-stuck"], progress),
 }

@@ -38,7 +38,7 @@ def figures(store: Path, name: str) -> dict[str, Any]:
     case = runs.MESH_CASES[name]
     known, truths, _ = finer_case(store, case)
     ratios = truths.theta[:, :2]
-    likelihoods = with_mesh_error(store, case, known, ratios)
+    likelihoods = with_mesh_error(store, case, known, ratios[:, None])
     found = [fitted(*each) for each in zip(likelihoods, ratios, truths.displacement, strict=True)]
     z = np.array([one.off / one.sd for one in found])
     told = {
