@@ -47,14 +47,14 @@ def rubber(numbers: tuple[float, ...] = LAW) -> Material:
 
 
 def model(contact: Contact, cells: tuple[int, int, int] = CELLS) -> BlockPinModel:
-    """A small block in three steps; the tolerance is below the smallest remainder."""
+    """A small block in three steps; what is left to solve is below the smallest remainder."""
     return BlockPinModel(
         BlockPin(),
         contact,
         cells,
         TRAVEL,
         field_grid=(6, 4),
-        newton=replace(NewtonOptions(), tolerance=1e-11),
+        newton=replace(NewtonOptions(), tolerance=1e-11, inexact=1e-6),
         steps=StepOptions(first=0.18, largest=0.18),
     )
 

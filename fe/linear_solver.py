@@ -145,10 +145,11 @@ class SymmetricSolver:
         By GMRES about the factor of the symmetric one factorised last, which should be near (in
         Newton's last steps it is of an earlier iterate): a few products and back-substitutions in
         place of a factorisation. Up to twice the tolerance is taken. By `solve_general` where it
-        does not get there, and where that has the factor already.
+        does not get there; not where that happens to have the factor, so that a march has the same
+        bits with derivatives and without.
         """
         size = float(np.linalg.norm(b))
-        if matrix.data is self._general_data or not 0.0 < size < np.inf:
+        if not 0.0 < size < np.inf:
             return self.solve_general(matrix, b)
         whole = matrix.sparse()
         about = LinearOperator(

@@ -310,7 +310,7 @@ def test_the_mesh_error_is_that_of_the_stand_in(tmp_path: Path) -> None:
     error = load_mesh_error(tmp_path, study.hypotheses[0])
     assert len(error.ratios) == 2
     # The same at both points: no spread, a share of the difference is left as SD.
-    share = 1.5 / ((16 * 16 * 6 / (12 * 6 * 2)) ** (2 / 3) - 1)
+    share = 1.5 / ((20 * 14 * 5 / (12 * 6 * 2)) ** (2 / 3) - 1)
     np.testing.assert_allclose(error.force, share * (coarse / fine - 1.0), rtol=1e-9)
     np.testing.assert_allclose(error.correction.force, fine / coarse, rtol=1e-9)
 
