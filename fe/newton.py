@@ -43,7 +43,7 @@ class NewtonOptions:
     """relative residual below which, with friction, a step that reduces it needs no line search"""
     reduction: float = 0.7
     """of the residual by such a step, at least"""
-    inexact: float = 1e-3
+    inexact: float = 1e-4
     """relative residual to which directions with friction's coupling are solved for"""
 
     def __post_init__(self) -> None:

@@ -323,7 +323,7 @@ def test_the_slip_in_which_friction_builds_up_hardly_matters():
     assert sharp == pytest.approx(blunt, rel=0.01)
 
 
-def test_directions_to_a_thousandth_end_where_exact_ones_do(monkeypatch):
+def test_inexact_directions_end_where_exact_ones_do(monkeypatch):
     """And need fewer factorisations than where the whole tangent is factorised each time."""
     plain = model(0.3, 0.3, newton=NewtonOptions(tolerance=1e-9), sensitivities=())
     rough = plain(RATIOS)
