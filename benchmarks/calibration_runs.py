@@ -20,6 +20,7 @@ from benchmarks.emulator_runs import CELLS, DESIGNS, family, simulate
 from benchmarks.run_key import kept_campaign
 from calib.inference import Prior
 from calib.study.artifacts import read_json, write_json
+from calib.study.block_cells import refinement
 from calib.study.config import Study, load_study
 from calib.study.context import block_pin_model
 from calib.study.posterior_setup import prior_of
@@ -82,7 +83,7 @@ class MeshCase:
     @property
     def refinement(self) -> float:
         """How many times smaller the elements of the check mesh are."""
-        return float(np.prod(np.array(self.check_cells) / self.cells) ** (1.0 / 3.0))
+        return refinement(self.check_cells, self.cells)
 
 
 def study() -> Study:

@@ -26,7 +26,7 @@ def finished_studies(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 CHECKS = {"check = [18, 6, 4]": "check = [14, 6, 3]", "check = [20, 14, 5]": "check = [14, 8, 3]"}
-"""meshes that measure the study's discretisation error, which take half of its time, and others"""
+"""meshes that measure the discretisation error in half of the study's time, and cheaper ones"""
 
 
 @pytest.fixture(scope="session")

@@ -258,19 +258,22 @@ def test_patterns_of_a_discrepancy_have_the_size_of_the_field() -> None:
     size = size_of(FIELD.displacement)
     patterns = discrepancy_patterns(POINTS, TRAVEL, size, 1.5, 0.8).reshape(-1, 5, len(POINTS), 3)
     variance = np.sum(patterns**2, axis=0) / size[:, None, None] ** 2
-    assert variance == pytest.approx(np.ones_like(variance), abs=0.03)
+    assert variance == pytest.approx(np.ones_like(variance), abs=0.012)
     assert 1.0 - 5e-3 <= variance.mean() <= 1.0
     covariance = np.einsum("qpc,qrd->pcrd", patterns[:, 0], patterns[:, 0]) / size[0] ** 2
     expected = Matern(length_scale=1.5, nu=1.5)(POINTS)
-    assert covariance[:, 0, :, 0] == pytest.approx(expected, abs=0.03)
+    assert covariance[:, 0, :, 0] == pytest.approx(expected, abs=0.012)
     assert covariance[:, 0, :, 1] == pytest.approx(np.zeros((6, 6)), abs=1e-12)
     over = np.einsum("qi,qj->ij", patterns[:, :, 0, 0], patterns[:, :, 0, 0])
-    assert over / np.outer(size, size) == pytest.approx(smooth_over(TRAVEL, 0.8), abs=0.03)
+    assert over / np.outer(size, size) == pytest.approx(smooth_over(TRAVEL, 0.8), abs=0.012)
 
 
 @pytest.mark.parametrize("fold", [0.0, 0.4])
-def test_the_share_found_is_the_root_mean_square_that_a_field_errs_by(fold: float) -> None:
-    """A wave, and one with a fold over 1.2 mm, from which a squared exponential makes 2.4 times."""
+def test_the_share_found_is_within_1_6_times_what_a_field_errs_by(fold: float) -> None:
+    """Of the root mean square of a wave 0.65, and of one with a fold over 1.2 mm 1.15.
+
+    A squared exponential makes 1.06 and 2.4 of them.
+    """
     grid = np.linspace(0.1, 4.9, 36), np.linspace(0.1, 2.4, 18)
     points = np.stack(np.meshgrid(*grid), axis=-1).reshape(-1, 2)
     x, y = points.T
@@ -287,7 +290,7 @@ def test_the_share_found_is_the_root_mean_square_that_a_field_errs_by(fold: floa
     variance = share[:, None] ** 2 * np.maximum(values, 0.0)
     gain = share[:, None] ** 2 * along**2 / (1.0 + variance) - np.log1p(variance)
     found = share[np.argmax(gain.sum(axis=1))]
-    assert 0.6 < found / np.sqrt(np.mean(error**2)) < 1.6
+    assert 1 / 1.6 < found / np.sqrt(np.mean(error**2)) < 1.6
 
 
 def test_no_rigid_motion_is_no_pattern() -> None:

@@ -72,8 +72,9 @@ def discrepancy_patterns(
 
     Not squared exponential over the face: it has next to nothing at short distances, where a wrong
     contact errs too (rows of points that land elsewhere), and takes a share of any size to make up
-    for that. Under Matern 3/2 the share found is 0.9 times the root mean square that stuck blocks
-    err by about blocks with friction; of errors as smooth as a squared exponential it is half.
+    for that. Under Matern 3/2 the share found is 0.8 to 1.1 times the root mean square that best
+    fits of stuck blocks leave of compressible ones with friction (docs/inference.md); of errors as
+    smooth as a squared exponential it is half.
     What the patterns leave out (`KEPT`) belongs to the model: with less left out, shares are
     smaller by up to a quarter.
     """
