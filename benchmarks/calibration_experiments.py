@@ -27,7 +27,8 @@ from calib.inference import (
     integrate,
     theta_of,
 )
-from calib.inference.forward import FieldBasis, Jacobian, MeshCorrection
+from calib.inference.forward import FieldBasis, Jacobian
+from calib.inference.mesh_correction import MeshCorrection
 from calib.inference.weighted_draws import draw_weighted
 from calib.study.mesh_error import MeshError
 from calib.study.posterior_setup import noise_of
@@ -136,7 +137,7 @@ def likelihood_of(
     field that the emulator has in the middle.
     """
     correction: MeshCorrection | None = None if mesh is None else mesh.correction
-    forward: ForwardModel = EmulatorForward(emulator, with_field=True, correction=correction)
+    forward = EmulatorForward(emulator, with_field=True, correction=correction)
     dataset, settings = template(points, independent=independent)
     if discrepancy is not None:
         assert dataset.field is not None and forward.field_basis is not None
@@ -150,7 +151,7 @@ def likelihood_of(
         else {
             "force_discretisation": mesh.force,
             "field_floor": mesh.field_floor,
-            "field_patterns": mesh.field_patterns,
+            "field_patterns": mesh.field_patterns(dataset, forward),
         }
     )
     return build_likelihood(dataset, Certain(forward) if certain else forward, settings, **errors)

@@ -9,7 +9,8 @@ import pytest
 from analytic_models import AnalyticBlock
 
 from calib.inference import DirectForward, EmulatorForward
-from calib.inference.forward import GivenInputs, MeshCorrection
+from calib.inference.forward import GivenInputs
+from calib.inference.mesh_correction import MeshCorrection
 from surrogate import Emulator, ScaledEmulator, TrainingSet, sobol_design
 
 POINTS = np.random.default_rng(4).random((9, 2)) * 3

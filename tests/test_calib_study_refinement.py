@@ -16,8 +16,9 @@ from analytic_block import AnalyticBlock, analytic_block
 
 import surrogate.refine
 from calib import cli
-from calib.inference.forward import EmulatorForward, MeshCorrection
+from calib.inference.forward import EmulatorForward
 from calib.inference.likelihood import build_likelihood
+from calib.inference.mesh_correction import MeshCorrection
 from calib.inference.posterior import Posterior
 from calib.inference.quadrature import integrate
 from calib.study.config import Study, load_study

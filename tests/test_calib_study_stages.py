@@ -20,7 +20,7 @@ from calib.study.config import Study, StudyError, load_study
 from calib.study.context import Context, stream
 from calib.study.data_stage import at_increments, load_data
 from calib.study.direct_chain import direct_chain
-from calib.study.mesh_error import MeshError, load_mesh_error
+from calib.study.mesh_error import load_mesh_error
 from calib.study.posterior_setup import marginal
 from calib.study.sections import Cells, Hypothesis, ParameterPrior, Virtual
 from calib.study.stage_list import stages_of
@@ -313,24 +313,6 @@ def test_the_mesh_error_is_that_of_the_stand_in(tmp_path: Path) -> None:
     share = 1.5 / ((20 * 14 * 5 / (12 * 6 * 2)) ** (2 / 3) - 1)
     np.testing.assert_allclose(error.force, share * (coarse / fine - 1.0), rtol=1e-9)
     np.testing.assert_allclose(error.correction.force, fine / coarse, rtol=1e-9)
-
-
-def test_what_is_left_of_the_mesh_error_is_its_index_and_its_spread() -> None:
-    rng = np.random.default_rng(5)
-    signed, field = 0.02 * rng.standard_normal((2, 5)), 0.01 * rng.standard_normal((2, 5, 9, 3))
-    error = MeshError(1.5, rng.random((2, 2)), signed, field)
-    half_gap = np.abs(np.diff(signed, axis=0)[0]) / np.sqrt(2)
-    size = np.maximum(np.sqrt((signed**2).mean(axis=0)), np.sqrt((signed**2).mean()))
-    np.testing.assert_allclose(error.force**2, (1.2 * size) ** 2 + half_gap**2)
-    spread = (np.diff(field, axis=0)[0] ** 2 / 2).mean(axis=1)
-    np.testing.assert_allclose(error.field_floor**2, 1.44 * (field**2).mean(axis=(0, 2)) + spread)
-    patterns = error.field_patterns
-    assert patterns.shape == (10, 5, 9, 3)
-    # Two equal differences make the patterns of one; each lives at one increment.
-    np.testing.assert_allclose(patterns.sum(axis=0), 1.2 * field.sum(axis=0) / np.sqrt(2))
-    assert (np.abs(patterns).max(axis=(2, 3)) > 0).sum(axis=1).tolist() == [1] * 10
-    one = MeshError(1.5, error.ratios[:1], signed[:1], field[:1])
-    np.testing.assert_allclose(one.field_floor**2, 1.44 * (field[:1] ** 2).mean(axis=(0, 2)))
 
 
 def test_an_unknown_stage_is_refused_by_name() -> None:

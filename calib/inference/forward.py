@@ -8,6 +8,7 @@ from typing import Protocol
 
 import numpy as np
 
+from calib.inference.mesh_correction import MeshCorrection
 from fe.response import Array, Response
 from surrogate.symmetry import ScaledEmulator
 
@@ -37,25 +38,6 @@ class FieldBasis:
 def identity_basis(shape: tuple[int, ...]) -> FieldBasis:
     """Basis of a model that gives its field (n_step, n_point, 3) value by value."""
     return FieldBasis(np.zeros(shape), None, np.zeros((0, *shape)))
-
-
-@dataclass(frozen=True)
-class MeshCorrection:
-    """Takes the predictions of one mesh to those of a finer one, as measured where both ran."""
-
-    force: Array
-    """(n_step,) factor of the force"""
-    field: Array
-    """(n_step, n_point, 3) added to the displacement, mm"""
-
-    def response(self, response: Response) -> Response:
-        """A run on the coarser mesh, corrected; the slopes of the field are left as they are."""
-        return replace(
-            response,
-            force=response.force * self.force,
-            force_gradient=response.force_gradient * self.force[:, None],
-            displacement=response.displacement + self.field,
-        )
 
 
 @dataclass(frozen=True)
@@ -113,9 +95,9 @@ class EmulatorForward:
     ) -> None:
         self._scaled = scaled
         self._basis = _emulator_basis(scaled) if with_field else None
-        self._factor = None if correction is None else correction.force
+        self._correction = correction
         if self._basis is not None and correction is not None:
-            self._basis = replace(self._basis, offset=self._basis.offset + correction.field)
+            self._basis = _corrected(self._basis, correction)
 
     @property
     def field_basis(self) -> FieldBasis | None:
@@ -125,12 +107,18 @@ class EmulatorForward:
     def predict(self, theta: Array) -> Prediction:
         """Prediction at theta (m, n)."""
         force, covariance = self._scaled.force(theta)
-        if self._factor is not None:
-            force = force * self._factor
-            covariance = covariance * np.outer(self._factor, self._factor)
+        if self._correction is not None:
+            factor = self._correction.factor(theta[:, 1:])
+            force = force * factor
+            covariance = covariance * factor[:, :, None] * factor[:, None, :]
         if self._basis is None:
             return Prediction(force, covariance)
-        return Prediction(force, covariance, *self._scaled.field_weights(theta))
+        weights, variance = self._scaled.field_weights(theta)
+        known = self._known(theta)
+        if known.shape[1]:
+            weights = np.column_stack([weights, known])
+            variance = np.column_stack([variance, np.zeros_like(known)])
+        return Prediction(force, covariance, weights, variance)
 
     def stated(self, theta: Array, unit_force: Array, weights: Array | None) -> Prediction:
         """The prediction, mesh correction included, of an emulator without error that says these.
@@ -139,20 +127,35 @@ class EmulatorForward:
         theta (m, n).
         """
         force = theta[:, :1] * unit_force
-        if self._factor is not None:
-            force = force * self._factor
-        return Prediction(force, None, None if self._basis is None else weights)
+        if self._correction is not None:
+            force = force * self._correction.factor(theta[:, 1:])
+        if self._basis is None or weights is None:
+            return Prediction(force, None)
+        return Prediction(force, None, np.column_stack([weights, self._known(theta)]))
 
     def jacobian(self, theta: Array) -> Jacobian:
         """Derivatives of the means by x; d/d ln kappa = kappa d/d kappa."""
         by_x = np.ones((len(theta), 1, theta.shape[1]))
         by_x[:, 0, 0] = theta[:, 0]
         force = self._scaled.force_jacobian(theta) * by_x
-        if self._factor is not None:
-            force = force * self._factor[:, None]
+        if self._correction is not None:
+            inputs, given = theta[:, 1:], force[:, :, 0]
+            by_inputs = self._correction.force_slope(inputs, given, force[:, :, 1:])
+            by_kappa = given * self._correction.factor(inputs)
+            force = np.concatenate([by_kappa[:, :, None], by_inputs], axis=2)
         if self._basis is None:
             return Jacobian(force)
-        return Jacobian(force, self._scaled.field_weights_jacobian(theta) * by_x)
+        weights = self._scaled.field_weights_jacobian(theta) * by_x
+        d = self._known(theta).shape[1]
+        known = np.zeros((len(theta), d, theta.shape[1]))
+        known[:, np.arange(d), 1 + np.arange(d)] = 1.0
+        return Jacobian(force, np.concatenate([weights, known], axis=1))
+
+    def _known(self, theta: Array) -> Array:
+        """(m, d) weights of the correction's slopes."""
+        if self._correction is None:
+            return np.zeros((len(theta), 0))
+        return self._correction.away(theta[:, 1:])
 
 
 @dataclass(frozen=True)
@@ -183,6 +186,16 @@ class GivenInputs:
         return np.column_stack(
             [theta, np.broadcast_to(self.values, (len(theta), self.values.size))]
         )
+
+
+def _corrected(basis: FieldBasis, correction: MeshCorrection) -> FieldBasis:
+    """What the correction changes by with the inputs are modes, of weights that are known."""
+    assert basis.modes is not None
+    return replace(
+        basis,
+        offset=basis.offset + correction.field,
+        modes=np.concatenate([basis.modes, correction.field_slopes]),
+    )
 
 
 def _emulator_basis(scaled: ScaledEmulator) -> FieldBasis:
@@ -241,7 +254,9 @@ class DirectForward:
         key = np.ascontiguousarray(ratios, dtype=np.float64).tobytes()
         if key not in self._runs:
             run = self._simulate(np.array(ratios, dtype=np.float64))
-            self._runs[key] = run if self._correction is None else self._correction.response(run)
+            at = np.asarray(ratios, dtype=np.float64)
+            correction = self._correction
+            self._runs[key] = run if correction is None else correction.response(run, at)
         response = self._runs[key]
         if self._with_field and self._basis is None:
             shape = response.displacement.shape

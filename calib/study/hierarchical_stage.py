@@ -69,14 +69,15 @@ def population_posterior(context: Context, hypothesis: Hypothesis) -> Hierarchic
     mesh = load_mesh_error(context.out, hypothesis)
     with_field = dataset.field is not None
     emulator = ScaledEmulator(load_emulator(context.out, hypothesis))
+    forward = EmulatorForward(emulator, with_field=with_field, correction=mesh.correction)
     samples = condense(
         dataset,
-        EmulatorForward(emulator, with_field=with_field, correction=mesh.correction),
+        forward,
         noise_of(study),
         own_errors(study),
         force_discretisation=mesh.force,
         field_floor=mesh.field_floor,
-        field_patterns=mesh.field_patterns,
+        field_patterns=mesh.field_patterns(dataset, forward),
     )
     prior = prior_of(study, hypothesis, with_field=with_field)
     assert study.population is not None  # refused when the study was read

@@ -8,8 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from calib.inference.forward import DirectForward, MeshCorrection
+from calib.inference.forward import DirectForward
 from calib.inference.map_estimate import MapPoint, MapResult, MapStatus, emulator_map, refine_map
+from calib.inference.mesh_correction import MeshCorrection
 from calib.inference.posterior import Posterior
 from calib.study import verification
 from calib.study.artifacts import write_json

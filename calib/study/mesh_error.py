@@ -8,13 +8,18 @@ from pathlib import Path
 
 import numpy as np
 
-from calib.inference.forward import MeshCorrection
+from calib.data import Dataset
+from calib.inference.forward import EmulatorForward
+from calib.inference.mesh_correction import CorrectionSlopes, MeshCorrection
+from calib.inference.tangent_errors import tangent_errors
 from calib.study.artifacts import read_json, write_json, write_npz
 from calib.study.config import Study
 from calib.study.sections import Hypothesis
+from calib.study.training_runs import rows
 from fe.campaign import CampaignFailed
 from fe.campaign_result import Campaign
 from fe.response import Array
+from surrogate import named_gradient
 
 SAFETY = 3.0
 """of the grid convergence index from two grids (Roache 1994)"""
@@ -30,6 +35,16 @@ def left_share(refinement: float) -> float:
 
 
 @dataclass(frozen=True)
+class MeshSlopes:
+    """Derivatives of the difference between two meshes by the ratios, at each check."""
+
+    log_force: Array
+    """(n_check, n_step, d) of the logarithm of coarse over fine force"""
+    field: Array
+    """(n_check, n_step, n_point, 3, d) of coarse minus fine displacement, mm"""
+
+
+@dataclass(frozen=True)
 class MeshError:
     """How far the mesh of the emulator's runs is from the finer mesh, for one hypothesis."""
 
@@ -41,13 +56,37 @@ class MeshError:
     """(n_check, n_step) coarse over fine force minus one"""
     field: Array
     """(n_check, n_step, n_point, 3) coarse minus fine displacement, mm"""
+    slopes: MeshSlopes | None = None
+    """None where derivatives of one of the runs are not known"""
 
     @property
     def correction(self) -> MeshCorrection:
-        """Takes predictions of the coarse mesh to the fine one: the mean over the checks."""
+        """Takes predictions of the coarse mesh to the fine one.
+
+        With slopes it is that of the last check, carried on by them: checks are made where the
+        posterior is, the last by all that was known. Without, it is the mean over the checks.
+        """
+        if self.slopes is None:
+            return MeshCorrection(
+                force=1.0 / (1.0 + self.signed_force.mean(axis=0)), field=-self.field.mean(axis=0)
+            )
         return MeshCorrection(
-            force=1.0 / (1.0 + self.signed_force.mean(axis=0)), field=-self.field.mean(axis=0)
+            force=1.0 / (1.0 + self.signed_force[-1]),
+            field=-self.field[-1],
+            slopes=CorrectionSlopes(
+                self.ratios[-1], -self.slopes.log_force[-1], -self.slopes.field[-1]
+            ),
         )
+
+    @property
+    def _carried(self) -> tuple[Array, Array]:
+        """(n_check, n_step) and (n_check, n_step, n_point, 3) differences as at the last check."""
+        if self.slopes is None:
+            return self.signed_force, self.field
+        off = self.ratios[-1] - self.ratios
+        factor = np.exp(np.einsum("cid,cd->ci", self.slopes.log_force, off))
+        field = self.field + np.einsum("cipkd,cd->cipk", self.slopes.field, off)
+        return (1.0 + self.signed_force) * factor - 1.0, field
 
     @property
     def force(self) -> Array:
@@ -59,7 +98,7 @@ class MeshError:
         """
         size = np.sqrt(np.mean(self.signed_force**2, axis=0))
         overall = np.sqrt(np.mean(self.signed_force**2))
-        spread = _variance_over_checks(self.signed_force)
+        spread = _variance_over_checks(self._carried[0])
         share = left_share(self.refinement)
         sd: Array = np.sqrt((share * np.maximum(size, overall)) ** 2 + spread)
         return sd
@@ -68,24 +107,31 @@ class MeshError:
     def field_floor(self) -> Array:
         """(n_step, 3) SD of the field's error after the correction, mm; as for the force."""
         size = np.mean(self.field**2, axis=(0, 2))
-        spread = _variance_over_checks(self.field).mean(axis=1)
+        spread = _variance_over_checks(self._carried[1]).mean(axis=1)
         floor: Array = np.sqrt(left_share(self.refinement) ** 2 * size + spread)
         return floor
 
-    @property
-    def field_patterns(self) -> Array:
+    def field_patterns(self, dataset: Dataset, forward: EmulatorForward) -> Array | None:
         """(n_check n_step, n_step, n_point, 3) errors of the field in known shapes, mm.
 
-        What is left has the shapes of the differences at one increment, and a sign and size of its
-        own there: all checks together that of one. Mesh errors look like other constants: as rows
-        of nodes pass the pin's edge, the front face moves as it does with r and s. A floor that is
-        spread over all shapes would put almost nothing into those.
+        Mesh errors look like other ratios: as rows of nodes pass the pin's edge, the front face
+        moves as it does with r and s, and a floor that is spread over all shapes would put almost
+        nothing into those. So the share that is left is taken of the change of the ratios, and of
+        further unknowns, by which the difference of the meshes would be mistaken, see
+        `tangent_errors`. All checks together count as one. None for data without a field.
         """
-        n_check, n_step = self.field.shape[:2]
-        single = np.eye(n_step)[:, None, :, None, None] * self.field
-        share = left_share(self.refinement) / np.sqrt(n_check)
-        patterns: Array = share * single.reshape(-1, *self.field.shape[1:])
-        return patterns
+        if dataset.field is None:
+            return None
+        theta = np.column_stack([np.ones(len(self.ratios)), self.ratios])
+        slopes, basis = forward.jacobian(theta).weights, forward.field_basis
+        assert slopes is not None and basis is not None and basis.modes is not None
+        tangents = np.einsum("ckd,kipx->cdipx", slopes[:, :, 1:], basis.modes)
+        share = left_share(self.refinement) / np.sqrt(len(self.ratios))
+        found = [
+            share * tangent_errors(dataset.field, dataset.travel, own, difference)
+            for own, difference in zip(tangents, self.field, strict=True)
+        ]
+        return np.concatenate(found)
 
 
 def _variance_over_checks(differences: Array) -> Array:
@@ -119,7 +165,28 @@ def mesh_error(fine: Campaign, coarse: Campaign, refinement: float, name: str) -
         ratios=fine.theta[both],
         signed_force=coarse.force[both] / fine.force[both] - 1.0,
         field=coarse.displacement[both] - fine.displacement[both],
+        slopes=_slopes(*(rows(each, np.flatnonzero(both)) for each in (fine, coarse))),
     )
+
+
+def _slopes(fine: Campaign, coarse: Campaign) -> MeshSlopes | None:
+    """Derivatives of the difference; None unless all equilibria are stable and theirs are known.
+
+    Those of an unstable equilibrium need not be those along the ratios.
+    """
+    if not (fine.stable.all() and coarse.stable.all()):
+        return None
+    names = [parameter.name for parameter in fine.parameters]
+    both = []
+    for campaign in (fine, coarse):
+        force, field = (
+            named_gradient(gradient, campaign.gradient_parameters, names)
+            for gradient in (campaign.force_gradient, campaign.displacement_gradient)
+        )
+        both.append((force / campaign.force[:, :, None], field))
+    (fine_force, fine_field), (coarse_force, coarse_field) = both
+    found = MeshSlopes(coarse_force - fine_force, coarse_field - fine_field)
+    return found if np.isfinite(found.field).all() and np.isfinite(found.log_force).all() else None
 
 
 def load_mesh_error(out: Path, hypothesis: Hypothesis) -> MeshError:
@@ -127,11 +194,14 @@ def load_mesh_error(out: Path, hypothesis: Hypothesis) -> MeshError:
     facts = read_json(check_folder(out, hypothesis) / "mesh_error.json")
     with np.load(check_folder(out, hypothesis) / "mesh_error.npz", allow_pickle=False) as stored:
         field = stored["field"]
+        known = "field_slope" in stored
+        slopes = MeshSlopes(stored["log_force_slope"], stored["field_slope"]) if known else None
     return MeshError(
         refinement=float(facts["refinement"]),
         ratios=np.asarray(facts["ratios"], dtype=float),
         signed_force=np.asarray(facts["signed_force"], dtype=float),
         field=field,
+        slopes=slopes,
     )
 
 
@@ -158,7 +228,10 @@ def save_mesh_error(
         "units": {"force": "relative", "field_rms": "mm", "field_floor": "mm", "travel": "mm"},
     }
     write_json(folder / "mesh_error.json", facts)
-    write_npz(folder / "mesh_error.npz", {"field": error.field})
+    arrays = {"field": error.field}
+    if error.slopes is not None:
+        arrays |= {"log_force_slope": error.slopes.log_force, "field_slope": error.slopes.field}
+    write_npz(folder / "mesh_error.npz", arrays)
     return [folder / "mesh_error.json", folder / "mesh_error.npz"]
 
 

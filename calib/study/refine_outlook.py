@@ -101,7 +101,7 @@ def look(context: Context, hypothesis: Hypothesis, loop: Loop) -> Outlook:
         noise_of(study),
         force_discretisation=NOMINAL_FORCE_ERROR if mesh is None else mesh.force,
         field_floor=NOMINAL_FIELD_ERROR if mesh is None else mesh.field_floor,
-        field_patterns=None if mesh is None else mesh.field_patterns,
+        field_patterns=None if mesh is None else mesh.field_patterns(dataset, forward),
         unknown=sizes_of(prior),
     )
     if loop.box is not None:
