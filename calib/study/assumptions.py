@@ -6,6 +6,7 @@ from calib.data import Dataset
 from calib.inference.field_noise import FLOOR_LENGTH, FLOOR_NUGGET
 from calib.inference.laws import RATIOS
 from calib.inference.noise import field_scale_sd, travel_zero_sd
+from calib.inference.tangent_errors import TRAVEL_LENGTH
 from calib.study.block_cells import written
 from calib.study.config import Study
 from calib.study.mesh_error import left_share
@@ -183,6 +184,11 @@ def _field_rows(virtual: Virtual) -> list[tuple[str, str, str]]:
         (
             "correlation length of the field's mesh error",
             f"{FLOOR_LENGTH:g}; {FLOOR_NUGGET:g} of it uncorrelated",
+            "mm",
+        ),
+        (
+            "length over which its parts that look like other constants are correlated in travel",
+            f"{TRAVEL_LENGTH:g}",
             "mm",
         ),
     ]

@@ -104,11 +104,13 @@ def mesh_table(errors: Mapping[str, Any]) -> Table:
         f"Discretisation error: mesh {coarse} of the emulator's runs against {', '.join(fine)}",
         ("hypothesis", "measured at", *(f"{travel:g} mm" for travel in first["travel"])),
         tuple(rows),
-        "Predictions are corrected by the mean difference. SD left: of the error that the "
-        f"likelihood still allows for, {', '.join(shares)} times the difference (half the "
+        "Predictions are corrected by the difference of the last point, carried on by the "
+        "derivatives of its runs, or by the mean where these are not known. SD left: of the error "
+        f"that the likelihood still allows for, {', '.join(shares)} times the difference (half the "
         "grid convergence index of two meshes; of the force never less than that of the RMS over "
-        "the increments) and its spread over the points; of the field, the worst component. It is "
-        "an estimate, not a bound."
+        "the increments) and its spread over the points; of the field, the worst component; the "
+        "field has the same share again of the change of the constants that the difference would "
+        "be mistaken for. It is an estimate, not a bound."
         + "".join(
             f" {name}: one of the points could not be solved on both meshes, so the spread is "
             "not known."

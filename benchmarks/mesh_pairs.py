@@ -1,0 +1,194 @@
+"""Whether what is stated of a mesh's error holds for the ratios that finer meshes would give.
+
+    python -m benchmarks.mesh_pairs [--runs FOLDER]
+
+On all runs that the studies of convergence have kept at (r, s) = (0.5, 0.05), `verify_fe --only gci
+directions bounds`: the sampling mesh of each pin and contact, every mesh that a study may check it
+by, and the finest that is at least as fine as that in every coordinate, of 1.9 times as many
+elements or more. The newest run of each mesh is taken, whichever code of `fe` it is of. The field
+of the finest is fitted without noise as in `benchmarks.mesh_statement`, by the tangent of the check
+mesh's run and with several statements of the error.
+"""
+
+from __future__ import annotations
+
+import argparse
+import re
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+
+from benchmarks.calibration_experiments import template
+from benchmarks.calibration_figures import points
+from benchmarks.mesh_convergence import RUNS, TRAVEL
+from calib.inference.field_noise import FieldCovariance, field_covariance
+from calib.inference.tangent_errors import tangent_errors
+from calib.study.block_cells import refinement
+from calib.study.mesh_error import MeshError, left_share
+from fe import Response, load_response
+from fe.response import Array
+from fe.specimens.block_pin import Cells
+
+NAME = re.compile(r"(?P<family>.+)-(?P<cells>\d+x\d+x\d+)-0.5-0.05-\w{12}\.npz")
+SAMPLING: dict[str, Cells] = {
+    "friction-0.1": (12, 4, 2),
+    "friction-0.3": (12, 4, 2),
+    "round-friction-0.3": (6, 2, 2),
+    "round-slide": (7, 4, 2),
+    "round-stick": (8, 4, 2),
+    "slide": (12, 4, 2),
+    "stick": (12, 6, 2),
+}
+"""what each family of runs is checked for; of round pins rings, layers and sectors"""
+LEAST_CHECK = 1.29
+"""times smaller elements: 12 x 6 x 3 beside 12 x 4 x 2, 1.31, is the first"""
+LEAST_FINER = 1.9
+"""times as many elements of the truth as of the check"""
+
+
+@dataclass(frozen=True)
+class Pair:
+    """A mesh that is checked, the mesh that checks it, and a finer one."""
+
+    family: str
+    sampling: Response
+    check: Response
+    truth: Response
+    check_cells: Cells
+    truth_cells: Cells
+    refinement: float
+    """how many times smaller the elements of the check are than those of the sampling mesh"""
+
+    @property
+    def every_coordinate(self) -> bool:
+        """Whether the check is finer in every coordinate."""
+        return bool(np.all(np.divide(self.check_cells, SAMPLING[self.family]) > 1.1))
+
+
+Statement = Callable[[Pair, MeshError, FieldCovariance], FieldCovariance]
+
+
+def pairs(folder: Path) -> list[Pair]:
+    """Of all kept runs, each check with the finest of its truths."""
+    runs = kept(folder)
+    found = []
+    for family, sampling in SAMPLING.items():
+        meshes = [cells for name, cells in runs if name == family]
+        for check in meshes if sampling in meshes else []:
+            rho = refinement(check, sampling)
+            finer = [t for t in meshes if np.prod(t) >= LEAST_FINER * np.prod(check)]
+            finer = [t for t in finer if np.all(np.greater_equal(t, check))]
+            if rho < LEAST_CHECK or np.any(np.less(check, sampling)) or not finer:
+                continue
+            truth = max(finer, key=lambda cells: (np.prod(cells), cells))
+            three = (runs[family, cells] for cells in (sampling, check, truth))
+            found.append(Pair(family, *three, check, truth, rho))
+    return found
+
+
+def kept(folder: Path) -> dict[tuple[str, Cells], Response]:
+    """The newest run of each family and mesh that reached the end and has derivatives."""
+    found = {}
+    for path in sorted(folder.glob("*.npz"), key=lambda path: path.stat().st_mtime):
+        name = NAME.fullmatch(path.name)
+        if name is None:
+            continue
+        run = load_response(path)
+        complete = run.reached >= TRAVEL[-1] and np.isfinite(run.displacement_gradient).all()
+        if complete and run.displacement.shape[:2] == (len(TRAVEL), len(points())):
+            cells = cast(Cells, tuple(int(n) for n in name["cells"].split("x")))
+            found[name["family"], cells] = run
+    return found
+
+
+def as_studies(pair: Pair, error: MeshError, floor: FieldCovariance) -> FieldCovariance:
+    """What the differences would be mistaken for, beside the floor."""
+    field = template(points())[0].field
+    assert field is not None
+    tangents = np.moveaxis(pair.check.displacement_gradient[..., :2], -1, 0)
+    shifts = tangent_errors(field, np.array(TRAVEL), tangents, error.field[0])
+    return floor.with_patterns(left_share(error.refinement) * shifts)
+
+
+def by_shapes(pair: Pair, error: MeshError, floor: FieldCovariance) -> FieldCovariance:
+    """Shapes of the differences, each increment's with a factor of its own; until 2026-11-23."""
+    single = np.eye(len(TRAVEL))[:, :, None, None] * error.field[0]
+    return floor.with_patterns(left_share(error.refinement) * single)
+
+
+STATEMENTS: dict[str, Statement] = {
+    "as studies": as_studies,
+    "shapes of the differences": by_shapes,
+    "floor alone": lambda pair, error, floor: floor,
+    "no mesh error": lambda pair, error, floor: replace(floor, floor=np.zeros_like(floor.floor)),
+}
+
+
+def fitted(pair: Pair, statement: Statement, noise: FieldCovariance) -> tuple[Array, Array]:
+    """(2,) distance from the truth of (r, s), and SDs that go with it, by one statement."""
+    difference = pair.sampling.displacement - pair.check.displacement
+    error = MeshError(
+        pair.refinement,
+        np.array([[0.5, 0.05]]),
+        (pair.sampling.force / pair.check.force - 1.0)[None],
+        difference[None],
+    )
+    floor = error.field_floor.T
+    shared = noise.floor / noise.floor.max()
+    stated = replace(noise, floor=floor[:, :, None] * floor[:, None, :] * shared)
+    covariance = statement(pair, error, stated)
+    tangents = np.moveaxis(pair.check.displacement_gradient[..., :2], -1, 0)
+    off = pair.truth.displacement - pair.check.displacement
+    vectors = np.concatenate([tangents, off[None]])
+    gram = covariance.inner(vectors, vectors)
+    posterior = np.linalg.inv(gram[:2, :2])
+    return posterior @ gram[:2, 2], np.sqrt(np.diag(posterior))
+
+
+def figures(folder: Path = RUNS) -> dict[str, Any]:
+    """By statement: errors of r and s of finer meshes in their SDs."""
+    field = template(points())[0].field
+    assert field is not None
+    found, noise = pairs(folder), field_covariance(field, floor=1.0)
+    told: dict[str, Any] = {
+        "pairs": [
+            f"{p.family} {p.check_cells} of {p.truth_cells}".replace(", ", "x") for p in found
+        ]
+    }
+    for name, statement in STATEMENTS.items():
+        each = [fitted(pair, statement, noise) for pair in found]
+        z = np.array([off / sd for off, sd in each])
+        every = np.array([pair.every_coordinate for pair in found])
+        told[name] = {
+            "all": _within(z),
+            "checks finer in every coordinate": _within(z[every]),
+            "median_sd": np.median([sd for _, sd in each], axis=0).tolist(),
+        }
+        print(name, told[name], flush=True)
+    return {"mesh_pairs": told}
+
+
+def _within(z: Array) -> dict[str, Any]:
+    return {
+        "n": len(z),
+        "z_rms": np.sqrt(np.mean(z**2, axis=0)).tolist(),
+        "within_50": np.mean(np.abs(z) < 0.674, axis=0).tolist(),
+        "within_95": np.mean(np.abs(z) < 1.96, axis=0).tolist(),
+    }
+
+
+def main() -> None:
+    """Print the figures."""
+    parser = argparse.ArgumentParser(
+        prog="benchmarks.mesh_pairs", description=(__doc__ or "").splitlines()[0]
+    )
+    parser.add_argument("--runs", type=Path, default=RUNS, metavar="FOLDER")
+    for line in figures(parser.parse_args().runs)["mesh_pairs"]["pairs"]:
+        print(line)
+
+
+if __name__ == "__main__":
+    main()
