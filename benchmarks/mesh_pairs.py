@@ -25,7 +25,7 @@ from benchmarks.calibration_experiments import template
 from benchmarks.calibration_figures import points
 from benchmarks.mesh_convergence import RUNS, TRAVEL
 from calib.inference.field_noise import FieldCovariance, field_covariance
-from calib.inference.tangent_errors import tangent_errors
+from calib.inference.tangent_errors import mistaken, tangent_errors
 from calib.study.block_cells import refinement
 from calib.study.mesh_error import MeshError, left_share
 from fe import Response, load_response
@@ -61,6 +61,16 @@ class Pair:
     truth_cells: Cells
     refinement: float
     """how many times smaller the elements of the check are than those of the sampling mesh"""
+
+    @property
+    def error(self) -> MeshError:
+        """What a study would measure."""
+        return MeshError(
+            self.refinement,
+            np.array([[0.5, 0.05]]),
+            (self.sampling.force / self.check.force - 1.0)[None],
+            (self.sampling.displacement - self.check.displacement)[None],
+        )
 
     @property
     def every_coordinate(self) -> bool:
@@ -109,8 +119,8 @@ def as_studies(pair: Pair, error: MeshError, floor: FieldCovariance) -> FieldCov
     field = template(points())[0].field
     assert field is not None
     tangents = np.moveaxis(pair.check.displacement_gradient[..., :2], -1, 0)
-    shifts = tangent_errors(field, np.array(TRAVEL), tangents, error.field[0])
-    return floor.with_patterns(left_share(error.refinement) * shifts)
+    shifts = mistaken(field, np.array(TRAVEL), tangents, error.field[0])
+    return floor.with_patterns(tangent_errors(left_share(error.refinement) * shifts, tangents))
 
 
 def by_shapes(pair: Pair, error: MeshError, floor: FieldCovariance) -> FieldCovariance:
@@ -129,13 +139,7 @@ STATEMENTS: dict[str, Statement] = {
 
 def fitted(pair: Pair, statement: Statement, noise: FieldCovariance) -> tuple[Array, Array]:
     """(2,) distance from the truth of (r, s), and SDs that go with it, by one statement."""
-    difference = pair.sampling.displacement - pair.check.displacement
-    error = MeshError(
-        pair.refinement,
-        np.array([[0.5, 0.05]]),
-        (pair.sampling.force / pair.check.force - 1.0)[None],
-        difference[None],
-    )
+    error = pair.error
     floor = error.field_floor.T
     shared = noise.floor / noise.floor.max()
     stated = replace(noise, floor=floor[:, :, None] * floor[:, None, :] * shared)
@@ -168,6 +172,9 @@ def figures(folder: Path = RUNS) -> dict[str, Any]:
             "median_sd": np.median([sd for _, sd in each], axis=0).tolist(),
         }
         print(name, told[name], flush=True)
+    force = [(p.check.force / p.truth.force - 1.0) / p.error.force for p in found]
+    told["force, all increments"] = _within(np.array(force).reshape(-1, 1))
+    print("force", told["force, all increments"])
     return {"mesh_pairs": told}
 
 

@@ -15,32 +15,31 @@ SINGULAR = 1e-10
 """share of the largest eigenvalue below which a combination of parameters is not seen at all"""
 
 
-def tangent_errors(field: FieldData, travel: Array, tangents: Array, difference: Array) -> Array:
-    """(n_step, n_step, n_point, 3) errors with the size of a `difference` in the parameters, mm.
+def mistaken(field: FieldData, travel: Array, tangents: Array, difference: Array) -> Array:
+    """(d, n_step) changes of d parameters that a `difference` of two fields would be mistaken for.
 
     The difference (n_step, n_point, 3) [mm] of each increment alone is fitted, by least squares in
     the noise of `field`, by the changes of the whole field with the parameters, `tangents`
-    (d, n_step, n_point, 3): the d shifts of the parameters that it would be mistaken for. Each
-    row is the change of the field with such a shift. Shifts by different increments are taken as
-    correlated over `TRAVEL_LENGTH` of the `travel` (n_step,), so that they add up where they agree
-    and do not cancel altogether where they do not: with normal factors of SD one, rows times theirs
-    have the parameters' covariance sum_ij rho_ij shift_i shift_j^T. This is the grid convergence
-    index of what is asked for, the parameters (Roache 1994; Eca and Hoekstra 2014), in place of
-    that of displacements.
+    (d, n_step, n_point, 3). Changes by different increments are taken as correlated over
+    `TRAVEL_LENGTH` of the `travel` (n_step,), so that they add up where they agree and do not
+    cancel altogether where they do not: columns times normal factors of SD one have the covariance
+    sum_ij rho_ij shift_i shift_j^T. This is the grid convergence index of what is asked for, the
+    parameters, in place of that of displacements (Roache 1994; Eca and Hoekstra 2014).
     """
-    n_step, d = len(travel), len(tangents)
     weighed = _by_precision(field, tangents)
     gram = np.einsum("aipx,bipx->ab", weighed, tangents)
     pull = np.einsum("aipx,ipx->ai", weighed, difference)
     scale = np.sqrt(np.diag(gram))
-    scale = np.where(scale > 0.0, scale, 1.0)
-    shifts = np.linalg.lstsq(gram / np.outer(scale, scale), pull / scale[:, None], rcond=SINGULAR)[
-        0
-    ]
-    shifts = shifts.reshape(d, n_step) / scale[:, None]
+    scale = np.where(scale > 0.0, scale, 1.0)[:, None]
+    shifts, *_ = np.linalg.lstsq(gram / (scale * scale.T), pull / scale, rcond=SINGULAR)
     apart = np.abs(np.subtract.outer(travel, travel)) / TRAVEL_LENGTH
-    root = np.linalg.cholesky(np.exp(-apart))
-    found: Array = np.einsum("aq,aipx->qipx", shifts @ root, tangents)
+    found: Array = (shifts / scale) @ np.linalg.cholesky(np.exp(-apart))
+    return found
+
+
+def tangent_errors(shifts: Array, tangents: Array) -> Array:
+    """(q, n_step, n_point, 3) changes of a field with shifts (d, q) of its parameters, mm."""
+    found: Array = np.einsum("aq,aipx->qipx", shifts, tangents)
     return found
 
 

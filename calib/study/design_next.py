@@ -11,6 +11,7 @@ import numpy as np
 
 from calib.data.dataset import Dataset, FieldData
 from calib.inference.coordinates import theta_of
+from calib.inference.forward import EmulatorForward
 from calib.inference.information_gain import laplace_gain, nested_gain
 from calib.inference.likelihood import DISCREPANCY, FIELD_NOISE, FORCE_NOISE, OF_FORCE
 from calib.inference.planned import Reduced, reduce_experiment
@@ -58,10 +59,11 @@ def design_next(
     x, sizes = draws[:, : space.n_forward], np.exp(draws[:, space.n_forward :].mean(axis=0))
     names = ("ln kappa", *space.x_names[1 : space.n_forward])
     known = {unknown.name: float(size) for unknown, size in zip(space.errors, sizes, strict=True)}
-    errors = errors_of(context, chosen, data, known)
+    forward = posterior.likelihood.forward
+    assert isinstance(forward, EmulatorForward)
+    errors = errors_of(context, chosen, data, known, forward)
     theta = theta_of(x.mean(axis=0))
     points = None if data.field is None else data.field.points
-    forward = posterior.likelihood.forward
     plans = list(by_emulator(forward, data.travel, points, errors, theta))
     if with_runs and names == RATIOS_ALONE:
         plans += by_runs(study, chosen, errors, theta, echo)
@@ -105,13 +107,18 @@ def _draws(context: Context, hypothesis: Hypothesis) -> Array:
 
 
 def errors_of(
-    context: Context, hypothesis: Hypothesis, data: Dataset, sizes: Mapping[str, float]
+    context: Context,
+    hypothesis: Hypothesis,
+    data: Dataset,
+    sizes: Mapping[str, float],
+    forward: EmulatorForward,
 ) -> Errors:
     """Errors of the study's experiment, of which plans change one at a time.
 
     `sizes` are those that the study leaves unknown, by name.
-    The shapes of the measured mesh error are left out: no other block's are known. Where the study
-    has no field, the noise of a camera is assumed.
+    The ratios for which the mesh's error is mistaken are taken to be the same for all blocks and
+    cameras. Where the study has no field they are not known, and left out, and the noise of a
+    camera is assumed.
     """
     noise = noise_of(context.study)
     mesh = load_mesh_error(context.out, hypothesis)
@@ -130,6 +137,7 @@ def errors_of(
         n_samples=data.n_samples,
         discretisation=mesh.force,
         floor=mesh.field_floor,
+        mistaken=mesh.mistaken(data, forward),
         noise_std=by_field * (np.array(ASSUMED_NOISE) if field is None else field.noise_std),
         length=ASSUMED_LENGTH if field is None else field.correlation_length,
         reference_share=ASSUMED_SHARE if field is None else field.reference_share,

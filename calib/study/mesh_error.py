@@ -8,10 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
-from calib.data import Dataset
+from calib.data import Dataset, FieldData
 from calib.inference.forward import EmulatorForward
 from calib.inference.mesh_correction import CorrectionSlopes, MeshCorrection
-from calib.inference.tangent_errors import tangent_errors
+from calib.inference.tangent_errors import mistaken, tangent_errors
 from calib.study.artifacts import read_json, write_json, write_npz
 from calib.study.config import Study
 from calib.study.sections import Hypothesis
@@ -117,21 +117,33 @@ class MeshError:
         Mesh errors look like other ratios: as rows of nodes pass the pin's edge, the front face
         moves as it does with r and s, and a floor that is spread over all shapes would put almost
         nothing into those. So the share that is left is taken of the change of the ratios, and of
-        further unknowns, by which the difference of the meshes would be mistaken, see
-        `tangent_errors`. All checks together count as one. None for data without a field.
+        further unknowns, for which the difference of the meshes would be mistaken. All checks
+        together count as one. None for data without a field.
         """
         if dataset.field is None:
             return None
+        shifts, tangents = self._mistaken(dataset.field, dataset.travel, forward)
+        return np.concatenate(
+            [tangent_errors(*each) for each in zip(shifts, tangents, strict=True)]
+        )
+
+    def mistaken(self, dataset: Dataset, forward: EmulatorForward) -> Array:
+        """(d, n_check n_step) errors of the ratios behind `field_patterns`, if any."""
+        if dataset.field is None:
+            return np.zeros((self.ratios.shape[1], 0))
+        return np.hstack(self._mistaken(dataset.field, dataset.travel, forward)[0])
+
+    def _mistaken(
+        self, field: FieldData, travel: Array, forward: EmulatorForward
+    ) -> tuple[list[Array], Array]:
+        """By check: what is left of the shifts (d, n_step), tangents (d, n_step, n_point, 3)."""
         theta = np.column_stack([np.ones(len(self.ratios)), self.ratios])
         slopes, basis = forward.jacobian(theta).weights, forward.field_basis
         assert slopes is not None and basis is not None and basis.modes is not None
         tangents = np.einsum("ckd,kipx->cdipx", slopes[:, :, 1:], basis.modes)
         share = left_share(self.refinement) / np.sqrt(len(self.ratios))
-        found = [
-            share * tangent_errors(dataset.field, dataset.travel, own, difference)
-            for own, difference in zip(tangents, self.field, strict=True)
-        ]
-        return np.concatenate(found)
+        both = zip(tangents, self.field, strict=True)
+        return [share * mistaken(field, travel, *each) for each in both], tangents
 
 
 def _variance_over_checks(differences: Array) -> Array:

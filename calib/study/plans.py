@@ -12,6 +12,7 @@ from calib.inference.forward import ForwardModel
 from calib.inference.likelihood import Likelihood, build_likelihood
 from calib.inference.noise import NoiseSettings
 from calib.inference.planned import FirstOrderForward
+from calib.inference.tangent_errors import tangent_errors
 from calib.study.config import Study
 from calib.study.context import block_pin_model
 from calib.study.sections import Hypothesis
@@ -38,6 +39,8 @@ class Errors:
     """(n_step,) relative SD of the force's mesh error"""
     floor: Array
     """(n_step, 3) SD of the field's mesh error, mm"""
+    mistaken: Array
+    """(d, q) errors of r, s, ... for which that of the field is mistaken, each of SD one"""
     noise_std: Array
     """(3,) along the face, up, towards the camera, mm"""
     length: float
@@ -113,7 +116,16 @@ def planned_likelihood(
         errors.noise,
         force_discretisation=errors.discretisation,
         field_floor=errors.floor,
+        field_patterns=_mistaken(forward, errors, theta) if field is not None else None,
     )
+
+
+def _mistaken(forward: ForwardModel, errors: Errors, theta: Array) -> Array:
+    """(q, n_step, n_point, 3) errors of the field that look like other ratios, mm."""
+    slopes, basis = forward.jacobian(theta[None]).weights, forward.field_basis
+    assert slopes is not None and basis is not None and basis.modes is not None
+    tangents = np.tensordot(slopes[0][:, 1:].T, basis.modes, axes=1)
+    return tangent_errors(errors.mistaken, tangents)
 
 
 def by_emulator(
