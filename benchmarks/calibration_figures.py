@@ -185,9 +185,9 @@ def first_look_arm(store: Path, n: int) -> Arm:
 def stuck_arm(store: Path, n: int) -> Arm:
     """Truths by FE on the sampling mesh of the stuck block, emulator of 32 other runs."""
     likelihood = likelihood_of(stuck_emulator(store), points())
-    truths = runs.held_out_truths(store, "stuck")
+    truths = runs.held_out_truths(store, "stuck", n=runs.N_STUCK)
     drawn = by_runs(likelihood, sbc_prior(), truths, n, runs.SEED + 10)
-    return Arm("fe-stuck", drawn, lambda _: likelihood, 8)
+    return Arm(f"fe-stuck-{runs.N_STUCK}", drawn, lambda _: likelihood, 8)
 
 
 def finer_arms(store: Path, n: int, name: str) -> tuple[Arm, Arm]:

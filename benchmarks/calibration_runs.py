@@ -49,7 +49,7 @@ CONTACTS = {"sliding": "slide", "stuck": "stick"}
 """what benchmarks/emulator.py calls the hypotheses, whose sampling meshes are the study's"""
 N_PLACED = 8
 """corners and centres of faces that come first in a design of (r, s)"""
-N_FINER, N_OTHER, N_RUBBING = 12, 15, 100
+N_FINER, N_STUCK, N_OTHER, N_RUBBING = 12, 96, 15, 100
 EVEN = replace(DESIGNS[0], dense_below=None)
 """runs that fill the box of (r, s) evenly, as the prior does"""
 
@@ -160,14 +160,16 @@ def truths(store: Path, progress: Progress | None = None) -> Campaign:
     return _benchmark_runs(store, "sliding", points, progress)
 
 
-def held_out() -> Array:
-    """(32, 2) the second of these sequences."""
-    return EVEN.held_out(32, TRUTH_SEED)
+def held_out(n: int = 32) -> Array:
+    """(n, 2) the second of these sequences."""
+    return EVEN.held_out(n, TRUTH_SEED)
 
 
-def held_out_truths(store: Path, name: str, progress: Progress | None = None) -> Campaign:
+def held_out_truths(
+    store: Path, name: str, progress: Progress | None = None, n: int = 32
+) -> Campaign:
     """Runs of the second sequence alone, under a hypothesis."""
-    return _benchmark_runs(store, name, held_out(), progress)
+    return _benchmark_runs(store, name, held_out(n), progress)
 
 
 def further_training(store: Path, name: str, progress: Progress | None = None) -> Campaign:
@@ -245,7 +247,7 @@ MESH_CASES = {
 PARTS: dict[str, Callable[[Path, Progress], object]] = {
     "sliding": lambda store, progress: design(store, "sliding", progress),
     "stuck": lambda store, progress: further_training(store, "stuck", progress),
-    "stuck-truths": lambda store, progress: held_out_truths(store, "stuck", progress),
+    "stuck-truths": lambda store, progress: held_out_truths(store, "stuck", progress, N_STUCK),
     "rubbing": rubbing_truths,
     "ogden": other_truths,
     "truths": truths,
