@@ -4,12 +4,12 @@
 
 Parts: sbc and power (virtual experiments drawn from the prior), finer-stuck and finer (the same
 with truths on finer meshes), refined (with emulators refined as a study's are), mesh-stuck and
-mesh (whether a mesh's stated error covers finer truths), emcee (some of their posteriors by a
-chain), misspecified (truths of another law and contact, with and without a discrepancy), direct
-(posterior by FE at every node of a quadrature, and the two maxima), local (how many runs in the
-posterior's box its emulator needs). FE runs and posteriors are kept in --store, so that an
-interrupted part goes on where it was. Each part replaces its own figures in FILE and leaves the
-others.
+mesh (whether a mesh's stated error covers finer truths), mesh-pairs (the same on the runs kept by
+benchmarks.verify_fe), emcee (some of their posteriors by a chain), misspecified (truths of another
+law and contact, with and without a discrepancy), direct (posterior by FE at every node of a
+quadrature, and the two maxima), local (how many runs in the posterior's box its emulator needs). FE
+runs and posteriors are kept in --store, so that an interrupted part goes on where it was. Each part
+replaces its own figures in FILE and leaves the others.
 """
 
 from __future__ import annotations
@@ -31,6 +31,7 @@ from benchmarks import (
     calibration_misspecified,
     calibration_refined,
     local_runs,
+    mesh_pairs,
     mesh_statement,
 )
 from benchmarks.calibration_runs import ROOT, STORE
@@ -45,6 +46,7 @@ PARTS: dict[str, Callable[[Path, int], dict[str, Any]]] = {
     "refined": calibration_refined.figures,
     "mesh-stuck": lambda store, n: mesh_statement.figures(store, "finer-stuck"),
     "mesh": lambda store, n: mesh_statement.figures(store, "finer"),
+    "mesh-pairs": lambda store, n: mesh_pairs.figures(),
     "emcee": calibration_emcee.against_emcee,
     "power": calibration_figures.power,
     "misspecified": lambda store, n: calibration_misspecified.figures(store, max(n // 3, 1)),
