@@ -68,7 +68,7 @@ def refined(
     Nothing is kept but the runs: the same rounds follow from them again.
     """
     box = sbc_prior().bounds[1:]
-    choice = Choice(design.theta, box, _noise(), most, n_local, seed)
+    choice = Choice(design.theta, box, _noise(), most, n_local, seed, most_checks=1)
     loop = Loop(np.zeros((0, design.theta.shape[1])))
     while True:
         added = [solve(loop.ratios)] if len(loop.ratios) else []

@@ -1,7 +1,7 @@
 """Stage `check`: the error of the mesh where the posterior is, by two runs on a finer mesh.
 
-The first of each hypothesis was made by the stage `refine`, which needs it; the last ones, often
-the longest runs of a study, are made here, side by side.
+The first of each hypothesis were made by the stage `refine`, which needs them; the last ones, often
+the longest runs of a study, are made here, side by side. The last two tell the error.
 """
 
 from __future__ import annotations
@@ -11,11 +11,11 @@ from pathlib import Path
 from calib.study.context import Context
 from calib.study.mesh_error import check_folder, mesh_error, save_mesh_error
 from calib.study.progress import progress_bar
-from calib.study.refine_outlook import CHECKED
-from calib.study.refine_stage import check_sets, load_refinement
+from calib.study.refine_outlook import N_CHECKED
+from calib.study.refine_stage import check_sets, checked_runs, load_refinement
 from calib.study.simulate_stage import manifest_files
+from calib.study.training_runs import rows
 from fe.campaign import run_campaigns
-from fe.campaign_result import Campaign
 
 
 def run(context: Context) -> list[Path]:
@@ -29,10 +29,10 @@ def run(context: Context) -> list[Path]:
     paths = []
     for hypothesis, campaign in zip(context.study.hypotheses, fine, strict=True):
         runs = load_refinement(context, hypothesis)
-        kept = tuple(runs.responses[i] for i in CHECKED)
-        coarse = Campaign(runs.theta[CHECKED], kept, n_reused=len(kept), parameters=runs.parameters)
+        checked = checked_runs(context, hypothesis)[-N_CHECKED:]
+        last = rows(campaign, slice(-len(checked), None))
         refinement = context.study.refinement(hypothesis)
-        error = mesh_error(campaign, coarse, refinement, hypothesis.name)
+        error = mesh_error(last, rows(runs, checked), refinement, hypothesis.name)
         names = [parameter.name for parameter in runs.parameters]
         paths += save_mesh_error(context.out, hypothesis, context.study, error, names)
         paths += manifest_files(check_folder(context.out, hypothesis))

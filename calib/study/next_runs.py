@@ -19,6 +19,11 @@ from calib.study.refine_rounds import Loop, Round
 from calib.study.refinement import Outlook
 from fe.response import Array
 
+MOST_CHECKS = 4
+"""posterior means at which the mesh is checked before the last, for data with a field"""
+FAR = 3.0
+"""posterior SDs of the mean from the last such place, beyond which it is checked again: there the
+correction of the mesh rests on derivatives from too far away"""
 BATCH = 2
 """runs of one round: each is chosen knowing where the others of its round are, not what they say"""
 
@@ -37,13 +42,16 @@ class Choice:
     n_local: int
     """runs of a second design; 0: none is made"""
     seed: int
+    most_checks: int = MOST_CHECKS
+    """posterior means at which the mesh is checked before the last; 1: where there is one mesh"""
 
     def next_runs(self, loop: Loop, found: Outlook, rng: np.random.Generator) -> Loop:
         """The loop with the runs that `found` asks for.
 
-        First one at the mean; then a second design, where the posterior's box is small, and another
-        one where that turns out to hold too little of the posterior; then where runs take most
-        variance away until the mean rests or there are enough; at the end one at the mean.
+        First one at the mean; again one at the mean while that is far from where the mesh was
+        checked, which moves it; then a second design, where the posterior's box is small, and
+        another one where that turns out to hold too little of the posterior; then where runs take
+        most variance away until the mean rests or there are enough; at the end one at the mean.
         """
         beyond = 0.0 if loop.box is None else mass_beyond(found.quadrature, loop.box, self.box)
         first, moved = not len(loop.ratios), box_of(found.quadrature, self.box)
@@ -52,13 +60,16 @@ class Choice:
         else:
             moves = beyond > MOST_CUT and loop.n_boxes < MOST_BOXES
         n = len(loop.ratios)
-        if moves:
+        if first or self._is_far(loop, found):
+            added, after = found.mean[None], replace(loop, checked=(*loop.checked, n))
+        elif moves:
             added = local_points(moved, self.n_local, self.seed + 1 + loop.n_boxes)
             places = tuple(range(n, n + len(added)))
             after = replace(loop, box=moved, n_boxes=loop.n_boxes + 1, local=(*loop.local, *places))
         else:
             added, last = self._one_by_one(loop, found, rng)
-            after = replace(loop, done=last)
+            checked = (*loop.checked, n) if last else loop.checked
+            after = replace(loop, done=last, checked=checked)
         return replace(
             after,
             ratios=np.concatenate([loop.ratios, added]),
@@ -66,15 +77,24 @@ class Choice:
             emulators=(*loop.emulators, found.emulator),
         )
 
+    def _is_far(self, loop: Loop, found: Outlook) -> bool:
+        """Whether the mesh is to be checked at the mean before anything else."""
+        if self.noise.field is None or len(loop.checked) >= self.most_checks:
+            return False
+        off = found.mean - loop.ratios[loop.checked[-1]]
+        sd = found.quadrature.sd[1 : 1 + len(off)]
+        return bool((np.abs(off) > FAR * sd).any())
+
     def _one_by_one(
         self, loop: Loop, found: Outlook, rng: np.random.Generator
     ) -> tuple[Array, bool]:
         """Runs where they tell most, or one at the mean; whether it is the last."""
-        first = not len(loop.ratios)
-        n_left = self.n_refine - (len(loop.ratios) - len(loop.local)) - 1  # the last is at the mean
-        last = not first and (found.shift.is_small or n_left < 1)
-        if first or last:
-            return found.mean[None], last
+        # The first run at the mean counts, those for further checks of the mesh do not; the last is
+        # at the mean.
+        n_own = len(loop.ratios) - len(loop.local) - (len(loop.checked) - 1)
+        n_left = self.n_refine - n_own - 1
+        if found.shift.is_small or n_left < 1:
+            return found.mean[None], True
         runs = np.concatenate([self.design, loop.ratios])
         proposed = found.proposals(min(BATCH, n_left), runs, self.noise, rng)
         return (proposed, False) if len(proposed) else (found.mean[None], True)

@@ -24,8 +24,8 @@ from fe.campaign_result import Campaign
 from fe.response import Array
 from surrogate import Emulator, ScaledEmulator, TrainingSet
 
-CHECKED = [0, -1]
-"""runs at which the error of the mesh is measured: the posterior mean, first and last"""
+N_CHECKED = 2
+"""of the posterior means that were solved on the finer mesh, the last by which its error is told"""
 NOMINAL_FORCE_ERROR = 0.02
 """relative error of the force that stands in for the mesh's until it is measured"""
 NOMINAL_FIELD_ERROR = 0.005
@@ -88,7 +88,7 @@ def look(context: Context, hypothesis: Hypothesis, loop: Loop) -> Outlook:
         if dataset.field is None:  # the field would take most of the time and enter nothing
             runs = forces_of(runs)
         emulator = Emulator.fit(runs, study.seed)
-        mesh = _first_mesh_error(context, hypothesis, added)
+        mesh = _mesh_error_so_far(context, hypothesis, loop, added)
     forward = EmulatorForward(
         ScaledEmulator(emulator),
         with_field=dataset.field is not None,
@@ -110,12 +110,14 @@ def look(context: Context, hypothesis: Hypothesis, loop: Loop) -> Outlook:
     return outlook(emulator, runs, Posterior(prior, likelihood), forward, rng)
 
 
-def _first_mesh_error(
-    context: Context, hypothesis: Hypothesis, added: Campaign
+def _mesh_error_so_far(
+    context: Context, hypothesis: Hypothesis, loop: Loop, added: Campaign
 ) -> MeshError | None:
-    """As the first run says; None when it did not reach the last increment on both meshes."""
-    fine = load_campaign(check_plan(context, hypothesis, added.theta[CHECKED[:1]]))
-    coarse = rows(added, CHECKED[:1])
+    """As the last runs on the finer mesh say; None where none reached the last increment."""
+    checked = loop.ratios[list(loop.checked)]
+    last = range(max(0, len(checked) - N_CHECKED), len(checked))
+    fine = rows(load_campaign(check_plan(context, hypothesis, checked)), last)
+    coarse = rows(added, [loop.checked[i] for i in last])
     if not (fine.reached & coarse.reached).any():
         return None
     refinement = context.study.refinement(hypothesis)

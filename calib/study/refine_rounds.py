@@ -58,6 +58,8 @@ class Loop:
     """second designs so far"""
     local: tuple[int, ...] = ()
     """rows of `ratios` that belong to second designs"""
+    checked: tuple[int, ...] = ()
+    """rows of `ratios`, posterior means, that are solved on the finer mesh too"""
 
 
 def described(
@@ -79,6 +81,7 @@ def described(
     return {
         "ratios": loop.ratios,
         "local": loop.local,
+        "checked": loop.checked,
         "box": loop.box,
         "mass_beyond": loop.rounds[-1].mass_beyond,
         "rounds": rounds,

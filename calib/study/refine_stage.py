@@ -3,7 +3,8 @@
 The design covers the whole prior; the posterior is a small part of it. Runs are proposed
 that lower the emulator's variance most over the posterior, run, and the emulator fitted again; the
 error that it had there before is shown. The first run is at the posterior mean by the first
-emulator, the last at that by the last but one; both are solved on the finer mesh too. Where the
+emulator, the last at that by the last but one; both are solved on the finer mesh too, and so are
+means between them while the correction of the mesh moves them far. Where the
 posterior's box is a small part of the prior's, a second design is run in it, and the emulator that
 is sampled learns from the runs in that box alone (`calib.study.local_design`).
 """
@@ -22,7 +23,7 @@ from calib.study.judgement import has_field, measurement_noise
 from calib.study.local_design import LOCAL, REFINEMENT, kept_box
 from calib.study.next_runs import Choice
 from calib.study.progress import progress_bar
-from calib.study.refine_outlook import CHECKED, check_plan, look, plan, refine_folder
+from calib.study.refine_outlook import check_plan, look, plan, refine_folder
 from calib.study.refine_rounds import Loop, described
 from calib.study.sections import Hypothesis
 from calib.study.simulate_stage import load_design, manifest_files
@@ -90,10 +91,16 @@ def load_refinement(context: Context, hypothesis: Hypothesis) -> Campaign:
 def check_sets(context: Context) -> list[CampaignPlan]:
     """The runs on the finer mesh at the posterior's means, one set a hypothesis."""
     kept = read_json(context.out / REFINEMENT)
+    ratios = {name: np.asarray(own["ratios"], dtype=float) for name, own in kept.items()}
     return [
-        check_plan(context, h, np.asarray(kept[h.name]["ratios"], dtype=float)[CHECKED])
+        check_plan(context, h, ratios[h.name][checked_runs(context, h)])
         for h in context.study.hypotheses
     ]
+
+
+def checked_runs(context: Context, hypothesis: Hypothesis) -> list[int]:
+    """Rows of the runs at the posterior that are solved on the finer mesh too, in that order."""
+    return [int(row) for row in read_json(context.out / REFINEMENT)[hypothesis.name]["checked"]]
 
 
 def _next_round(context: Context, hypothesis: Hypothesis, loop: Loop) -> Loop:
@@ -133,8 +140,9 @@ def _run_round(context: Context, before: dict[str, Loop], loops: dict[str, Loop]
         old, new = before[hypothesis.name], loops[hypothesis.name]
         if old.done:
             continue
-        if not len(old.ratios):  # the last ones of all hypotheses run together in stage `check`
-            checks.append(check_plan(context, hypothesis, new.ratios[CHECKED[:1]]))
+        # The last ones of all hypotheses run together in stage `check`.
+        if not new.done and len(new.checked) > len(old.checked):
+            checks.append(check_plan(context, hypothesis, new.ratios[list(new.checked)]))
         plans.append(plan(context, hypothesis, new.ratios))
     number = max(len(loop.rounds) for loop in loops.values())
     with progress_bar(f"refine {number}", "run", shown=context.show_progress) as progress:
