@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +24,7 @@ from calib.inference import PARAMETERS, Likelihood, Prior
 from calib.inference.rank_uniformity import LEVELS, clustered_error, coverage, uniformity
 from calib.study.context import block_pin_model
 from calib.study.mesh_error import MeshError, mesh_error
+from calib.study.refine_outlook import N_CHECKED
 from calib.study.training_runs import rows, training_set
 from fe.campaign_result import Campaign
 from fe.response import Array
@@ -193,21 +194,27 @@ def stuck_arm(store: Path, n: int) -> Arm:
 def finer_arms(store: Path, n: int, name: str) -> tuple[Arm, Arm]:
     """Truths by FE on a finer mesh, with the mesh's error treated as in studies, and left out.
 
-    A study measures its mesh's error at the mean of a first posterior and at that of the last one.
-    Here at the mean of the first posteriors of a truth's experiments, and at the mean of those that
-    are corrected by it.
+    A study measures its mesh's error at the mean of a first posterior and again while that moves
+    the mean far, and the last two places tell the error. Here always at three, each the mean of a
+    truth's experiments: of those without any mesh error, and of those corrected by one and by two.
     """
     case = runs.MESH_CASES[name]
     known, truths, seeds = finer_case(store, case)
     bare = likelihood_of(known, points())
     drawn = by_runs(bare, sbc_prior(), truths, n, runs.SEED + seeds[0])
     without = Arm(f"{case}-without-mesh-error", drawn, lambda _: bare, seeds[1])
-    first = _centres(placed(store, without), drawn.run)
-    by_one = with_mesh_error(store, case, known, first[:, None])
-    once = Arm(f"{case}-checked-once", drawn, lambda i: by_one[int(drawn.run[i])], seeds[2])
-    second = _centres(placed(store, once), drawn.run)
-    by_both = with_mesh_error(store, case, known, np.stack([first, second], axis=1))
-    return Arm(str(case), drawn, lambda i: by_both[int(drawn.run[i])], seeds[2] + 100), without
+    arm, centres = without, []
+    for k, checked in enumerate(("-checked-once", "-checked-twice", "")):
+        centres.append(_centres(placed(store, arm), drawn.run))
+        stated = with_mesh_error(store, case, known, np.stack(centres[-N_CHECKED:], axis=1))
+        arm = Arm(
+            f"{case}{checked}", drawn, partial(_of_run, stated, drawn.run), seeds[2] + 100 * k
+        )
+    return arm, without
+
+
+def _of_run(likelihoods: list[Likelihood], run: Array, index: int) -> Likelihood:
+    return likelihoods[int(run[index])]
 
 
 def _centres(found: Placed, run: Array) -> Array:
