@@ -172,10 +172,24 @@ def figures(folder: Path = RUNS) -> dict[str, Any]:
             "median_sd": np.median([sd for _, sd in each], axis=0).tolist(),
         }
         print(name, told[name], flush=True)
+    told["what is left"] = [_left(pair) for pair in found]
     force = [(p.check.force / p.truth.force - 1.0) / p.error.force for p in found]
     told["force, all increments"] = _within(np.array(force).reshape(-1, 1))
     print("force", told["force, all increments"])
     return {"mesh_pairs": told}
+
+
+def _left(pair: Pair) -> dict[str, float]:
+    """What the check errs by, beside the difference that it measured."""
+    left = pair.check.displacement - pair.truth.displacement
+    difference = pair.error.field[0]
+    size = np.sqrt(np.mean(left**2))
+    stated = left_share(pair.refinement) * np.sqrt(np.mean(difference**2))
+    return {
+        "along_difference": float(np.sum(left * difference) / np.sum(difference**2)),
+        "size_over_stated": float(size / stated),
+        "largest_over_size": float(np.abs(left).max() / size),
+    }
 
 
 def _within(z: Array) -> dict[str, Any]:
