@@ -23,8 +23,7 @@ from benchmarks.calibration_experiments import (
 from calib.inference import PARAMETERS, Likelihood, Prior
 from calib.inference.rank_uniformity import LEVELS, clustered_error, coverage, uniformity
 from calib.study.context import block_pin_model
-from calib.study.mesh_error import MeshError, mesh_error
-from calib.study.refine_outlook import N_CHECKED
+from calib.study.mesh_error import N_CHECKED, MeshError, mesh_error
 from calib.study.training_runs import rows, training_set
 from fe.campaign_result import Campaign
 from fe.response import Array
@@ -232,11 +231,12 @@ def with_mesh_error(
     """Likelihoods with the error of the mesh measured at places (n, n_check, 2), one for each n."""
     n, n_check = places.shape[:2]
     fine, coarse = runs.checks(store, case, places.reshape(-1, 2))
+    extent = np.ptp(sbc_prior().bounds[1:], axis=1)
 
     def likelihood(truth: int) -> Likelihood:
         own = list(range(truth * n_check, (truth + 1) * n_check))
         error: MeshError = mesh_error(
-            rows(fine, own), rows(coarse, own), case.refinement, case.hypothesis
+            rows(fine, own), rows(coarse, own), case.refinement, case.hypothesis, extent
         )
         return likelihood_of(known, points(), mesh=error)
 

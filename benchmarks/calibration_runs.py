@@ -75,7 +75,7 @@ class MeshCase:
     def __str__(self) -> str:
         """Names what is stored of it."""
         check, truth = ("x".join(map(str, cells)) for cells in (self.check_cells, self.truth_cells))
-        return f"{self.hypothesis}-by-{check}-of-{truth}"
+        return f"{self.hypothesis}-by-{check}-of-{truth}-{self.draw}"
 
     @property
     def cells(self) -> Cells:

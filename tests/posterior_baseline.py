@@ -35,11 +35,12 @@ from calib.inference import (
 from calib.study.config import Study, load_study
 from calib.study.context import stream
 from calib.study.data_stage import measured
+from calib.study.judgement import has_field
 from calib.study.mesh_error import mesh_error
 from calib.study.posterior_setup import noise_of, posterior_of
 from calib.study.sections import Cells, Hypothesis
 from calib.study.training_runs import training_set
-from calib.study.unknowns import design_points
+from calib.study.unknowns import design_box, design_points
 from calib.study.virtual_stage import noise, truth_of
 from calib.virtual import virtual_experiment
 from fe.campaign_result import Campaign
@@ -124,7 +125,8 @@ def _posterior(study: Study, hypothesis: Hypothesis) -> Posterior:
         for cells in (study.check_cells(hypothesis), study.sampling_cells(hypothesis))
     )
     emulator = ScaledEmulator(Emulator.fit(training, study.seed))
-    error = mesh_error(fine, coarse, 1.5, hypothesis.name)
+    extent = np.ptp(design_box(study, hypothesis), axis=1) if has_field(study) else None
+    error = mesh_error(fine, coarse, 1.5, hypothesis.name, extent)
     return posterior_of(
         study, _data(study, hypothesis), emulator, error, noise_of(study), hypothesis
     )

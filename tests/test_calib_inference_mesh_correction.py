@@ -14,6 +14,7 @@ from calib.inference.mesh_correction import CorrectionSlopes, MeshCorrection
 from fe.response import Array, Response
 
 PLACE = np.array([0.4, 0.2])
+REACH = np.array([0.3, 0.2])
 N_STEP, N_POINT = BLOCK(PLACE).displacement.shape[:2]
 
 
@@ -22,9 +23,7 @@ def correction() -> MeshCorrection:
     return MeshCorrection(
         1.0 + 0.05 * rng.random(N_STEP),
         0.01 * rng.random((N_STEP, N_POINT, 3)),
-        CorrectionSlopes(
-            PLACE, 0.1 * rng.random((N_STEP, 2)), 0.02 * rng.random((N_STEP, N_POINT, 3, 2))
-        ),
+        CorrectionSlopes(PLACE, REACH, 0.02 * rng.random((N_STEP, N_POINT, 3, 2))),
     )
 
 
@@ -32,10 +31,10 @@ def finer(ratios: Array) -> Response:
     """What the correction makes of the block, written out."""
     found, known = BLOCK(ratios), correction()
     assert known.slopes is not None
-    away = ratios - PLACE
+    away = REACH * np.tanh((ratios - PLACE) / REACH)
     return replace(
         found,
-        force=found.force * known.force * np.exp(known.slopes.log_force @ away),
+        force=found.force * known.force,
         displacement=found.displacement + known.field + known.slopes.field @ away,
     )
 
@@ -64,11 +63,49 @@ def test_the_emulator_is_corrected_as_the_direct_model_is() -> None:
     assert forward.field_basis is not None and plain.field_basis is not None
     fields = forward.field_basis.fields(after.weights)
     assert fields == pytest.approx(plain.field_basis.fields(before.weights) + added, abs=1e-14)
-    # What the correction changes by is known: no variance, in any direction.
+    # What the correction changes by is known: no variance in any direction of its own.
     assert after.weight_variance is not None and before.weight_variance is not None
     k = before.weights.shape[1]
     np.testing.assert_array_equal(after.weight_variance[:, :k], before.weight_variance)
     np.testing.assert_array_equal(after.weight_variance[:, k:], 0.0)
+
+
+def test_the_correction_stays_as_it_is_beyond_its_reach() -> None:
+    known = correction()
+    far = known.away(PLACE + np.array([[20.0, -20.0]]) * REACH)
+    assert far[0] == pytest.approx(REACH * np.array([[1.0, -1.0]]))
+    assert np.abs(far[1]).max() < 1e-12
+    near = known.away(PLACE + 1e-3 * REACH[None])
+    assert near[0] == pytest.approx(1e-3 * REACH[None], rel=1e-6)
+
+
+@pytest.mark.parametrize("slopes", ["none", "one", "of the modes", "alike"])
+def test_no_mode_is_zero_or_a_sum_of_others(slopes: str) -> None:
+    """Of a population with such modes the weights of single samples were not to be had."""
+    plain = EmulatorForward(scaled(), with_field=True)
+    assert plain.field_basis is not None and plain.field_basis.modes is not None
+    modes, known = plain.field_basis.modes, correction()
+    assert known.slopes is not None
+    rough = known.slopes.field[..., 0]
+    by_input = {
+        "none": [0.0 * rough, 0.0 * rough],
+        "one": [rough, 0.0 * rough],
+        "of the modes": [0.1 * modes[0] - 0.3 * modes[1], 0.2 * modes[1]],
+        "alike": [rough, -2.0 * rough],
+    }[slopes]
+    field = np.stack(by_input, axis=-1)
+    changed = replace(known, slopes=CorrectionSlopes(PLACE, REACH, field))
+    forward = EmulatorForward(scaled(), with_field=True, correction=changed)
+    basis, found = forward.field_basis, forward.predict(THETA)
+    assert basis is not None and basis.modes is not None and found.weights is not None
+    assert len(basis.modes) == len(modes) + (slopes in ("one", "alike"))
+    flat = basis.modes.reshape(len(basis.modes), -1)
+    scaled_modes = flat / np.linalg.norm(flat, axis=1)[:, None]
+    assert np.linalg.svd(scaled_modes, compute_uv=False).min() > 0.1
+    away = known.away(THETA[:, 1:])[0]
+    plain_fields = plain.field_basis.fields(plain.predict(THETA).weights)
+    expected = plain_fields + known.field + np.einsum("md,ipxd->mipx", away, field)
+    assert basis.fields(found.weights) == pytest.approx(expected, abs=1e-12)
 
 
 @pytest.mark.parametrize("kind", ["emulator", "direct"])

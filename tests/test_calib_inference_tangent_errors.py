@@ -40,7 +40,7 @@ def test_shifts_are_those_of_least_squares_in_the_noise_of_the_field() -> None:
     single = np.einsum("ij,ipx->jipx", np.eye(N_STEP), difference)
     shifts = np.linalg.solve(gram, covariance.inner(tangents, single))
     rho = np.exp(-np.abs(np.subtract.outer(TRAVEL, TRAVEL)) / TRAVEL_LENGTH)
-    found = mistaken(field(), TRAVEL, tangents, difference)
+    found = mistaken(field(), TRAVEL, tangents, difference[None])
     assert found @ found.T == pytest.approx(shifts @ rho @ shifts.T, rel=1e-8)
 
 
@@ -48,7 +48,7 @@ def test_what_looks_like_other_parameters_has_their_size() -> None:
     tangents, shift = smooth(D), np.array([0.03, -0.2])
     difference = np.tensordot(shift, tangents, 1)
     # Travels that are as good as one: the shifts by all increments add up.
-    found = mistaken(field(), 1.0 + 1e-9 * TRAVEL, tangents, difference)
+    found = mistaken(field(), 1.0 + 1e-9 * TRAVEL, tangents, difference[None])
     assert found @ found.T == pytest.approx(np.outer(shift, shift), rel=1e-6)
 
 
@@ -58,7 +58,7 @@ def test_a_parameter_that_is_not_seen_is_left_alone() -> None:
     unseen = np.concatenate([tangents[:1], np.zeros_like(tangents[:1])])
     # Nor does one that does the same as another blow up.
     twice = np.concatenate([tangents[:1], tangents[:1]])
-    known = tangent_errors(mistaken(field(), TRAVEL, tangents[:1], difference), tangents[:1])
+    known = tangent_errors(mistaken(field(), TRAVEL, tangents[:1], difference[None]), tangents[:1])
     for both in (unseen, twice):
-        found = tangent_errors(mistaken(field(), TRAVEL, both, difference), both)
+        found = tangent_errors(mistaken(field(), TRAVEL, both, difference[None]), both)
         assert found == pytest.approx(known)

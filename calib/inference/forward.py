@@ -12,6 +12,9 @@ from calib.inference.mesh_correction import MeshCorrection
 from fe.response import Array, Response
 from surrogate.symmetry import ScaledEmulator
 
+NEGLIGIBLE = 1e-6
+"""share of the slopes of a mesh's correction that is left out where other modes say nearly all"""
+
 
 @dataclass(frozen=True)
 class FieldBasis:
@@ -96,8 +99,9 @@ class EmulatorForward:
         self._scaled = scaled
         self._basis = _emulator_basis(scaled) if with_field else None
         self._correction = correction
+        self._by_away: Array | None = None
         if self._basis is not None and correction is not None:
-            self._basis = _corrected(self._basis, correction)
+            self._basis, self._by_away = _corrected(self._basis, correction)
 
     @property
     def field_basis(self) -> FieldBasis | None:
@@ -108,17 +112,15 @@ class EmulatorForward:
         """Prediction at theta (m, n)."""
         force, covariance = self._scaled.force(theta)
         if self._correction is not None:
-            factor = self._correction.factor(theta[:, 1:])
-            force = force * factor
-            covariance = covariance * factor[:, :, None] * factor[:, None, :]
+            force = force * self._correction.force
+            covariance = covariance * np.outer(self._correction.force, self._correction.force)
         if self._basis is None:
             return Prediction(force, covariance)
         weights, variance = self._scaled.field_weights(theta)
-        known = self._known(theta)
-        if known.shape[1]:
-            weights = np.column_stack([weights, known])
-            variance = np.column_stack([variance, np.zeros_like(known)])
-        return Prediction(force, covariance, weights, variance)
+        further = self._n_modes - weights.shape[1]
+        if further:  # modes of the correction, of weights that are known
+            variance = np.pad(variance, ((0, 0), (0, further)))
+        return Prediction(force, covariance, self._with_correction(theta, weights), variance)
 
     def stated(self, theta: Array, unit_force: Array, weights: Array | None) -> Prediction:
         """The prediction, mesh correction included, of an emulator without error that says these.
@@ -128,10 +130,10 @@ class EmulatorForward:
         """
         force = theta[:, :1] * unit_force
         if self._correction is not None:
-            force = force * self._correction.factor(theta[:, 1:])
+            force = force * self._correction.force
         if self._basis is None or weights is None:
             return Prediction(force, None)
-        return Prediction(force, None, np.column_stack([weights, self._known(theta)]))
+        return Prediction(force, None, self._with_correction(theta, weights))
 
     def jacobian(self, theta: Array) -> Jacobian:
         """Derivatives of the means by x; d/d ln kappa = kappa d/d kappa."""
@@ -139,23 +141,29 @@ class EmulatorForward:
         by_x[:, 0, 0] = theta[:, 0]
         force = self._scaled.force_jacobian(theta) * by_x
         if self._correction is not None:
-            inputs, given = theta[:, 1:], force[:, :, 0]
-            by_inputs = self._correction.force_slope(inputs, given, force[:, :, 1:])
-            by_kappa = given * self._correction.factor(inputs)
-            force = np.concatenate([by_kappa[:, :, None], by_inputs], axis=2)
+            force = force * self._correction.force[:, None]
         if self._basis is None:
             return Jacobian(force)
         weights = self._scaled.field_weights_jacobian(theta) * by_x
-        d = self._known(theta).shape[1]
-        known = np.zeros((len(theta), d, theta.shape[1]))
-        known[:, np.arange(d), 1 + np.arange(d)] = 1.0
-        return Jacobian(force, np.concatenate([weights, known], axis=1))
+        if self._by_away is None or self._correction is None:
+            return Jacobian(force, weights)
+        slope = self._correction.away(theta[:, 1:])[1]
+        weights = np.pad(weights, ((0, 0), (0, self._n_modes - weights.shape[1]), (0, 0)))
+        weights[:, :, 1 : 1 + slope.shape[1]] += slope[:, None, :] * self._by_away.T
+        return Jacobian(force, weights)
 
-    def _known(self, theta: Array) -> Array:
-        """(m, d) weights of the correction's slopes."""
-        if self._correction is None:
-            return np.zeros((len(theta), 0))
-        return self._correction.away(theta[:, 1:])
+    @property
+    def _n_modes(self) -> int:
+        assert self._basis is not None and self._basis.modes is not None
+        return len(self._basis.modes)
+
+    def _with_correction(self, theta: Array, weights: Array) -> Array:
+        """(m, k) weights of all modes, of the emulator's own (m, k')."""
+        if self._by_away is None or self._correction is None:
+            return weights
+        away, _ = self._correction.away(theta[:, 1:])
+        found: Array = np.pad(weights, ((0, 0), (0, self._n_modes - weights.shape[1])))
+        return found + away @ self._by_away
 
 
 @dataclass(frozen=True)
@@ -188,14 +196,24 @@ class GivenInputs:
         )
 
 
-def _corrected(basis: FieldBasis, correction: MeshCorrection) -> FieldBasis:
-    """What the correction changes by with the inputs are modes, of weights that are known."""
+def _corrected(basis: FieldBasis, correction: MeshCorrection) -> tuple[FieldBasis, Array | None]:
+    """The basis with a correction, and (d, k) weights by how far the inputs are from its place.
+
+    What the slopes of the correction have in common with the modes goes into the weights of these;
+    the rest are modes of their own, so that no mode is zero or a sum of others.
+    """
     assert basis.modes is not None
-    return replace(
-        basis,
-        offset=basis.offset + correction.field,
-        modes=np.concatenate([basis.modes, correction.field_slopes]),
-    )
+    offset = basis.offset + correction.field
+    if correction.slopes is None:
+        return replace(basis, offset=offset), None
+    slopes = correction.field_slopes.reshape(len(correction.field_slopes), -1)
+    flat = basis.modes.reshape(len(basis.modes), -1)
+    within = np.asarray(np.linalg.lstsq(flat.T, slopes.T, rcond=None)[0].T, dtype=np.float64)
+    left, size, rest = np.linalg.svd(slopes - within @ flat, full_matrices=False)
+    kept = size > NEGLIGIBLE * np.linalg.norm(slopes)
+    own = rest[kept].reshape(-1, *offset.shape)
+    by_away = np.hstack([within, left[:, kept] * size[kept]])
+    return replace(basis, offset=offset, modes=np.concatenate([basis.modes, own])), by_away
 
 
 def _emulator_basis(scaled: ScaledEmulator) -> FieldBasis:

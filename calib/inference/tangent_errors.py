@@ -15,11 +15,11 @@ SINGULAR = 1e-10
 """share of the largest eigenvalue below which a combination of parameters is not seen at all"""
 
 
-def mistaken(field: FieldData, travel: Array, tangents: Array, difference: Array) -> Array:
-    """(d, n_step) changes of d parameters that a `difference` of two fields would be mistaken for.
+def mistaken(field: FieldData, travel: Array, tangents: Array, differences: Array) -> Array:
+    """(d, n n_step) changes of d parameters that `differences` of fields would be mistaken for.
 
-    The difference (n_step, n_point, 3) [mm] of each increment alone is fitted, by least squares in
-    the noise of `field`, by the changes of the whole field with the parameters, `tangents`
+    Each difference (n, n_step, n_point, 3) [mm] at each increment alone is fitted, by least squares
+    in the noise of `field`, by the changes of the whole field with the parameters, `tangents`
     (d, n_step, n_point, 3). Changes by different increments are taken as correlated over
     `TRAVEL_LENGTH` of the `travel` (n_step,), so that they add up where they agree and do not
     cancel altogether where they do not: columns times normal factors of SD one have the covariance
@@ -28,12 +28,14 @@ def mistaken(field: FieldData, travel: Array, tangents: Array, difference: Array
     """
     weighed = _by_precision(field, tangents)
     gram = np.einsum("aipx,bipx->ab", weighed, tangents)
-    pull = np.einsum("aipx,ipx->ai", weighed, difference)
+    pull = np.einsum("aipx,nipx->ani", weighed, differences)
     scale = np.sqrt(np.diag(gram))
     scale = np.where(scale > 0.0, scale, 1.0)[:, None]
-    shifts, *_ = np.linalg.lstsq(gram / (scale * scale.T), pull / scale, rcond=SINGULAR)
+    flat = pull.reshape(len(tangents), -1) / scale
+    shifts, *_ = np.linalg.lstsq(gram / (scale * scale.T), flat, rcond=SINGULAR)
     apart = np.abs(np.subtract.outer(travel, travel)) / TRAVEL_LENGTH
-    found: Array = (shifts / scale) @ np.linalg.cholesky(np.exp(-apart))
+    root = np.linalg.cholesky(np.exp(-apart))
+    found: Array = ((shifts / scale).reshape(pull.shape) @ root).reshape(len(tangents), -1)
     return found
 
 

@@ -1,7 +1,8 @@
-"""Stage `check`: the error of the mesh where the posterior is, by two runs on a finer mesh.
+"""Stage `check`: the error of the mesh where the posterior is, by runs on a finer mesh.
 
 The first of each hypothesis were made by the stage `refine`, which needs them; the last ones, often
-the longest runs of a study, are made here, side by side. The last two tell the error.
+the longest runs of a study, are made here, side by side. The last two that got to the end tell the
+error.
 """
 
 from __future__ import annotations
@@ -9,9 +10,9 @@ from __future__ import annotations
 from pathlib import Path
 
 from calib.study.context import Context
-from calib.study.mesh_error import check_folder, mesh_error, save_mesh_error
+from calib.study.mesh_error import check_folder, save_mesh_error
 from calib.study.progress import progress_bar
-from calib.study.refine_outlook import N_CHECKED
+from calib.study.refine_outlook import measured
 from calib.study.refine_stage import check_sets, checked_runs, load_refinement
 from calib.study.simulate_stage import manifest_files
 from calib.study.training_runs import rows
@@ -19,7 +20,7 @@ from fe.campaign import run_campaigns
 
 
 def run(context: Context) -> list[Path]:
-    """Solve the finer mesh at two of the runs at the posterior and measure the difference.
+    """Solve the finer mesh at the last posterior mean and measure the difference.
 
     One npz and json a hypothesis. Raises CampaignFailed when no run on the finer mesh reaches
     the last increment.
@@ -29,10 +30,8 @@ def run(context: Context) -> list[Path]:
     paths = []
     for hypothesis, campaign in zip(context.study.hypotheses, fine, strict=True):
         runs = load_refinement(context, hypothesis)
-        checked = checked_runs(context, hypothesis)[-N_CHECKED:]
-        last = rows(campaign, slice(-len(checked), None))
-        refinement = context.study.refinement(hypothesis)
-        error = mesh_error(last, rows(runs, checked), refinement, hypothesis.name)
+        coarse = rows(runs, checked_runs(context, hypothesis))
+        error = measured(context, hypothesis, campaign, coarse)
         names = [parameter.name for parameter in runs.parameters]
         paths += save_mesh_error(context.out, hypothesis, context.study, error, names)
         paths += manifest_files(check_folder(context.out, hypothesis))

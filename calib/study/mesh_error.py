@@ -23,6 +23,11 @@ from surrogate import named_gradient
 
 SAFETY = 3.0
 """of the grid convergence index from two grids (Roache 1994)"""
+N_CHECKED = 2
+"""places, posterior means, by which the error of a mesh is told"""
+REACH = 0.2
+"""share of the box of the ratios over which derivatives of the meshes' difference are followed: in
+stuck blocks they leave a fifth of what a constant does within 0.1 of it, as much at 0.4"""
 
 
 def left_share(refinement: float) -> float:
@@ -36,12 +41,12 @@ def left_share(refinement: float) -> float:
 
 @dataclass(frozen=True)
 class MeshSlopes:
-    """Derivatives of the difference between two meshes by the ratios, at each check."""
+    """Derivatives of the field's difference between two meshes by the ratios, at each check."""
 
-    log_force: Array
-    """(n_check, n_step, d) of the logarithm of coarse over fine force"""
     field: Array
     """(n_check, n_step, n_point, 3, d) of coarse minus fine displacement, mm"""
+    reach: Array
+    """(d,) how far from a check they are followed"""
 
 
 @dataclass(frozen=True)
@@ -63,8 +68,8 @@ class MeshError:
     def correction(self) -> MeshCorrection:
         """Takes predictions of the coarse mesh to the fine one.
 
-        With slopes it is that of the last check, carried on by them: checks are made where the
-        posterior is, the last by all that was known. Without, it is the mean over the checks.
+        With slopes it is that of the last check, the field's carried on by them: checks are made
+        where the posterior is, the last by all that was known. Without, it is the mean.
         """
         if self.slopes is None:
             return MeshCorrection(
@@ -73,20 +78,18 @@ class MeshError:
         return MeshCorrection(
             force=1.0 / (1.0 + self.signed_force[-1]),
             field=-self.field[-1],
-            slopes=CorrectionSlopes(
-                self.ratios[-1], -self.slopes.log_force[-1], -self.slopes.field[-1]
-            ),
+            slopes=CorrectionSlopes(self.ratios[-1], self.slopes.reach, -self.slopes.field[-1]),
         )
 
     @property
-    def _carried(self) -> tuple[Array, Array]:
-        """(n_check, n_step) and (n_check, n_step, n_point, 3) differences as at the last check."""
+    def _carried(self) -> Array:
+        """(n_check, n_step, n_point, 3) differences as they would be at the last check, mm."""
         if self.slopes is None:
-            return self.signed_force, self.field
-        off = self.ratios[-1] - self.ratios
-        factor = np.exp(np.einsum("cid,cd->ci", self.slopes.log_force, off))
-        field = self.field + np.einsum("cipkd,cd->cipk", self.slopes.field, off)
-        return (1.0 + self.signed_force) * factor - 1.0, field
+            return self.field
+        reach = self.slopes.reach
+        off = reach * np.tanh((self.ratios[-1] - self.ratios) / reach)
+        found: Array = self.field + np.einsum("cipkd,cd->cipk", self.slopes.field, off)
+        return found
 
     @property
     def force(self) -> Array:
@@ -98,7 +101,7 @@ class MeshError:
         """
         size = np.sqrt(np.mean(self.signed_force**2, axis=0))
         overall = np.sqrt(np.mean(self.signed_force**2))
-        spread = _variance_over_checks(self._carried[0])
+        spread = _variance_over_checks(self.signed_force)
         share = left_share(self.refinement)
         sd: Array = np.sqrt((share * np.maximum(size, overall)) ** 2 + spread)
         return sd
@@ -107,7 +110,7 @@ class MeshError:
     def field_floor(self) -> Array:
         """(n_step, 3) SD of the field's error after the correction, mm; as for the force."""
         size = np.mean(self.field**2, axis=(0, 2))
-        spread = _variance_over_checks(self._carried[1]).mean(axis=1)
+        spread = _variance_over_checks(self._carried).mean(axis=1)
         floor: Array = np.sqrt(left_share(self.refinement) ** 2 * size + spread)
         return floor
 
@@ -122,28 +125,25 @@ class MeshError:
         """
         if dataset.field is None:
             return None
-        shifts, tangents = self._mistaken(dataset.field, dataset.travel, forward)
-        return np.concatenate(
-            [tangent_errors(*each) for each in zip(shifts, tangents, strict=True)]
-        )
+        return tangent_errors(*self._mistaken(dataset.field, dataset.travel, forward))
 
     def mistaken(self, dataset: Dataset, forward: EmulatorForward) -> Array:
         """(d, n_check n_step) errors of the ratios behind `field_patterns`, if any."""
         if dataset.field is None:
             return np.zeros((self.ratios.shape[1], 0))
-        return np.hstack(self._mistaken(dataset.field, dataset.travel, forward)[0])
+        return self._mistaken(dataset.field, dataset.travel, forward)[0]
 
     def _mistaken(
         self, field: FieldData, travel: Array, forward: EmulatorForward
-    ) -> tuple[list[Array], Array]:
-        """By check: what is left of the shifts (d, n_step), tangents (d, n_step, n_point, 3)."""
-        theta = np.column_stack([np.ones(len(self.ratios)), self.ratios])
-        slopes, basis = forward.jacobian(theta).weights, forward.field_basis
+    ) -> tuple[Array, Array]:
+        """What is left of the shifts (d, n_check n_step), tangents (d, n_step, n_point, 3)."""
+        # All at the last check: an emulator need not know the others' places.
+        slopes = forward.jacobian(np.append(1.0, self.ratios[-1])[None]).weights
+        basis = forward.field_basis
         assert slopes is not None and basis is not None and basis.modes is not None
-        tangents = np.einsum("ckd,kipx->cdipx", slopes[:, :, 1:], basis.modes)
+        tangents = np.tensordot(slopes[0][:, 1:].T, basis.modes, axes=1)
         share = left_share(self.refinement) / np.sqrt(len(self.ratios))
-        both = zip(tangents, self.field, strict=True)
-        return [share * mistaken(field, travel, *each) for each in both], tangents
+        return share * mistaken(field, travel, tangents, self.field), tangents
 
 
 def _variance_over_checks(differences: Array) -> Array:
@@ -154,10 +154,14 @@ def _variance_over_checks(differences: Array) -> Array:
     return variance
 
 
-def mesh_error(fine: Campaign, coarse: Campaign, refinement: float, name: str) -> MeshError:
-    """Difference between two meshes solved at the same ratios, where both reached the end.
+def mesh_error(
+    fine: Campaign, coarse: Campaign, refinement: float, name: str, extent: Array | None = None
+) -> MeshError:
+    """Difference between two meshes solved at the same ratios, at the last that both got through.
 
-    `refinement` is how many times smaller the fine one's elements are.
+    `refinement` is how many times smaller the fine one's elements are. With the `extent` (d,) of
+    the box of the ratios the difference of the fields goes with them: for data with a field, whose
+    posterior is narrow. That of forces alone spreads far beyond where derivatives hold.
 
     Raises CampaignFailed when there is no such point.
     """
@@ -172,16 +176,18 @@ def mesh_error(fine: Campaign, coarse: Campaign, refinement: float, name: str) -
             n_done=len(both),
             n_total=len(both),
         )
+    last = np.flatnonzero(both)[-N_CHECKED:]
+    fine, coarse = rows(fine, last), rows(coarse, last)
     return MeshError(
         refinement=refinement,
-        ratios=fine.theta[both],
-        signed_force=coarse.force[both] / fine.force[both] - 1.0,
-        field=coarse.displacement[both] - fine.displacement[both],
-        slopes=_slopes(*(rows(each, np.flatnonzero(both)) for each in (fine, coarse))),
+        ratios=fine.theta,
+        signed_force=coarse.force / fine.force - 1.0,
+        field=coarse.displacement - fine.displacement,
+        slopes=None if extent is None else _slopes(fine, coarse, REACH * extent),
     )
 
 
-def _slopes(fine: Campaign, coarse: Campaign) -> MeshSlopes | None:
+def _slopes(fine: Campaign, coarse: Campaign, reach: Array) -> MeshSlopes | None:
     """Derivatives of the difference; None unless all equilibria are stable and theirs are known.
 
     Those of an unstable equilibrium need not be those along the ratios.
@@ -189,16 +195,12 @@ def _slopes(fine: Campaign, coarse: Campaign) -> MeshSlopes | None:
     if not (fine.stable.all() and coarse.stable.all()):
         return None
     names = [parameter.name for parameter in fine.parameters]
-    both = []
-    for campaign in (fine, coarse):
-        force, field = (
-            named_gradient(gradient, campaign.gradient_parameters, names)
-            for gradient in (campaign.force_gradient, campaign.displacement_gradient)
-        )
-        both.append((force / campaign.force[:, :, None], field))
-    (fine_force, fine_field), (coarse_force, coarse_field) = both
-    found = MeshSlopes(coarse_force - fine_force, coarse_field - fine_field)
-    return found if np.isfinite(found.field).all() and np.isfinite(found.log_force).all() else None
+    by_fine, by_coarse = (
+        named_gradient(each.displacement_gradient, each.gradient_parameters, names)
+        for each in (fine, coarse)
+    )
+    found = MeshSlopes(by_coarse - by_fine, reach)
+    return found if np.isfinite(found.field).all() else None
 
 
 def load_mesh_error(out: Path, hypothesis: Hypothesis) -> MeshError:
@@ -207,7 +209,7 @@ def load_mesh_error(out: Path, hypothesis: Hypothesis) -> MeshError:
     with np.load(check_folder(out, hypothesis) / "mesh_error.npz", allow_pickle=False) as stored:
         field = stored["field"]
         known = "field_slope" in stored
-        slopes = MeshSlopes(stored["log_force_slope"], stored["field_slope"]) if known else None
+        slopes = MeshSlopes(stored["field_slope"], stored["reach"]) if known else None
     return MeshError(
         refinement=float(facts["refinement"]),
         ratios=np.asarray(facts["ratios"], dtype=float),
@@ -233,6 +235,7 @@ def save_mesh_error(
         "left_share": left_share(error.refinement),
         "ratios": error.ratios,
         "names": names,
+        "with_derivatives": error.slopes is not None,
         "force": error.force,
         "signed_force": error.signed_force,
         "field_rms": np.sqrt(np.mean(error.field**2, axis=(2, 3))),
@@ -242,7 +245,7 @@ def save_mesh_error(
     write_json(folder / "mesh_error.json", facts)
     arrays = {"field": error.field}
     if error.slopes is not None:
-        arrays |= {"log_force_slope": error.slopes.log_force, "field_slope": error.slopes.field}
+        arrays |= {"field_slope": error.slopes.field, "reach": error.slopes.reach}
     write_npz(folder / "mesh_error.npz", arrays)
     return [folder / "mesh_error.json", folder / "mesh_error.npz"]
 

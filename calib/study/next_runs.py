@@ -24,6 +24,8 @@ MOST_CHECKS = 4
 FAR = 3.0
 """posterior SDs of the mean from the last such place, beyond which it is checked again: there the
 correction of the mesh rests on derivatives from too far away"""
+NEAR = 0.1
+"""share of the design's box, likewise"""
 BATCH = 2
 """runs of one round: each is chosen knowing where the others of its round are, not what they say"""
 
@@ -83,7 +85,8 @@ class Choice:
             return False
         off = found.mean - loop.ratios[loop.checked[-1]]
         sd = found.quadrature.sd[1 : 1 + len(off)]
-        return bool((np.abs(off) > FAR * sd).any())
+        near = np.minimum(FAR * sd, NEAR * np.ptp(self.box, axis=1))
+        return bool((np.abs(off) > near).any())
 
     def _one_by_one(
         self, loop: Loop, found: Outlook, rng: np.random.Generator

@@ -5,11 +5,14 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+
 from calib.inference.forward import EmulatorForward
 from calib.inference.likelihood import build_likelihood
 from calib.inference.posterior import Posterior
 from calib.study.context import Context, stream
 from calib.study.data_stage import load_data
+from calib.study.judgement import has_field
 from calib.study.local_design import within
 from calib.study.mesh_error import MeshError, check_folder, mesh_error
 from calib.study.posterior_setup import noise_of, sizes_of
@@ -18,14 +21,12 @@ from calib.study.refinement import Outlook, outlook
 from calib.study.sections import Hypothesis
 from calib.study.train_stage import FIRST, design_runs, load_emulator
 from calib.study.training_runs import rows
-from calib.study.unknowns import parameters_of, prior_of
+from calib.study.unknowns import design_box, parameters_of, prior_of
 from fe.campaign import CampaignPlan, load_campaign
 from fe.campaign_result import Campaign
 from fe.response import Array
 from surrogate import Emulator, ScaledEmulator, TrainingSet
 
-N_CHECKED = 2
-"""of the posterior means that were solved on the finer mesh, the last by which its error is told"""
 NOMINAL_FORCE_ERROR = 0.02
 """relative error of the force that stands in for the mesh's until it is measured"""
 NOMINAL_FIELD_ERROR = 0.005
@@ -114,11 +115,20 @@ def _mesh_error_so_far(
     context: Context, hypothesis: Hypothesis, loop: Loop, added: Campaign
 ) -> MeshError | None:
     """As the last runs on the finer mesh say; None where none reached the last increment."""
-    checked = loop.ratios[list(loop.checked)]
-    last = range(max(0, len(checked) - N_CHECKED), len(checked))
-    fine = rows(load_campaign(check_plan(context, hypothesis, checked)), last)
-    coarse = rows(added, [loop.checked[i] for i in last])
+    fine = load_campaign(check_plan(context, hypothesis, loop.ratios[list(loop.checked)]))
+    coarse = rows(added, loop.checked)
     if not (fine.reached & coarse.reached).any():
         return None
-    refinement = context.study.refinement(hypothesis)
-    return mesh_error(fine, coarse, refinement, hypothesis.name)
+    return measured(context, hypothesis, fine, coarse)
+
+
+def measured(
+    context: Context, hypothesis: Hypothesis, fine: Campaign, coarse: Campaign
+) -> MeshError:
+    """Error of the mesh by runs at the same posterior means; of forces alone the same everywhere.
+
+    Raises CampaignFailed where none reached the last increment on both meshes.
+    """
+    study = context.study
+    extent = np.ptp(design_box(study, hypothesis), axis=1) if has_field(study) else None
+    return mesh_error(fine, coarse, study.refinement(hypothesis), hypothesis.name, extent)

@@ -100,7 +100,9 @@ def check_sets(context: Context) -> list[CampaignPlan]:
 
 def checked_runs(context: Context, hypothesis: Hypothesis) -> list[int]:
     """Rows of the runs at the posterior that are solved on the finer mesh too, in that order."""
-    return [int(row) for row in read_json(context.out / REFINEMENT)[hypothesis.name]["checked"]]
+    kept = read_json(context.out / REFINEMENT)[hypothesis.name]
+    # Until 2026-11-23 it was the first and the last, and the file did not say so.
+    return [int(row) for row in kept.get("checked", [0, len(kept["ratios"]) - 1])]
 
 
 def _next_round(context: Context, hypothesis: Hypothesis, loop: Loop) -> Loop:

@@ -103,6 +103,12 @@ def _models(*names: str) -> Settings:
     return settings
 
 
+def _refined(context: Context) -> dict[str, object]:
+    """The finer meshes too: runs on them move the posterior, and with it the runs to come."""
+    settings = _models("design", "emulator", "hypotheses", "noise", "prior", "seed")
+    return {**settings(context), "check": _checked(context)["check"]}
+
+
 def _checked(context: Context) -> dict[str, object]:
     """The forward models and the finer meshes that they are held against."""
     study = context.study
@@ -156,7 +162,7 @@ STAGES = (
         "refine",
         "add FE runs where the posterior is",
         ("data", "simulate", "train"),
-        _models("design", "emulator", "hypotheses", "noise", "prior", "seed"),
+        _refined,
         refine_stage.run,
     ),
     Stage(
