@@ -116,7 +116,7 @@ def _mesh_error_so_far(
 ) -> MeshError | None:
     """As the last runs on the finer mesh say; None where none reached the last increment."""
     fine = load_campaign(check_plan(context, hypothesis, loop.ratios[list(loop.checked)]))
-    coarse = rows(added, loop.checked)
+    coarse = rows(added, list(loop.checked))
     if not (fine.reached & coarse.reached).any():
         return None
     return measured(context, hypothesis, fine, coarse)
