@@ -11,9 +11,10 @@ from analytic_models import AnalyticBlock
 from test_calib_inference_forward import BLOCK, scaled
 
 from calib.data import Dataset, FieldData
-from calib.inference import EmulatorForward
+from calib.inference import EmulatorForward, NoiseSettings
 from calib.study.config import load_study
 from calib.study.mesh_error import MeshError, load_mesh_error, mesh_error, save_mesh_error
+from calib.study.plans import Errors, planned_likelihood
 from fe.campaign_result import Campaign
 from fe.response import Array, Response, Status
 
@@ -140,7 +141,33 @@ def test_patterns_are_changes_of_the_ratios_and_two_equal_checks_count_as_one() 
 def test_forces_alone_have_no_patterns() -> None:
     forward = EmulatorForward(scaled())
     bare = replace(dataset(), field=None)
-    assert mesh_error(*both(CHECKS), 1.5, "stuck", EXTENT).field_patterns(bare, forward) is None
+    error = mesh_error(*both(CHECKS), 1.5, "stuck")
+    assert error.field_patterns(bare, forward) is None
+    assert error.mistaken(bare, forward).shape == (2, 0)
+
+
+def test_a_planned_experiment_errs_by_the_same_ratios() -> None:
+    forward, data = EmulatorForward(scaled(), with_field=True), dataset()
+    error = mesh_error(*both(CHECKS[:1]), 1.5, "stuck", EXTENT)
+    mistaken = error.mistaken(data, forward)
+    assert mistaken.shape == (2, len(data.travel)) and np.abs(mistaken).max() > 1e-4
+    errors = Errors(
+        own_share=np.full(len(data.travel), 0.1),
+        noise=NoiseSettings(),
+        n_samples=5,
+        discretisation=error.force,
+        floor=np.zeros((len(data.travel), 3)),
+        mistaken=mistaken,
+        noise_std=np.full(3, 0.01),
+        length=0.5,
+        reference_share=0.5,
+        nugget=1e-6,
+    )
+    theta = np.array([1.0, *CHECKS[0]])
+    planned = planned_likelihood(forward, data.travel, BLOCK.points, errors, theta)
+    assert planned.field is not None
+    expected = error.field_patterns(data, forward)
+    np.testing.assert_allclose(planned.field.covariance.patterns, expected, rtol=1e-10)
 
 
 @pytest.mark.parametrize("with_slopes", [True, False])
