@@ -3,8 +3,8 @@
 The design covers the whole prior; the posterior is a small part of it. Runs are proposed
 that lower the emulator's variance most over the posterior, run, and the emulator fitted again; the
 error that it had there before is shown. The first run is at the posterior mean by the first
-emulator, the last at that by the last but one; both are solved on the finer mesh too, and so are
-means between them while the correction of the mesh moves them far. Where the
+emulator, the last at that by the last but one. Both are solved on the finer mesh too; so are runs
+at means between them while the correction of the mesh moves these far. Where the
 posterior's box is a small part of the prior's, a second design is run in it, and the emulator that
 is sampled learns from the runs in that box alone (`calib.study.local_design`).
 """

@@ -104,12 +104,11 @@ def mesh_table(errors: Mapping[str, Any]) -> Table:
         f"Discretisation error: mesh {coarse} of the emulator's runs against {', '.join(fine)}",
         ("hypothesis", "measured at", *(f"{travel:g} mm" for travel in first["travel"])),
         tuple(rows),
-        "Predictions are corrected by the difference of the last point, carried on by the "
-        "derivatives of its runs, or by the mean where these are not known. SD left: of the error "
+        f"{_corrected(errors)} SD left: of the error "
         f"that the likelihood still allows for, {', '.join(shares)} times the difference (half the "
         "grid convergence index of two meshes; of the force never less than that of the RMS over "
-        "the increments) and its spread over the points; of the field, the worst component; the "
-        "field has the same share again of the change of the constants that the difference would "
+        "the increments) and its spread over the points; of the field, the worst component, and "
+        "a field has the same share again of the change of the constants that the difference would "
         "be mistaken for. It is an estimate, not a bound."
         + "".join(
             f" {name}: one of the points could not be solved on both meshes, so the spread is "
@@ -215,6 +214,16 @@ def comparison_table(comparison: Mapping[str, Any]) -> Table:
 def texts(tables: Sequence[Table | None]) -> list[str]:
     """The tables that there are, for a terminal."""
     return [table.text() for table in tables if table is not None]
+
+
+def _corrected(errors: Mapping[str, Any]) -> str:
+    """How predictions were corrected, of what `mesh_table` takes."""
+    if any(error.get("with_derivatives") for error in errors.values()):
+        return (
+            "Predictions are corrected by the difference at the last point, that of the field "
+            "carried on by the derivatives of its runs."
+        )
+    return "Predictions are corrected by the mean difference."
 
 
 def _mesh(cells: Sequence[int] | Mapping[str, int]) -> str:

@@ -24,7 +24,7 @@ class Design:
     """number of further runs that only judge the emulator"""
     n_refine: Annotated[int, Field(ge=3)] = 8
     """largest number of runs added where the posterior is, for each hypothesis; fewer when its mean
-    will not move any more"""
+    will not move any more; those for further checks of the mesh not counted"""
     n_local: Annotated[int, Field(ge=0, le=256)] = 16
     """number of runs (0: none) of a second design in the posterior's box, where the data have a
     field and this box is less than a tenth of the prior's; the emulator that is sampled then learns
