@@ -29,6 +29,7 @@ from calib.study.local_design import (
 from calib.study.posterior_setup import emulator_posterior
 from calib.study.stages import run_stages
 from calib.study.train_stage import emulator_path, load_diagnostics, load_emulator
+from calib.study.training_runs import SAME_POINT
 from fe.executors import serial_map
 from fe.response import Array
 
@@ -151,9 +152,11 @@ def test_a_narrow_posterior_gets_a_design_and_an_emulator_of_its_own(context: Co
     # That of the whole box does not learn from the second design.
     whole = load_emulator(context.out, hypothesis)
     single = np.delete(np.array(facts["ratios"]), facts["local"], axis=0)
-    # The first mean by the field, where the mesh is checked again, and the last are one place.
+    # The first mean by the field, where the mesh is checked again, and the last may be one place.
     assert facts["checked"] == [0, 1, len(facts["ratios"]) - 1]
-    assert whole.header.n_train == 8 + len(np.unique(np.round(single, 3), axis=0))
+    near = SAME_POINT * np.ptp(whole.bounds, axis=1)
+    again = (np.abs(single[1] - single[2]) <= near).all()
+    assert whole.header.n_train == 8 + len(single) - again
     assert np.prod(np.ptp(whole.bounds, axis=1)) > 10.0 * np.prod(np.ptp(box, axis=1))
     assert load_diagnostics(context.out / LOCAL)[hypothesis.name]["held_out"] is None
 
