@@ -16,6 +16,7 @@ import numpy as np
 from benchmarks import calibration_runs as runs
 from benchmarks.calibration_figures import finer_case, with_mesh_error
 from calib.inference import Likelihood
+from calib.inference.tangent_errors import tangents_at
 from fe.response import Array
 
 WITHIN = 1.96
@@ -57,11 +58,10 @@ def fitted(likelihood: Likelihood, ratios: Array, truth: Array) -> Fitted:
     theta = np.concatenate([[1.0], ratios])[None]
     field, basis = likelihood.field, likelihood.forward.field_basis
     stated = likelihood.forward.predict(theta)
-    slope = likelihood.forward.jacobian(theta).weights
     assert field is not None and basis is not None and basis.modes is not None
-    assert stated.weights is not None and stated.weight_variance is not None and slope is not None
+    assert stated.weights is not None and stated.weight_variance is not None
     own = np.sqrt(stated.weight_variance[0])[:, None, None, None] * basis.modes
-    by_ratio = np.einsum("kx,kipc->xipc", slope[0][:, 1:], basis.modes)
+    by_ratio = tangents_at(likelihood.forward, theta[0])
     error = truth - basis.fields(stated.weights)[0]
     vectors = np.concatenate([by_ratio, error[None]])
     gram = field.total.with_patterns(own).inner(vectors, vectors)

@@ -7,6 +7,7 @@ from scipy.linalg import cho_factor, cho_solve
 
 from calib.data.dataset import FieldData
 from calib.inference.field_noise import spatial_correlation, step_correlation
+from calib.inference.forward import ForwardModel
 from fe.response import Array
 
 TRAVEL_LENGTH = 0.8
@@ -36,6 +37,17 @@ def mistaken(field: FieldData, travel: Array, tangents: Array, differences: Arra
     apart = np.abs(np.subtract.outer(travel, travel)) / TRAVEL_LENGTH
     root = np.linalg.cholesky(np.exp(-apart))
     found: Array = ((shifts / scale).reshape(pull.shape) @ root).reshape(len(tangents), -1)
+    return found
+
+
+def tangents_at(forward: ForwardModel, theta: Array) -> Array:
+    """(d, n_step, n_point, 3) changes of a model's field with its inputs at theta (1 + d,), mm.
+
+    Of all but kappa, which no field depends on. The model must have a field and modes.
+    """
+    slopes, basis = forward.jacobian(theta[None]).weights, forward.field_basis
+    assert slopes is not None and basis is not None and basis.modes is not None
+    found: Array = np.tensordot(slopes[0][:, 1:].T, basis.modes, axes=1)
     return found
 
 

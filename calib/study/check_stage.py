@@ -12,7 +12,7 @@ from pathlib import Path
 from calib.study.context import Context
 from calib.study.mesh_error import check_folder, save_mesh_error
 from calib.study.progress import progress_bar
-from calib.study.refine_outlook import measured
+from calib.study.refine_outlook import measured_mesh_error
 from calib.study.refine_stage import check_sets, checked_runs, load_refinement
 from calib.study.simulate_stage import manifest_files
 from calib.study.training_runs import rows
@@ -31,7 +31,7 @@ def run(context: Context) -> list[Path]:
     for hypothesis, campaign in zip(context.study.hypotheses, fine, strict=True):
         runs = load_refinement(context, hypothesis)
         coarse = rows(runs, checked_runs(context, hypothesis))
-        error = measured(context, hypothesis, campaign, coarse)
+        error = measured_mesh_error(context, hypothesis, campaign, coarse)
         names = [parameter.name for parameter in runs.parameters]
         paths += save_mesh_error(context.out, hypothesis, context.study, error, names)
         paths += manifest_files(check_folder(context.out, hypothesis))

@@ -11,7 +11,7 @@ import numpy as np
 from calib.data import Dataset, FieldData
 from calib.inference.forward import EmulatorForward
 from calib.inference.mesh_correction import CorrectionSlopes, MeshCorrection
-from calib.inference.tangent_errors import mistaken, tangent_errors
+from calib.inference.tangent_errors import mistaken, tangent_errors, tangents_at
 from calib.study.artifacts import read_json, write_json, write_npz
 from calib.study.config import Study
 from calib.study.sections import Hypothesis
@@ -27,7 +27,8 @@ N_CHECKED = 2
 """places, posterior means, by which the error of a mesh is told"""
 REACH = 0.2
 """share of the box of the ratios over which derivatives of the meshes' difference are followed: in
-stuck blocks they leave a fifth of what a constant does within 0.1 of it, as much at 0.4"""
+stuck blocks they leave a fifth to two fifths of what a constant does within 0.1 of it (a distance
+of r and 2 s), as much beyond 0.4"""
 
 
 def left_share(refinement: float) -> float:
@@ -86,9 +87,8 @@ class MeshError:
         """(n_check, n_step, n_point, 3) differences as they would be at the last check, mm."""
         if self.slopes is None:
             return self.field
-        reach = self.slopes.reach
-        off = reach * np.tanh((self.ratios[-1] - self.ratios) / reach)
-        found: Array = self.field + np.einsum("cipkd,cd->cipk", self.slopes.field, off)
+        away, _ = self.correction.away(self.ratios)
+        found: Array = self.field - np.einsum("cipkd,cd->cipk", self.slopes.field, away)
         return found
 
     @property
@@ -138,10 +138,7 @@ class MeshError:
     ) -> tuple[Array, Array]:
         """What is left of the shifts (d, n_check n_step), tangents (d, n_step, n_point, 3)."""
         # All at the last check: an emulator need not know the others' places.
-        slopes = forward.jacobian(np.append(1.0, self.ratios[-1])[None]).weights
-        basis = forward.field_basis
-        assert slopes is not None and basis is not None and basis.modes is not None
-        tangents = np.tensordot(slopes[0][:, 1:].T, basis.modes, axes=1)
+        tangents = tangents_at(forward, np.append(1.0, self.ratios[-1]))
         share = left_share(self.refinement) / np.sqrt(len(self.ratios))
         return share * mistaken(field, travel, tangents, self.field), tangents
 

@@ -12,7 +12,7 @@ from calib.inference.forward import ForwardModel
 from calib.inference.likelihood import Likelihood, build_likelihood
 from calib.inference.noise import NoiseSettings
 from calib.inference.planned import FirstOrderForward
-from calib.inference.tangent_errors import tangent_errors
+from calib.inference.tangent_errors import tangent_errors, tangents_at
 from calib.study.config import Study
 from calib.study.context import block_pin_model
 from calib.study.sections import Hypothesis
@@ -116,16 +116,10 @@ def planned_likelihood(
         errors.noise,
         force_discretisation=errors.discretisation,
         field_floor=errors.floor,
-        field_patterns=_mistaken(forward, errors, theta) if field is not None else None,
+        field_patterns=None
+        if field is None
+        else tangent_errors(errors.mistaken, tangents_at(forward, theta)),
     )
-
-
-def _mistaken(forward: ForwardModel, errors: Errors, theta: Array) -> Array:
-    """(q, n_step, n_point, 3) errors of the field that look like other ratios, mm."""
-    slopes, basis = forward.jacobian(theta[None]).weights, forward.field_basis
-    assert slopes is not None and basis is not None and basis.modes is not None
-    tangents = np.tensordot(slopes[0][:, 1:].T, basis.modes, axes=1)
-    return tangent_errors(errors.mistaken, tangents)
 
 
 def by_emulator(

@@ -119,10 +119,10 @@ def _mesh_error_so_far(
     coarse = rows(added, list(loop.checked))
     if not (fine.reached & coarse.reached).any():
         return None
-    return measured(context, hypothesis, fine, coarse)
+    return measured_mesh_error(context, hypothesis, fine, coarse)
 
 
-def measured(
+def measured_mesh_error(
     context: Context, hypothesis: Hypothesis, fine: Campaign, coarse: Campaign
 ) -> MeshError:
     """Error of the mesh by runs at the same posterior means; of forces alone the same everywhere.
