@@ -12,7 +12,7 @@ Pin = Literal["bar", "round"]
 
 SAMPLING_CELLS: dict[str, Cells | Rings] = {
     "bar, stick": (12, 6, 2),
-    "bar, friction": (12, 4, 2),
+    "bar, friction": (12, 3, 3),
     "bar, frictionless": (12, 4, 2),
     "round, stick": Rings(8, 4, 2),
     "round, friction": Rings(8, 2, 2),
