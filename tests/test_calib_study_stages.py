@@ -20,8 +20,9 @@ from calib.study.config import Study, StudyError, load_study
 from calib.study.context import Context, stream
 from calib.study.data_stage import at_increments, load_data
 from calib.study.direct_chain import direct_chain
-from calib.study.mesh_error import load_mesh_error
+from calib.study.mesh_error import check_folder, load_mesh_error
 from calib.study.posterior_setup import marginal
+from calib.study.posterior_stage import provenance
 from calib.study.sections import Cells, Hypothesis, ParameterPrior, Virtual
 from calib.study.stage_list import stages_of
 from calib.study.stages import StudyResult, report_again, run_stages, run_study
@@ -257,6 +258,27 @@ def test_a_virtual_study_contains_its_truth_and_says_it_is_synthetic(virtual: Ru
 def test_a_virtual_study_uses_the_field(virtual: Run) -> None:
     field = load_data(virtual.out).dataset.field
     assert field is not None and field.displacement.shape == (5, 12, 3)
+
+
+def test_a_posterior_far_from_where_its_mesh_was_checked_says_so(
+    virtual: Run, tmp_path: Path
+) -> None:
+    out = tmp_path / "run"
+    shutil.copytree(virtual.out, out)
+    data, hypothesis = load_data(out), virtual.study.hypotheses[0]
+    path = check_folder(out, hypothesis) / "mesh_error.json"
+    facts = json.loads(path.read_text())
+
+    def failures() -> list[str]:
+        found: Any = provenance(out, virtual.study, data)["hypotheses"]
+        return list(found[hypothesis.name]["mesh_failures"])
+
+    assert failures() == []
+    write_json(path, facts | {"ratios": [[0.9 * r, s + 0.2] for r, s in facts["ratios"]]})
+    [said] = failures()
+    assert said.startswith(
+        f"mesh: its error was last measured at s = {facts['ratios'][-1][1] + 0.2:.3g}"
+    )
 
 
 def test_a_virtual_experiment_on_the_sampling_mesh_is_refused(tmp_path: Path) -> None:

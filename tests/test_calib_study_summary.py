@@ -97,6 +97,11 @@ def test_an_emulator_outside_its_stated_error_fails() -> None:
     assert summary.failures == ("emulator: held-out force error is 0.1, above 0.02",)
 
 
+def test_a_posterior_far_from_the_last_check_of_its_mesh_fails() -> None:
+    said = "mesh: its error was last measured at s = 0.1, 5.0 SD from the posterior mean 0.09"
+    assert _summary(mesh_failures=[said]).failures == (said,)
+
+
 def test_a_search_without_a_solve_fails_and_leaves_gaps_not_numbers() -> None:
     nothing = {
         "emulator": POINT,

@@ -15,17 +15,13 @@ from calib.study.local_design import (
     local_points,
     mass_beyond,
 )
+from calib.study.mesh_distance import too_far
 from calib.study.refine_rounds import Loop, Round
 from calib.study.refinement import Outlook
 from fe.response import Array
 
 MOST_CHECKS = 4
 """posterior means at which the mesh is checked before the last, for data with a field"""
-FAR = 3.0
-"""posterior SDs of the mean from the last such place, beyond which it is checked again: there the
-correction of the mesh rests on derivatives from too far away"""
-NEAR = 0.1
-"""share of the design's box, likewise"""
 BATCH = 2
 """runs of one round: each is chosen knowing where the others of its round are, not what they say"""
 
@@ -85,8 +81,7 @@ class Choice:
             return False
         off = found.mean - loop.ratios[loop.checked[-1]]
         sd = found.quadrature.sd[1 : 1 + len(off)]
-        near = np.minimum(FAR * sd, NEAR * np.ptp(self.box, axis=1))
-        return bool((np.abs(off) > near).any())
+        return bool(too_far(off, sd, np.ptp(self.box, axis=1)).any())
 
     def _one_by_one(
         self, loop: Loop, found: Outlook, rng: np.random.Generator

@@ -147,6 +147,7 @@ def summarise(
     failures = [
         *(f for name, c in (constants | further).items() for f in _unconverged(name, c, limits)),
         *facts["emulator_failures"],
+        *facts.get("mesh_failures", []),
     ]
     # A search that ends at the roughness of the FE forces is told, with its distance, not failed.
     if facts["map"]["fe"] is None:
