@@ -28,7 +28,7 @@ from calib.inference import (
     refine_map,
 )
 from calib.inference.forward_errors import DirectWithErrors
-from calib.inference.weighted_draws import draw_weighted
+from calib.inference.weighted_draws import WeightedDraws, draw_weighted
 from calib.study.context import block_pin_model
 from calib.study.simulations import StoredSimulate
 from fe.response import Array
@@ -66,8 +66,8 @@ def _worst(each: list[dict[str, float]], about: float) -> dict[str, float]:
 
 def _figures(case: DirectCase) -> dict[str, Any]:
     """Means and SDs of the posteriors on the same nodes, and the distance of two maxima."""
-    found = _by_study(case, runs.study().design.n_local)
-    draws = draw_weighted(found.posterior, np.random.default_rng(1), 16384)
+    found = by_study(case, runs.study().design.n_local)
+    draws = _draws(found.posterior)
     rule = case.rule(draws.mean, draws.sd)
     by_fe = rule.moments(found.posterior.with_forward(rule.exact))
     off = rule.moments(found.posterior).mean - draws.mean
@@ -80,11 +80,22 @@ def _figures(case: DirectCase) -> dict[str, Any]:
     }
     told |= _held(found, rule, by_fe) | _maxima(case, found.posterior, draws.sd)
     if not case.index:
-        told["whole_box"] = _held(_by_study(case, 0), rule, by_fe)
+        told["whole_box"] = _held(by_study(case, 0), rule, by_fe)
     return told
 
 
-def _by_study(case: DirectCase, n_local: int) -> Refined:
+def rule_of(case: DirectCase, posterior: Posterior) -> Rule:
+    """The nodes over a posterior by emulator, with FE at each."""
+    draws = _draws(posterior)
+    return case.rule(draws.mean, draws.sd)
+
+
+def _draws(posterior: Posterior) -> WeightedDraws:
+    return draw_weighted(posterior, np.random.default_rng(1), 16384)
+
+
+def by_study(case: DirectCase, n_local: int) -> Refined:
+    """The emulator of a case refined as a study's is, with so many runs in its second design."""
     return refined(
         case.first,
         lambda own: experiment(own, case.drawn, 0)[1],

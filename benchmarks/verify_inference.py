@@ -7,9 +7,10 @@ with truths on finer meshes), refined (with emulators refined as a study's are),
 mesh (whether a mesh's stated error covers finer truths), mesh-pairs (the same on the runs kept by
 benchmarks.verify_fe), emcee (some of their posteriors by a chain), misspecified (truths of another
 law and contact, with and without a discrepancy), direct (posterior by FE at every node of a
-quadrature, and the two maxima), local (how many runs in the posterior's box its emulator needs). FE
-runs and posteriors are kept in --store, so that an interrupted part goes on where it was. Each part
-replaces its own figures in FILE and leaves the others.
+quadrature, and the two maxima), local (how many runs in the posterior's box its emulator needs),
+fixed (how many a design over the whole prior needs in place of that). FE runs and posteriors are
+kept in --store, so that an interrupted part goes on where it was. Each part replaces its own
+figures in FILE and leaves the others.
 """
 
 from __future__ import annotations
@@ -30,6 +31,7 @@ from benchmarks import (
     calibration_figures,
     calibration_misspecified,
     calibration_refined,
+    fixed_runs,
     local_runs,
     mesh_pairs,
     mesh_statement,
@@ -52,6 +54,7 @@ PARTS: dict[str, Callable[[Path, int], dict[str, Any]]] = {
     "misspecified": lambda store, n: calibration_misspecified.figures(store, max(n // 3, 1)),
     "direct": lambda store, n: calibration_direct.figures(store),
     "local": lambda store, n: local_runs.figures(store),
+    "fixed": lambda store, n: fixed_runs.figures(store),
 }
 
 
