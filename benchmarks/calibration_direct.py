@@ -33,15 +33,12 @@ from calib.study.context import block_pin_model
 from calib.study.simulations import StoredSimulate
 from fe.response import Array
 
-N_BY_STUDY = 2
-"""experiments whose emulators go all the way of a study's; `local_runs` has them all"""
-
 
 def figures(store: Path) -> dict[str, Any]:
     """Of all experiments the worst, by parameter, and each by itself."""
     each = [
         runs.kept(store / f"direct-{case.index}.json", partial(_figures, case))
-        for case in cases(store, "direct")[:N_BY_STUDY]
+        for case in cases(store, "direct")
     ]
     told: dict[str, Any] = {
         f"emulator_vs_fe_{name}": _worst([one[name] for one in each], about)

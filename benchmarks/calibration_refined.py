@@ -32,8 +32,6 @@ from surrogate import Emulator, ScaledEmulator, TrainingSet
 
 FIELD_NOISE = 0.01
 """mm, the least of `calibration_experiments.FIELD_NOISE`"""
-N_TRUTHS = 12
-"""of a Sobol sequence, each with an emulator of its own"""
 
 Solve = Callable[[Array], Campaign]
 """runs at ratios (n, 2), those there are reused"""
@@ -129,7 +127,7 @@ def refined_arm(store: Path, n: int) -> tuple[Arm, dict[str, Any]]:
     """
     first = rows(runs.design(store, "sliding"), slice(runs.study().design.n_runs))
     likelihood = likelihood_of(emulator(store, "sliding", len(first.theta), True), points())
-    truths = rows(runs.held_out_truths(store, "sliding"), slice(N_TRUTHS))
+    truths = runs.held_out_truths(store, "sliding")
     drawn = by_runs(likelihood, sbc_prior(), truths, n, runs.SEED + 11)
     found = [_local(store, first, drawn, truth) for truth in range(len(truths.theta))]
     likelihoods = [likelihood_of(local.emulator, points()) for local in found]

@@ -32,15 +32,13 @@ from surrogate import sobol_design
 N_FIXED = (32, 64, 128, 256)
 TOLERANCE = 0.05
 """of mean and SD, in SDs by FE, to be reached"""
-N_CASES = 2
-"""those of the part `direct`"""
 
 
 def figures(store: Path) -> dict[str, Any]:
     """Each experiment by itself, and the ratio of both numbers of runs."""
     each = [
         runs.kept(store / f"fixed-{case.index}.json", partial(_figures, case))
-        for case in cases(store, "direct")[:N_CASES]
+        for case in cases(store, "direct")
     ]
     return {"fixed_design": each, "fixed_design_tolerance": TOLERANCE}
 
