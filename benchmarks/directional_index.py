@@ -38,7 +38,7 @@ LESS_FINE: dict[str, dict[str, int]] = {
 twice: of 16 x 5 x 8 the front face tucks in its foot at 1.4 mm, which no other mesh does; 16 x 16 x
 4 with friction is not followed, nor is 16 x 8 x 8 to the end"""
 FEWEST_RUBBING = 3
-"""elements along a bar with friction: one or two keep lines of a design sample's mesh"""
+"""elements along a bar with friction: one or two have the lines of one that slides"""
 
 
 class Neighbours(NamedTuple):

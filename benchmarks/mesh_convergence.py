@@ -92,7 +92,7 @@ STUCK_TO_ROUND = tuple(Mesh(Rings(4 * n, 4 * n), 0.05) for n in (2, 3, 4))
 UNDER_ROUND = tuple(Mesh(Rings(3 * n, 2 * n), 0.05) for n in (2, 3, 4))
 RUBBING_ROUND = tuple(Mesh(Rings(6 * n, 2 * n), 0.05) for n in (1, 2, 3))
 """coarse to fine, similar to each other (of a bar with friction two elements along it keep the
-lines of design samples); rings in the section across the rim, with two elements along an eighth of
+lines of their own); rings in the section across the rim, with two elements along an eighth of
 it on all"""
 
 
