@@ -91,7 +91,7 @@ RUBBING = tuple(Mesh((4 * n, 2 * n, n), 0.05) for n in (3, 4, 5))
 STUCK_TO_ROUND = tuple(Mesh(Rings(4 * n, 4 * n), 0.05) for n in (2, 3, 4))
 UNDER_ROUND = tuple(Mesh(Rings(3 * n, 2 * n), 0.05) for n in (2, 3, 4))
 RUBBING_ROUND = tuple(Mesh(Rings(6 * n, 2 * n), 0.05) for n in (1, 2, 3))
-"""coarse to fine, similar to each other (of a bar with friction two elements along it keep the
+"""coarse to fine, similar to each other (of a bar with friction two elements along it have
 lines of their own); rings in the section across the rim, with two elements along an eighth of
 it on all"""
 
