@@ -41,9 +41,8 @@ RUNS = Path(__file__).resolve().parents[1] / "runs" / "verify-fe" / "gci"
 
 
 FOLLOWED = {
-    "friction 0.3, 16 x 16 x 4, 0.05": 0.0,
+    "friction 0.3, 16 x 16 x 4, 0.05": 1.0,
     "friction 0.3, 16 x 12 x 4, 0.05": 1.2,
-    "friction 0.3, 16 x 8 x 8, 0.05": 0.8,
     "friction 0.3, 20 x 10 x 5, 0.05": 1.0,
     "round, friction 0.3, 36 x 6 x 2, 0.05": 1.0,
     "round, friction 0.3, 9 x 12 x 2, 0.05": 0.0,
