@@ -353,7 +353,13 @@ def test_friction_height_and_bulk_are_inferred_beside_a_rival_law(tmp_path: Path
     assert any("friction, height are unknown" in line for line in said)
     by_name = {plan["name"]: plan for plan in gains["plans"]}
     same = by_name["the same again"]
-    assert same["agree"] and same["sd_after"]["height"] < gains["now"]["height"]
+    assert same["sd_after"]["height"] < gains["now"]["height"]
+    # Height and friction fill their priors, and of all densities with one covariance a normal one
+    # is told most: the closed form is too large, by less than half, and is said not to agree.
+    closed, lower, upper = (
+        each["mean"] for each in (same["gain"], same["nested"]["lower"], same["nested"]["upper"])
+    )
+    assert not same["agree"] and lower <= upper < closed < 1.5 * lower
     assert same["gain"]["mean"] > by_name["no camera"]["gain"]["mean"] > 0.0
     lines, _ = baseline(tmp_path, "rubs")
     assert any("SYNTHETIC field (rubs)" in line for line in lines)
@@ -380,7 +386,10 @@ def test_priors_of_constants_with_unknown_noise_go_from_data_to_report(tmp_path:
         "compliance of the machine",
         "gain of the load cell",
     ]
-    assert all(entry["sd"] <= entry["prior_sd"] * 1.001 for entry in found["nuisances"])
+    shares = [entry["sd"] / entry["prior_sd"] for entry in found["nuisances"]]
+    # Of the gain the data say nothing; with noise of unknown size an SD after one experiment may be
+    # a little above its prior's, which bounds its mean over experiments.
+    assert max(shares[:2]) < 0.5 and shares[2] == pytest.approx(1.0, abs=0.02)
     assert (tmp_path / "prior" / "prior_predictive.png").is_file()
     assert "Nuisances of the test" in (tmp_path / "report.html").read_text()
 
