@@ -72,19 +72,19 @@ class Rule:
         mean = np.einsum("nk,nki->i", probability, x)
         sd = np.sqrt(np.einsum("nk,nki->i", probability, (x - mean) ** 2))
         share = probability.sum(axis=1)
-        off = np.einsum("nk,nki->ni", probability, x) / share[:, None] - mean
-        error = rough_error(
-            logsumexp(log_density, axis=1), share, off, (self.nodes - mean[1:]) / sd[1:]
-        )
+        known = share > 0.0
+        off = np.einsum("nk,nki->ni", probability, x)[known] / share[known, None] - mean
+        value = logsumexp(log_density[known], axis=1)
+        error = rough_error(value, share[known], off, (self.nodes[known] - mean[1:]) / sd[1:])
         return Moments(mean, sd, error)
 
 
 def rough_error(value: Array, share: Array, off: Array, place: Array) -> Array:
     """(d,) SD of a mean by what is rough in a density, taken as independent at the nodes.
 
-    `value` (n,) is ln density at the nodes, `share` (n,) their probabilities, `off` (n, d) of what
-    the mean is taken, less the mean, `place` (n, 2) where they are. Rough is what a polynomial of
-    degree `DEGREE` leaves, which itself is fitted and takes part of it along.
+    `value` (n,) is ln density at the nodes, `share` (n,) their probabilities, none 0, `off` (n, d)
+    of what the mean is taken, less the mean, `place` (n, 2) where they are. Rough is what a
+    polynomial of degree `DEGREE` leaves, which itself is fitted and takes part of it along.
     """
     powers = [(i, j) for i in range(DEGREE + 1) for j in range(DEGREE + 1 - i)]
     terms = np.array([place[:, 0] ** i * place[:, 1] ** j for i, j in powers]).T

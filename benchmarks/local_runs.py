@@ -34,7 +34,7 @@ from surrogate import Emulator, TrainingSet
 N_LOCAL = (16, 24, 32)
 N_DESIGN = 40
 """points of the design, whose emulator says where the nodes are"""
-ROUGHEST, OTHER_NODES = 1, 10
+ROUGHEST, OTHER_NODES = 3, 10
 
 
 def figures(store: Path) -> dict[str, Any]:

@@ -8,11 +8,14 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 from analytic_models import AnalyticBlock, AnalyticForward
 
+from benchmarks import direct_rule
 from benchmarks.calibration_experiments import (
     Certain,
     Experiments,
@@ -22,7 +25,7 @@ from benchmarks.calibration_experiments import (
     sbc_prior,
 )
 from benchmarks.calibration_misspecified import COARSE, SHARES, _worth
-from benchmarks.direct_rule import log_likelihood, rough_error
+from benchmarks.direct_rule import Rule, box_about, log_likelihood, nodes_of, rough_error
 from benchmarks.mesh_statement import fitted
 from calib.data import FieldData, thesis_forces
 from calib.inference import Likelihood, NoiseSettings, build_likelihood, theta_of
@@ -170,3 +173,27 @@ def test_the_error_of_a_rule_over_a_rough_density_is_that_of_repeats() -> None:
     np.testing.assert_allclose(
         np.sqrt(np.mean(np.square(errors), axis=0)), np.std(means, axis=0), rtol=0.15
     )
+
+
+def test_a_rule_tells_its_error_where_the_prior_cuts_off_nodes(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A normal density of r and s, cut off at r = 0.5, of which half of the nodes know nothing."""
+    mean, sd = np.array([0.5, 0.25]), np.array([0.05, 0.02])
+
+    def density(_: Likelihood, x: Array) -> Array:
+        found: Array = -0.5 * np.sum(((x[:, 1:] - mean) / sd) ** 2, axis=1) - 0.5 * x[:, 0] ** 2
+        return found
+
+    def prior(x: Array) -> Array:
+        return np.where(x[:, 1] < mean[0], 0.0, -np.inf)
+
+    monkeypatch.setattr(direct_rule, "log_likelihood", density)
+    nodes, weights = nodes_of(box_about(mean, sd, np.array([[0.0, 1.0], [0.0, 1.0]])), 20)
+    unknown: Any = None
+    posterior: Any = SimpleNamespace(prior=SimpleNamespace(log_prob=prior), likelihood=unknown)
+    found = Rule(nodes, weights, np.linspace(-8.0, 8.0, 61), unknown).moments(posterior)
+    # No node is at the cut, so the rule is worth a share of a node's weight there.
+    assert found.mean[1] == pytest.approx(mean[0] - sd[0] * np.sqrt(2.0 / np.pi), abs=0.05 * sd[0])
+    assert found.mean[2] == pytest.approx(mean[1], abs=1e-6)
+    assert (found.error < 1e-6 * found.sd).all()

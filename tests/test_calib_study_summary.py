@@ -97,9 +97,11 @@ def test_an_emulator_outside_its_stated_error_fails() -> None:
     assert summary.failures == ("emulator: held-out force error is 0.1, above 0.02",)
 
 
-def test_a_posterior_far_from_the_last_check_of_its_mesh_fails() -> None:
-    said = "mesh: its error was last measured at s = 0.1, 5.0 SD from the posterior mean 0.09"
-    assert _summary(mesh_failures=[said]).failures == (said,)
+def test_a_posterior_far_from_the_last_check_of_its_mesh_is_told_and_passes() -> None:
+    said = "Its mesh was last checked at s = 0.1, 0.02 from the posterior mean: more than 3 SDs"
+    summary = _summary(mesh_remark=said)
+    assert summary.passed and said in points_table(summary).note
+    assert said not in points_table(_summary()).note
 
 
 def test_a_search_without_a_solve_fails_and_leaves_gaps_not_numbers() -> None:

@@ -7,7 +7,6 @@ difference: far from there it is a guess.
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
 from fe.response import Array
 
@@ -17,26 +16,32 @@ NEAR = 0.1
 """share of the design's box, likewise"""
 
 
-def too_far(off: Array, sd: Array, extent: Array) -> npt.NDArray[np.bool_]:
-    """(d,) whether the mean lies too far from a check: `off` (d,), posterior `sd` (d,).
+def distance(off: Array, sd: Array, extent: Array) -> Array:
+    """(d,) how far the mean lies from a check, as shares of what is near: above 1 is too far.
 
-    `extent` (d,) is that of the design's box.
+    `off` (d,) is mean minus place, `sd` (d,) the posterior's, `extent` (d,) that of the design's
+    box.
     """
-    found: npt.NDArray[np.bool_] = np.abs(off) > np.minimum(FAR * sd, NEAR * extent)
+    found: Array = np.abs(off) / np.minimum(FAR * sd, NEAR * extent)
     return found
 
 
-def unsettled(place: Array, mean: Array, sd: Array, extent: Array, names: tuple[str, ...]) -> str:
-    """A sentence for the reader where the mean (d,) is too far from the last check at `place`.
+def distance_sentence(
+    place: Array, mean: Array, sd: Array, extent: Array, names: tuple[str, ...]
+) -> str:
+    """What the reader is told where the mean (d,) is too far from the last check at `place`.
 
     Empty where it is near. `names` (d,) are those of the ratios and further unknowns.
     """
-    off = mean - place
-    if not too_far(off, sd, extent).any():
+    shares = distance(mean - place, sd, extent)
+    worst = int(np.argmax(shares))
+    if not shares[worst] > 1.0:
         return ""
-    worst = int(np.argmax(np.abs(off) / np.minimum(FAR * sd, NEAR * extent)))
+    off, name = abs(mean[worst] - place[worst]), names[worst]
+    by_sd = FAR * sd[worst] < NEAR * extent[worst]
+    limit = f"{FAR:g} posterior SDs" if by_sd else f"{NEAR:.0%} of the prior's range"
     return (
-        f"mesh: its error was last measured at {names[worst]} = {place[worst]:.3g}, "
-        f"{abs(off[worst]) / sd[worst]:.1f} SD from the posterior mean {mean[worst]:.3g}, and may "
-        "be another one there; a finer mesh.sampling needs less of a correction"
+        f"Its mesh was last checked at {name} = {place[worst]:.3g}, {off:.2g} from the posterior "
+        f"mean: more than {limit}, so that the correction of the mesh is a guess there and {name} "
+        "may be off by about as much. A finer sampling mesh needs less of a correction."
     )

@@ -15,7 +15,7 @@ from calib.study.local_design import (
     local_points,
     mass_beyond,
 )
-from calib.study.mesh_distance import too_far
+from calib.study.mesh_distance import distance
 from calib.study.refine_rounds import Loop, Round
 from calib.study.refinement import Outlook
 from fe.response import Array
@@ -81,7 +81,7 @@ class Choice:
             return False
         off = found.mean - loop.ratios[loop.checked[-1]]
         sd = found.quadrature.sd[1 : 1 + len(off)]
-        return bool(too_far(off, sd, np.ptp(self.box, axis=1)).any())
+        return bool((distance(off, sd, np.ptp(self.box, axis=1)) > 1.0).any())
 
     def _one_by_one(
         self, loop: Loop, found: Outlook, rng: np.random.Generator

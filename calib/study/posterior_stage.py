@@ -18,7 +18,7 @@ from calib.study.config import Study
 from calib.study.context import Context, stream
 from calib.study.data_stage import StudyData, load_data
 from calib.study.local_design import LOCAL, kept_box
-from calib.study.mesh_distance import unsettled
+from calib.study.mesh_distance import distance_sentence
 from calib.study.mesh_error import load_mesh_error
 from calib.study.posterior_setup import emulator_posterior
 from calib.study.sample_stage import load_samples, samples_path
@@ -91,7 +91,7 @@ def _hypothesis(
             key: diagnostics[key] for key in ("n_train", "n_excluded", "leave_one_out", "held_out")
         },
         "emulator_failures": diagnostics["failures"],
-        "mesh_failures": _mesh_failures(out, study, hypothesis) if with_field else [],
+        "mesh_remark": _mesh_remark(out, study, hypothesis) if with_field else "",
         "emulator_box": kept_box(out, hypothesis),
         "sampling": {
             "status": str(result.status),
@@ -102,14 +102,13 @@ def _hypothesis(
     }
 
 
-def _mesh_failures(out: Path, study: Study, hypothesis: Hypothesis) -> list[str]:
-    """Whether the posterior lies where its mesh was checked."""
+def _mesh_remark(out: Path, study: Study, hypothesis: Hypothesis) -> str:
+    """What is to be said if the posterior does not lie where its mesh was checked."""
     place, stored = load_mesh_error(out, hypothesis).ratios[-1], load_samples(out, hypothesis)
     ratios = slice(1, 1 + place.size)
     mean, names = stored.result.draws[:, ratios].mean(axis=0), stored.space.x_names[ratios]
     extent = np.ptp(design_box(study, hypothesis), axis=1)
-    found = unsettled(place, mean, stored.sd[ratios], extent, names)
-    return [found] if found else []
+    return distance_sentence(place, mean, stored.sd[ratios], extent, names)
 
 
 def _hashes(out: Path, study: Study) -> dict[str, str]:

@@ -72,6 +72,8 @@ class Summary:
     """bounds of the prior that the posterior leans on"""
     failures: tuple[str, ...]
     """diagnostics outside the limits of the study, one sentence each"""
+    mesh_remark: str = ""
+    """a sentence where the posterior lies far from the last check of its mesh"""
     population: PopulationSummary | None = None
     """the hierarchical model, where samples were taken one by one"""
 
@@ -147,7 +149,6 @@ def summarise(
     failures = [
         *(f for name, c in (constants | further).items() for f in _unconverged(name, c, limits)),
         *facts["emulator_failures"],
-        *facts.get("mesh_failures", []),
     ]
     # A search that ends at the roughness of the FE forces is told, with its distance, not failed.
     if facts["map"]["fe"] is None:
@@ -167,6 +168,7 @@ def summarise(
         diagnostics=diagnostics,
         at_bound=at_bound,
         failures=tuple(failures),
+        mesh_remark=facts.get("mesh_remark", ""),  # posteriors of 0.3 before it have none
     )
 
 

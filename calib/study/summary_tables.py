@@ -49,6 +49,7 @@ def points_table(summary: Summary) -> Table:
     if with_published:
         note += " out by = (published - mean) / SD: how far out, not a probability."
     note = f"{note} {leaning_sentence(summary.hypothesis, summary.at_bound)}".rstrip()
+    note = f"{note} {summary.mesh_remark}".strip()
     return Table(f"Maxima under {summary.hypothesis}", tuple(columns), tuple(rows), note)
 
 
