@@ -42,8 +42,8 @@ SAMPLING: dict[str, Cells] = {
     "slide": (12, 4, 2),
     "stick": (12, 6, 2),
 }
-"""what each family of runs is checked for, friction as it was sampled until 2026-11-23; of round pins
-rings, layers and sectors"""
+"""what each family of runs is checked for, friction as it was sampled until 2026-11-23; of round
+pins rings, layers and sectors"""
 LEAST_CHECK = 1.29
 """times smaller elements: 12 x 6 x 3 beside 12 x 4 x 2, 1.31, is the first"""
 LEAST_FINER = 1.9

@@ -37,7 +37,7 @@ class Wavy:
     """The stand-in with forces that wave over r by 2 % at the last travel, with exact slopes."""
 
     block: AnalyticBlock
-    rate: float = 400.0
+    rate: float = 300.0
 
     def points(self) -> Array:
         return self.block.points()
