@@ -151,7 +151,7 @@ def likelihood_of(
         else {
             "force_discretisation": mesh.force,
             "field_floor": mesh.field_floor,
-            "field_patterns": mesh.field_patterns(dataset, forward),
+            "field_patterns": mesh.field_patterns(dataset, settings, forward),
         }
     )
     return build_likelihood(dataset, Certain(forward) if certain else forward, settings, **errors)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
-from functools import cache, partial
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -23,9 +23,7 @@ from benchmarks.calibration_experiments import (
 from calib.inference import PARAMETERS, Likelihood, Prior
 from calib.inference.rank_uniformity import LEVELS, clustered_error, coverage, uniformity
 from calib.study.context import block_pin_model
-from calib.study.mesh_error import N_CHECKED, MeshError, mesh_error
 from calib.study.training_runs import rows, training_set
-from fe.campaign_result import Campaign
 from fe.response import Array
 from surrogate import Emulator, ScaledEmulator, TrainingSet
 
@@ -190,69 +188,6 @@ def stuck_arm(store: Path, n: int) -> Arm:
     return Arm(f"fe-stuck-{runs.N_STUCK}", drawn, lambda _: likelihood, 8)
 
 
-def finer_arms(store: Path, n: int, name: str) -> tuple[Arm, Arm]:
-    """Truths by FE on a finer mesh, with the mesh's error treated as in studies, and left out.
-
-    A study measures its mesh's error at the mean of a first posterior and again while that moves
-    the mean far, and the last two places tell the error. Here always at three, each the mean of a
-    truth's experiments: of those without any mesh error, and of those corrected by one and by two.
-    """
-    case = runs.MESH_CASES[name]
-    known, truths, seeds = finer_case(store, case)
-    bare = likelihood_of(known, points())
-    drawn = by_runs(bare, sbc_prior(), truths, n, runs.SEED + seeds[0])
-    without = Arm(f"{case}-without-mesh-error", drawn, lambda _: bare, seeds[1])
-    arm, centres = without, []
-    for k, checked in enumerate(("-checked-once", "-checked-twice", "")):
-        centres.append(_centres(placed(store, arm), drawn.run))
-        stated = with_mesh_error(store, case, known, np.stack(centres[-N_CHECKED:], axis=1))
-        arm = Arm(
-            f"{case}{checked}", drawn, partial(_of_run, stated, drawn.run), seeds[2] + 100 * k
-        )
-    return arm, without
-
-
-def _of_run(likelihoods: list[Likelihood], run: Array, index: int) -> Likelihood:
-    return likelihoods[int(run[index])]
-
-
-def _centres(found: Placed, run: Array) -> Array:
-    """(n_run, 2) means of (r, s) over the experiments of each FE run, to two decimals.
-
-    Rounded, so that the last bits of a fit do not ask for other runs.
-    """
-    means = [found.mean[run == truth, 1:].mean(axis=0) for truth in np.unique(run)]
-    return np.round(np.array(means), 2)
-
-
-def with_mesh_error(
-    store: Path, case: runs.MeshCase, known: ScaledEmulator, places: Array
-) -> list[Likelihood]:
-    """Likelihoods with the error of the mesh measured at places (n, n_check, 2), one for each n."""
-    n, n_check = places.shape[:2]
-    fine, coarse = runs.checks(store, case, places.reshape(-1, 2))
-    extent = np.ptp(sbc_prior().bounds[1:], axis=1)
-
-    def likelihood(truth: int) -> Likelihood:
-        own = list(range(truth * n_check, (truth + 1) * n_check))
-        error: MeshError = mesh_error(
-            rows(fine, own), rows(coarse, own), case.refinement, case.hypothesis, extent
-        )
-        return likelihood_of(known, points(), mesh=error)
-
-    return [likelihood(truth) for truth in range(n)]
-
-
-def finer_case(
-    store: Path, case: runs.MeshCase
-) -> tuple[ScaledEmulator, Campaign, tuple[int, int, int]]:
-    """Emulator on a mesh, truths on a finer one, and seeds."""
-    truths = runs.finer_truths(store, case)
-    if case.hypothesis == "sliding":
-        return dense_emulator(store), truths, (2, 3, 4)
-    return stuck_emulator(store), truths, (12, 10, 11)
-
-
 def sbc(store: Path, n: int) -> dict[str, Any]:
     """Ranks and coverage of several kinds of truth."""
     found: dict[str, Any] = {}
@@ -269,17 +204,6 @@ def sbc(store: Path, n: int) -> dict[str, Any]:
         "coverage": found["emulator"]["coverage"],
         "sbc": found,
         "sbc_false_alarm": FALSE_ALARM,
-    }
-
-
-def finer(store: Path, name: str, n: int) -> dict[str, Any]:
-    """Ranks and coverage of truths on a finer mesh, with its error stated and left out."""
-    stated, left_out = finer_arms(store, n, name)
-    return {
-        f"sbc_{name.replace('-', '_')}": {
-            "stated": arm_figures(store, stated),
-            "left_out": arm_figures(store, left_out),
-        }
     }
 
 

@@ -49,7 +49,7 @@ CONTACTS = {"sliding": "slide", "stuck": "stick"}
 """what benchmarks/emulator.py calls the hypotheses, whose sampling meshes are the study's"""
 N_PLACED = 8
 """corners and centres of faces that come first in a design of (r, s)"""
-N_FINER, N_STUCK, N_OTHER, N_RUBBING = 12, 96, 15, 100
+N_FINER, N_STUCK, N_OTHER, N_RUBBING = 24, 288, 15, 100
 EVEN = replace(DESIGNS[0], dense_below=None)
 """runs that fill the box of (r, s) evenly, as the prior does"""
 
@@ -86,6 +86,14 @@ class MeshCase:
     def refinement(self) -> float:
         """How many times smaller the elements of the check mesh are."""
         return refinement(self.check_cells, self.cells)
+
+    @property
+    def truth_share(self) -> float:
+        """Share that truths show of the distance from the check mesh to the block.
+
+        For errors that fall with the square of the elements' size, as the statement takes them to.
+        """
+        return 1.0 - refinement(self.truth_cells, self.check_cells) ** -2
 
 
 def study() -> Study:

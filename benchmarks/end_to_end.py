@@ -217,7 +217,7 @@ def outcome(theta: Array, dataset: Dataset, emulator: Emulator, mesh: MeshError)
     noise = NoiseSettings(force_freedom=dataset.n_samples - dataset.travel.size)
     likelihood = build_likelihood(
         dataset, forward, noise, force_discretisation=mesh.force,
-        field_floor=mesh.field_floor, field_patterns=mesh.field_patterns(dataset, forward),
+        field_floor=mesh.field_floor, field_patterns=mesh.field_patterns(dataset, noise, forward),
     )  # fmt: skip
     posterior = Posterior(PRIOR, likelihood)
     found = integrate(posterior, N_NODES)

@@ -1,13 +1,13 @@
-"""Whether what is stated of a mesh's error holds for the ratios that finer meshes would give.
+"""Whether what is stated of a mesh's error holds for the constants that finer meshes would give.
 
     python -m benchmarks.mesh_pairs [--runs FOLDER]
 
 On all runs that the studies of convergence have kept at (r, s) = (0.5, 0.05), `verify_fe --only gci
 directions bounds`: the sampling mesh of each pin and contact, every mesh that a study may check it
 by, and the finest that is at least as fine as that in every coordinate, of 1.9 times as many
-elements or more. The newest run of each mesh is taken, whichever code of `fe` it is of. The field
-of the finest is fitted without noise as in `benchmarks.mesh_statement`, by the tangent of the check
-mesh's run and with several statements of the error.
+elements or more. The newest run of each mesh is taken, whichever code of `fe` it is of. Forces and
+field of the finest are fitted without noise as in `benchmarks.mesh_statement`, by the tangents of
+the check mesh's run and with several statements of the field's error.
 """
 
 from __future__ import annotations
@@ -23,13 +23,17 @@ import numpy as np
 
 from benchmarks.calibration_experiments import template
 from benchmarks.calibration_figures import points
+from benchmarks.calibration_runs import prior
 from benchmarks.mesh_convergence import RUNS, TRAVEL
+from benchmarks.mesh_fit import Fitted, Linear, within
+from benchmarks.mesh_fit import told as summary
+from benchmarks.mesh_statement import MIDDLE
 from calib.inference.field_noise import FieldCovariance, field_covariance
-from calib.inference.tangent_errors import mistaken, tangent_errors
+from calib.inference.noise import force_errors, slope_matrix, travel_zero_sd
+from calib.inference.tangent_errors import mistaken, with_travel_zero
 from calib.study.block_cells import refinement
 from calib.study.mesh_error import MeshError, left_share
 from fe import Response, load_response
-from fe.response import Array
 from fe.specimens.block_pin import Cells
 
 NAME = re.compile(r"(?P<family>.+)-(?P<cells>\d+x\d+x\d+)-0.5-0.05-\w{12}\.npz")
@@ -79,7 +83,7 @@ class Pair:
         return bool(np.all(np.divide(self.check_cells, SAMPLING[self.family]) > 1.1))
 
 
-Statement = Callable[[Pair, MeshError, FieldCovariance], FieldCovariance]
+Statement = Callable[[Pair, FieldCovariance], FieldCovariance]
 
 
 def pairs(folder: Path) -> list[Pair]:
@@ -115,46 +119,58 @@ def kept(folder: Path) -> dict[tuple[str, Cells], Response]:
     return found
 
 
-def as_studies(pair: Pair, error: MeshError, floor: FieldCovariance) -> FieldCovariance:
-    """What the differences would be mistaken for, beside the floor."""
-    field = template(points())[0].field
+def linear(pair: Pair) -> Linear:
+    """About the run of the check mesh."""
+    check, (data, settings) = pair.check, template(points())
+    travel = np.array(TRAVEL)
+    by_ratio = np.moveaxis(check.displacement_gradient[..., :2], -1, 0)
+    by_zero = slope_matrix(travel) @ check.force
+    force = MIDDLE * np.column_stack([check.force, check.force_gradient[:, :2], by_zero])
+    field = with_travel_zero(by_ratio, check.displacement, travel)
+    return Linear(force, field, travel_zero_sd(data, settings))
+
+
+def as_studies(pair: Pair, floor: FieldCovariance) -> FieldCovariance:
+    """What the differences would be mistaken for, each constant on its own, beside the floor."""
+    field, model = template(points())[0].field, linear(pair)
     assert field is not None
-    tangents = np.moveaxis(pair.check.displacement_gradient[..., :2], -1, 0)
-    shifts = mistaken(field, np.array(TRAVEL), tangents, error.field)
-    return floor.with_patterns(tangent_errors(left_share(error.refinement) * shifts, tangents))
+    held = np.append(np.ptp(prior().bounds[1:], axis=1) / np.sqrt(12.0), model.zero_sd)
+    shifts = mistaken(field, np.array(TRAVEL), model.field, pair.error.field, held)
+    sd = left_share(pair.refinement) * shifts
+    return floor.with_patterns(sd[:, None, None, None] * model.field)
 
 
-def by_shapes(pair: Pair, error: MeshError, floor: FieldCovariance) -> FieldCovariance:
-    """Shapes of the differences, each increment's with a factor of its own; until 2026-11-23."""
-    single = np.eye(len(TRAVEL))[:, :, None, None] * error.field[0]
-    return floor.with_patterns(left_share(error.refinement) * single)
+def by_shapes(pair: Pair, floor: FieldCovariance) -> FieldCovariance:
+    """Shapes of the differences, each increment's with a factor of its own."""
+    single = np.eye(len(TRAVEL))[:, :, None, None] * pair.error.field[0]
+    return floor.with_patterns(left_share(pair.refinement) * single)
 
 
 STATEMENTS: dict[str, Statement] = {
     "as studies": as_studies,
     "shapes of the differences": by_shapes,
-    "floor alone": lambda pair, error, floor: floor,
-    "no mesh error": lambda pair, error, floor: replace(floor, floor=np.zeros_like(floor.floor)),
+    "floor alone": lambda pair, floor: floor,
+    "no mesh error": lambda pair, floor: replace(floor, floor=np.zeros_like(floor.floor)),
 }
 
 
-def fitted(pair: Pair, statement: Statement, noise: FieldCovariance) -> tuple[Array, Array]:
-    """(2,) distance from the truth of (r, s), and SDs that go with it, by one statement."""
-    error = pair.error
+def fitted(pair: Pair, statement: Statement, noise: FieldCovariance) -> Fitted:
+    """Distance from the truth, and SDs that go with it, by one statement."""
+    error, (data, settings) = pair.error, template(points())
     floor = error.field_floor.T
     shared = noise.floor / noise.floor.max()
     stated = replace(noise, floor=floor[:, :, None] * floor[:, None, :] * shared)
-    covariance = statement(pair, error, stated)
-    tangents = np.moveaxis(pair.check.displacement_gradient[..., :2], -1, 0)
-    off = pair.truth.displacement - pair.check.displacement
-    vectors = np.concatenate([tangents, off[None]])
-    gram = covariance.inner(vectors, vectors)
-    posterior = np.linalg.inv(gram[:2, :2])
-    return posterior @ gram[:2, 2], np.sqrt(np.diag(posterior))
+    forces = force_errors(data, settings, error.force)
+    return linear(pair).fit(
+        MIDDLE * (pair.truth.force - pair.check.force),
+        forces.covariance(MIDDLE * pair.check.force[:, None])[:, :, 0],
+        pair.truth.displacement - pair.check.displacement,
+        statement(pair, stated),
+    )
 
 
 def figures(folder: Path = RUNS) -> dict[str, Any]:
-    """By statement: errors of r and s of finer meshes in their SDs."""
+    """By statement: errors of the constants of finer meshes in their SDs."""
     field = template(points())[0].field
     assert field is not None
     found, noise = pairs(folder), field_covariance(field, floor=1.0)
@@ -168,17 +184,19 @@ def figures(folder: Path = RUNS) -> dict[str, Any]:
     }
     for name, statement in STATEMENTS.items():
         each = [fitted(pair, statement, noise) for pair in found]
-        z = np.array([off / sd for off, sd in each])
-        every = np.array([pair.every_coordinate for pair in found], dtype=np.bool_)
+        kinds = {
+            "all": lambda pair: True,
+            "checks finer in every coordinate": lambda pair: pair.every_coordinate,
+            "stuck bars": lambda pair: pair.family == "stick",
+        }
         told[name] = {
-            "all": _within(z),
-            "checks finer in every coordinate": _within(z[every]),
-            "median_sd": np.median([sd for _, sd in each], axis=0).tolist(),
+            kind: summary([fit for fit, pair in zip(each, found, strict=True) if of(pair)])
+            for kind, of in kinds.items()
         }
         print(name, told[name], flush=True)
     told["what is left"] = [_left(pair) for pair in found]
     force = [(p.check.force / p.truth.force - 1.0) / p.error.force for p in found]
-    told["force, all increments"] = _within(np.array(force).reshape(-1, 1))
+    told["force, all increments"] = within(np.array(force).reshape(-1, 1))
     print("force", told["force, all increments"])
     return {"mesh_pairs": told}
 
@@ -193,15 +211,6 @@ def _left(pair: Pair) -> dict[str, float]:
         "along_difference": float(np.sum(left * difference) / np.sum(difference**2)),
         "size_over_stated": float(size / stated),
         "largest_over_size": float(np.abs(left).max() / size),
-    }
-
-
-def _within(z: Array) -> dict[str, Any]:
-    return {
-        "n": len(z),
-        "z_rms": np.sqrt(np.mean(z**2, axis=0)).tolist(),
-        "within_50": np.mean(np.abs(z) < 0.674, axis=0).tolist(),
-        "within_95": np.mean(np.abs(z) < 1.96, axis=0).tolist(),
     }
 
 

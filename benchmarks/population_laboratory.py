@@ -85,7 +85,7 @@ def one(seed: int, runs: Path) -> dict[str, object]:
     )
     samples = condense(
         dataset, forward, NOISE, SampleErrors(), force_discretisation=mesh.force,
-        field_floor=mesh.field_floor, field_patterns=mesh.field_patterns(dataset, forward),
+        field_floor=mesh.field_floor, field_patterns=mesh.field_patterns(dataset, NOISE, forward),
     )  # fmt: skip
     posterior = HierarchicalPosterior(Population(PRIOR, SIZES), samples)
     draws = sample_population(posterior, SAMPLER, np.random.default_rng(seed))

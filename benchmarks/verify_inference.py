@@ -29,6 +29,7 @@ from benchmarks import (
     calibration_direct,
     calibration_emcee,
     calibration_figures,
+    calibration_finer,
     calibration_misspecified,
     calibration_refined,
     fixed_runs,
@@ -43,8 +44,8 @@ OUT = ROOT / "docs" / "verification" / "inference.json"
 
 PARTS: dict[str, Callable[[Path, int], dict[str, Any]]] = {
     "sbc": calibration_figures.sbc,
-    "finer-stuck": lambda store, n: calibration_figures.finer(store, "finer-stuck", n),
-    "finer": lambda store, n: calibration_figures.finer(store, "finer", n // 2),
+    "finer-stuck": lambda store, n: calibration_finer.finer(store, "finer-stuck", n),
+    "finer": lambda store, n: calibration_finer.finer(store, "finer", n // 2),
     "refined": calibration_refined.figures,
     "mesh-stuck": lambda store, n: mesh_statement.figures(store, "finer-stuck"),
     "mesh": lambda store, n: mesh_statement.figures(store, "finer"),

@@ -148,15 +148,17 @@ def test_shares_that_count_are_looked_at_closely() -> None:
     assert np.array_equal(_worth(value, look, len(SHARES)), expected)
 
 
-def test_a_field_off_along_a_ratio_is_fitted_as_that_ratio() -> None:
+def test_a_truth_off_along_a_constant_is_fitted_as_that_constant() -> None:
     own, ratios = likelihood(), np.array([0.4, 0.2])
     theta, basis = np.array([[1.0, *ratios]]), own.forward.field_basis
-    weights, slope = own.forward.predict(theta).weights, own.forward.jacobian(theta).weights
-    assert basis is not None and weights is not None and slope is not None
-    moved = weights + slope[0][:, 1:] @ np.array([0.03, -0.01])
-    found = fitted(own, ratios, basis.fields(moved)[0])
-    assert found.off == pytest.approx([0.03, -0.01], rel=1e-8)
-    assert np.all(found.sd > 0.0) and found.misfit < 1.0
+    stated, slope = own.forward.predict(theta), own.forward.jacobian(theta)
+    assert basis is not None and stated.weights is not None and slope.weights is not None
+    moved = np.array([0.02, 0.03, -0.01])
+    field = basis.fields(stated.weights + slope.weights[0] @ moved)[0]
+    found = fitted(own, ratios, stated.force[0] + slope.force[0] @ moved, field)
+    # The prior holds the zero of the travel, so that nothing is left to it.
+    assert found.off == pytest.approx([*moved, 0.0], rel=1e-8, abs=1e-10)
+    assert np.all(found.sd > 0.0) and found.sd[3] < own.errors.travel_zero_sd
 
 
 def test_the_error_of_a_rule_over_a_rough_density_is_that_of_repeats() -> None:

@@ -7,7 +7,7 @@ import pytest
 
 from calib.data import FieldData
 from calib.inference.field_noise import field_covariance
-from calib.inference.tangent_errors import TRAVEL_LENGTH, mistaken, tangent_errors
+from calib.inference.tangent_errors import TRAVEL_LENGTH, mistaken, with_travel_zero
 from fe.response import Array
 
 N_STEP, N_POINT, D = 4, 25, 2
@@ -41,7 +41,7 @@ def test_shifts_are_those_of_least_squares_in_the_noise_of_the_field() -> None:
     shifts = np.linalg.solve(gram, covariance.inner(tangents, single))
     rho = np.exp(-np.abs(np.subtract.outer(TRAVEL, TRAVEL)) / TRAVEL_LENGTH)
     found = mistaken(field(), TRAVEL, tangents, difference[None])
-    assert found @ found.T == pytest.approx(shifts @ rho @ shifts.T, rel=1e-8)
+    assert found**2 == pytest.approx(np.diag(shifts @ rho @ shifts.T), rel=1e-8)
 
 
 def test_what_looks_like_other_parameters_has_their_size() -> None:
@@ -49,16 +49,42 @@ def test_what_looks_like_other_parameters_has_their_size() -> None:
     difference = np.tensordot(shift, tangents, 1)
     # Travels that are as good as one: the shifts by all increments add up.
     found = mistaken(field(), 1.0 + 1e-9 * TRAVEL, tangents, difference[None])
-    assert found @ found.T == pytest.approx(np.outer(shift, shift), rel=1e-6)
+    assert found == pytest.approx(np.abs(shift), rel=1e-6)
 
 
 def test_a_parameter_that_is_not_seen_is_left_alone() -> None:
     tangents = smooth(D)
     difference = 0.1 * tangents[0]
     unseen = np.concatenate([tangents[:1], np.zeros_like(tangents[:1])])
-    # Nor does one that does the same as another blow up.
+    known = mistaken(field(), TRAVEL, tangents[:1], difference[None])
+    assert mistaken(field(), TRAVEL, unseen, difference[None]) == pytest.approx([known[0], 0.0])
+    # Nor does one that does the same as another blow up: each is half of it.
     twice = np.concatenate([tangents[:1], tangents[:1]])
-    known = tangent_errors(mistaken(field(), TRAVEL, tangents[:1], difference[None]), tangents[:1])
-    for both in (unseen, twice):
-        found = tangent_errors(mistaken(field(), TRAVEL, both, difference[None]), both)
-        assert found == pytest.approx(known)
+    assert mistaken(field(), TRAVEL, twice, difference[None]) == pytest.approx(known[0] / 2)
+
+
+def test_what_is_known_of_a_parameter_holds_it() -> None:
+    tangents, difference = smooth(D), np.random.default_rng(3).normal(size=(N_STEP, N_POINT, 3))
+    free = mistaken(field(), TRAVEL, tangents, difference[None])
+    for sd, expected in (
+        (1e3, free),
+        (0.0, mistaken(field(), TRAVEL, tangents[:1], difference[None])),
+    ):
+        found = mistaken(field(), TRAVEL, tangents, difference[None], np.array([np.inf, sd]))
+        assert found[: len(expected)] == pytest.approx(expected, rel=1e-6)
+    assert found[1] == 0.0
+
+
+def test_two_differences_add_up_and_the_sizes_do_not_hang_on_the_other_parameters_sign() -> None:
+    tangents, shift = smooth(D), np.array([0.03, -0.2])
+    same, turned = (np.tensordot(shift * sign, tangents, 1) for sign in ([1, 1], [1, -1]))
+    found = mistaken(field(), 1.0 + 1e-9 * TRAVEL, tangents, np.stack([same, turned]))
+    assert found == pytest.approx(np.sqrt(2) * np.abs(shift), rel=1e-6)
+
+
+def test_the_travels_zero_moves_a_field_by_its_derivative() -> None:
+    displacement = 0.1 * TRAVEL[:, None, None] ** 2 * np.ones((N_STEP, N_POINT, 3))
+    found = with_travel_zero(smooth(D), displacement, TRAVEL)
+    assert found[:D] == pytest.approx(smooth(D))
+    expected = 0.2 * TRAVEL[:, None, None] * np.ones((N_STEP, N_POINT, 3))
+    assert found[D] == pytest.approx(expected, rel=1e-9)

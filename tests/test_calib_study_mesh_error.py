@@ -12,6 +12,7 @@ from test_calib_inference_forward import BLOCK, scaled
 
 from calib.data import Dataset, FieldData
 from calib.inference import EmulatorForward, NoiseSettings
+from calib.inference.tangent_errors import tangents_at
 from calib.study.config import load_study
 from calib.study.mesh_error import MeshError, load_mesh_error, mesh_error, save_mesh_error
 from calib.study.plans import Errors, planned_likelihood
@@ -119,38 +120,50 @@ def test_what_is_left_is_an_index_and_what_checks_differ_by() -> None:
     np.testing.assert_allclose(one.field_floor**2, 1.44 * (field[:1] ** 2).mean(axis=(0, 2)))
 
 
-def test_patterns_are_changes_of_the_ratios_and_two_equal_checks_count_as_one() -> None:
-    forward = EmulatorForward(scaled(), with_field=True)
+def test_patterns_are_changes_of_each_constant_and_equal_checks_count_as_one() -> None:
+    forward, data, noise = EmulatorForward(scaled(), with_field=True), dataset(), NoiseSettings()
     place = CHECKS[:1]
-    once = mesh_error(*both(place), 1.5, "stuck", EXTENT).field_patterns(dataset(), forward)
+    once = mesh_error(*both(place), 1.5, "stuck", EXTENT)
     twice = mesh_error(*both(np.repeat(place, 2, axis=0)), 1.5, "stuck", EXTENT)
-    found = twice.field_patterns(dataset(), forward)
-    assert once is not None and found is not None
-    n_step = len(once)
-    np.testing.assert_allclose(found[:n_step], once / np.sqrt(2))
-    np.testing.assert_allclose(found[n_step:], once / np.sqrt(2))
-    slope, basis = forward.jacobian(np.array([[1.0, *place[0]]])).weights, forward.field_basis
-    assert slope is not None and basis is not None and basis.modes is not None
-    tangents = np.tensordot(slope[0][:, 1:].T, basis.modes, 1).reshape(2, -1)
-    left = once.reshape(n_step, -1).T
-    by_ratio, *_ = np.linalg.lstsq(tangents.T, left)
-    assert np.abs(left - tangents.T @ by_ratio).max() < 1e-12 * np.abs(left).max()
-    assert np.abs(by_ratio).max() > 1e-4  # and they are not nothing
+    found = once.field_patterns(data, noise, forward)
+    assert found is not None
+    np.testing.assert_allclose(twice.field_patterns(data, noise, forward), found)
+    theta = np.array([1.0, *place[0]])
+    tangents = tangents_at(forward, theta, data.travel)
+    step = 1e-4
+    for column in range(2):
+        moved = [theta + sign * step * np.eye(3)[1 + column] for sign in (1, -1)]
+        fields = [forward.field_basis.fields(forward.predict(t[None]).weights)[0] for t in moved]
+        slope = (fields[0] - fields[1]) / (2 * step)
+        assert tangents[column] == pytest.approx(slope, abs=1e-5 * np.abs(slope).max())
+    sd = once.mistaken(data, noise, forward)
+    np.testing.assert_allclose(found, sd[:, None, None, None] * tangents)
+    assert np.all(sd[:2] > 1e-4) and 0 < sd[2] < noise.travel_zero_sd
+
+
+def test_constants_that_the_field_hardly_tells_apart_stay_within_their_box() -> None:
+    forward, data, noise = EmulatorForward(scaled(), with_field=True), dataset(), NoiseSettings()
+    error = mesh_error(*both(CHECKS[:1]), 1.5, "stuck", EXTENT)
+    free = replace(error, extent=None).mistaken(data, noise, forward)
+    wide = replace(error, extent=1e3 * EXTENT).mistaken(data, noise, forward)
+    np.testing.assert_allclose(wide, free, rtol=1e-4)
+    narrow = replace(error, extent=1e-6 * EXTENT).mistaken(data, noise, forward)
+    assert np.all(narrow[:2] < 1e-6 * EXTENT)
 
 
 def test_forces_alone_have_no_patterns() -> None:
     forward = EmulatorForward(scaled())
     bare = replace(dataset(), field=None)
     error = mesh_error(*both(CHECKS), 1.5, "stuck")
-    assert error.field_patterns(bare, forward) is None
-    assert error.mistaken(bare, forward).shape == (2, 0)
+    assert error.field_patterns(bare, NoiseSettings(), forward) is None
+    np.testing.assert_array_equal(error.mistaken(bare, NoiseSettings(), forward), np.zeros(3))
 
 
 def test_a_planned_experiment_errs_by_the_same_ratios() -> None:
     forward, data = EmulatorForward(scaled(), with_field=True), dataset()
     error = mesh_error(*both(CHECKS[:1]), 1.5, "stuck", EXTENT)
-    mistaken = error.mistaken(data, forward)
-    assert mistaken.shape == (2, len(data.travel)) and np.abs(mistaken).max() > 1e-4
+    mistaken = error.mistaken(data, NoiseSettings(), forward)
+    assert mistaken.shape == (3,) and mistaken.max() > 1e-4
     errors = Errors(
         own_share=np.full(len(data.travel), 0.1),
         noise=NoiseSettings(),
@@ -166,7 +179,7 @@ def test_a_planned_experiment_errs_by_the_same_ratios() -> None:
     theta = np.array([1.0, *CHECKS[0]])
     planned = planned_likelihood(forward, data.travel, BLOCK.points, errors, theta)
     assert planned.field is not None
-    expected = error.field_patterns(data, forward)
+    expected = error.field_patterns(data, NoiseSettings(), forward)
     np.testing.assert_allclose(planned.field.covariance.patterns, expected, rtol=1e-10)
 
 
@@ -180,6 +193,7 @@ def test_a_mesh_error_is_read_as_it_was_kept(with_slopes: bool, tmp_path: Path) 
     save_mesh_error(tmp_path, hypothesis, study, error, ["r", "s"])
     found = load_mesh_error(tmp_path, hypothesis)
     np.testing.assert_array_equal(found.field, error.field)
+    np.testing.assert_array_equal(found.extent, EXTENT)
     assert (found.slopes is None) is not with_slopes
     if found.slopes is not None and error.slopes is not None:
         np.testing.assert_array_equal(found.slopes.field, error.slopes.field)

@@ -8,6 +8,7 @@ from scipy.linalg import cho_factor, cho_solve
 from calib.data.dataset import FieldData
 from calib.inference.field_noise import spatial_correlation, step_correlation
 from calib.inference.forward import ForwardModel
+from calib.inference.noise import slope_matrix
 from fe.response import Array
 
 TRAVEL_LENGTH = 0.8
@@ -16,45 +17,63 @@ SINGULAR = 1e-10
 """share of the largest eigenvalue below which a combination of parameters is not seen at all"""
 
 
-def mistaken(field: FieldData, travel: Array, tangents: Array, differences: Array) -> Array:
-    """(d, n n_step) changes of d parameters that `differences` of fields would be mistaken for.
+def mistaken(
+    field: FieldData,
+    travel: Array,
+    tangents: Array,
+    differences: Array,
+    prior_sd: Array | float = np.inf,
+) -> Array:
+    """(d,) sizes of the changes of d parameters that `differences` would be mistaken for.
 
     Each difference (n, n_step, n_point, 3) [mm] at each increment alone is fitted, by least squares
     in the noise of `field`, by the changes of the whole field with the parameters, `tangents`
-    (d, n_step, n_point, 3). Changes by different increments are taken as correlated over
-    `TRAVEL_LENGTH` of the `travel` (n_step,), so that they add up where they agree and do not
-    cancel altogether where they do not: columns times normal factors of SD one have the covariance
-    sum_ij rho_ij shift_i shift_j^T. This is the grid convergence index of what is asked for, the
-    parameters, in place of that of displacements (Roache 1994; Eca and Hoekstra 2014).
+    (d, n_step, n_point, 3), which `prior_sd` (d,) holds at zero where it is finite. Changes by
+    different increments are taken as correlated over `TRAVEL_LENGTH` of the `travel` (n_step,), so
+    that they add up where they agree and do not cancel altogether where they do not: the size is
+    the root of the sum over differences of shift rho shift. Each parameter has its own, whatever
+    the others': this is the grid convergence index of what is asked for, the parameters, in place
+    of that of displacements (Roache 1994; Eca and Hoekstra 2014).
     """
-    weighed = _by_precision(field, tangents)
-    gram = np.einsum("aipx,bipx->ab", weighed, tangents)
+    sd = np.broadcast_to(np.asarray(prior_sd, dtype=np.float64), len(tangents))
+    held = np.isfinite(sd)
+    # In units of the prior's SD, so that one of zero is no division.
+    unit = np.where(held, sd, 1.0)
+    changes = tangents * unit[:, None, None, None]
+    weighed = _by_precision(field, changes)
+    gram = np.einsum("aipx,bipx->ab", weighed, changes) + np.diag(held.astype(np.float64))
     pull = np.einsum("aipx,nipx->ani", weighed, differences)
     scale = np.sqrt(np.diag(gram))
     scale = np.where(scale > 0.0, scale, 1.0)[:, None]
     flat = pull.reshape(len(tangents), -1) / scale
-    shifts, *_ = np.linalg.lstsq(gram / (scale * scale.T), flat, rcond=SINGULAR)
-    apart = np.abs(np.subtract.outer(travel, travel)) / TRAVEL_LENGTH
-    root = np.linalg.cholesky(np.exp(-apart))
-    found: Array = ((shifts / scale).reshape(pull.shape) @ root).reshape(len(tangents), -1)
+    fitted, *_ = np.linalg.lstsq(gram / (scale * scale.T), flat, rcond=SINGULAR)
+    shifts = (unit[:, None] * fitted / scale).reshape(pull.shape)
+    correlation = np.exp(-np.abs(np.subtract.outer(travel, travel)) / TRAVEL_LENGTH)
+    found: Array = np.sqrt(np.einsum("ani,ij,anj->a", shifts, correlation, shifts))
     return found
 
 
-def tangents_at(forward: ForwardModel, theta: Array) -> Array:
-    """(d, n_step, n_point, 3) changes of a model's field with its inputs at theta (1 + d,), mm.
+def tangents_at(forward: ForwardModel, theta: Array, travel: Array) -> Array:
+    """(d + 1, n_step, n_point, 3) changes of a model's field at theta (1 + d,), in mm.
 
-    Of all but kappa, which no field depends on. The model must have a field and modes.
+    With its inputs, all but kappa, which no field depends on, and with the zero of the travel, in
+    mm per mm. The model must have a field and modes.
     """
-    slopes, basis = forward.jacobian(theta[None]).weights, forward.field_basis
+    stated, slopes = forward.predict(theta[None]), forward.jacobian(theta[None]).weights
+    basis = forward.field_basis
     assert slopes is not None and basis is not None and basis.modes is not None
-    found: Array = np.tensordot(slopes[0][:, 1:].T, basis.modes, axes=1)
-    return found
+    assert stated.weights is not None
+    by_input = np.tensordot(slopes[0][:, 1:].T, basis.modes, axes=1)
+    return with_travel_zero(by_input, basis.fields(stated.weights)[0], travel)
 
 
-def tangent_errors(shifts: Array, tangents: Array) -> Array:
-    """(q, n_step, n_point, 3) changes of a field with shifts (d, q) of its parameters, mm."""
-    found: Array = np.einsum("aq,aipx->qipx", shifts, tangents)
-    return found
+def with_travel_zero(tangents: Array, field: Array, travel: Array) -> Array:
+    """(d + 1, ...) tangents (d, ...), and what a `field` changes with the zero of the travel.
+
+    As in the likelihood: the derivative over increments of the predicted field, mm per mm.
+    """
+    by_zero = np.tensordot(slope_matrix(travel), field, axes=1)
+    return np.concatenate([tangents, by_zero[None]])
 
 
 def _by_precision(field: FieldData, fields: Array) -> Array:

@@ -116,9 +116,9 @@ def errors_of(
     """Errors of the study's experiment, of which plans change one at a time.
 
     `sizes` are those that the study leaves unknown, by name.
-    The ratios for which the mesh's error is mistaken are taken to be the same for all blocks and
-    cameras. Where the study has no field they are not known, and left out, and the noise of a
-    camera is assumed.
+    The changes of the ratios and of the travel's zero for which the mesh's error is mistaken are
+    taken to be the same for all blocks and cameras. Where the study has no field they are not
+    known, and left out, and the noise of a camera is assumed.
     """
     noise = noise_of(context.study)
     mesh = load_mesh_error(context.out, hypothesis)
@@ -137,7 +137,7 @@ def errors_of(
         n_samples=data.n_samples,
         discretisation=mesh.force,
         floor=mesh.field_floor,
-        mistaken=mesh.mistaken(data, forward),
+        mistaken=mesh.mistaken(data, noise, forward),
         noise_std=by_field * (np.array(ASSUMED_NOISE) if field is None else field.noise_std),
         length=ASSUMED_LENGTH if field is None else field.correlation_length,
         reference_share=ASSUMED_SHARE if field is None else field.reference_share,

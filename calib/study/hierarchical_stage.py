@@ -66,6 +66,7 @@ def run(context: Context) -> list[Path]:
 def population_posterior(context: Context, hypothesis: Hypothesis) -> HierarchicalPosterior:
     """Posterior of a hypothesis with its emulator as forward model of every sample."""
     study, dataset = context.study, load_data(context.out).dataset
+    noise = noise_of(study)
     mesh = load_mesh_error(context.out, hypothesis)
     with_field = dataset.field is not None
     emulator = ScaledEmulator(load_emulator(context.out, hypothesis))
@@ -73,11 +74,11 @@ def population_posterior(context: Context, hypothesis: Hypothesis) -> Hierarchic
     samples = condense(
         dataset,
         forward,
-        noise_of(study),
+        noise,
         own_errors(study),
         force_discretisation=mesh.force,
         field_floor=mesh.field_floor,
-        field_patterns=mesh.field_patterns(dataset, forward),
+        field_patterns=mesh.field_patterns(dataset, noise, forward),
     )
     prior = prior_of(study, hypothesis, with_field=with_field)
     assert study.population is not None  # refused when the study was read

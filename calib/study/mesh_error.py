@@ -8,10 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
-from calib.data import Dataset, FieldData
+from calib.data import Dataset
 from calib.inference.forward import EmulatorForward
 from calib.inference.mesh_correction import CorrectionSlopes, MeshCorrection
-from calib.inference.tangent_errors import mistaken, tangent_errors, tangents_at
+from calib.inference.noise import NoiseSettings, travel_zero_sd
+from calib.inference.tangent_errors import mistaken, tangents_at
 from calib.study.artifacts import read_json, write_json, write_npz
 from calib.study.config import Study
 from calib.study.sections import Hypothesis
@@ -64,6 +65,8 @@ class MeshError:
     """(n_check, n_step, n_point, 3) coarse minus fine displacement, mm"""
     slopes: MeshSlopes | None = None
     """None where derivatives of one of the runs are not known"""
+    extent: Array | None = None
+    """(d,) of the box of the ratios, for data with a field"""
 
     @property
     def correction(self) -> MeshCorrection:
@@ -114,33 +117,44 @@ class MeshError:
         floor: Array = np.sqrt(left_share(self.refinement) ** 2 * size + spread)
         return floor
 
-    def field_patterns(self, dataset: Dataset, forward: EmulatorForward) -> Array | None:
-        """(n_check n_step, n_step, n_point, 3) errors of the field in known shapes, mm.
+    def field_patterns(
+        self, dataset: Dataset, noise: NoiseSettings, forward: EmulatorForward
+    ) -> Array | None:
+        """(d + 1, n_step, n_point, 3) errors of the field in known shapes, mm.
 
         Mesh errors look like other ratios: as rows of nodes pass the pin's edge, the front face
         moves as it does with r and s, and a floor that is spread over all shapes would put almost
-        nothing into those. So the share that is left is taken of the change of the ratios, and of
-        further unknowns, for which the difference of the meshes would be mistaken. All checks
-        together count as one. None for data without a field.
+        nothing into those. So the share that is left is taken of the changes of the ratios, and of
+        further unknowns, for which the difference of the meshes would be mistaken; and of that of
+        the zero of the travel, which the forces share: a field that errs by 5 um along it takes
+        kappa along by 1 %. Each on its own, since what is left has not the direction of what was
+        measured. None for data without a field.
         """
         if dataset.field is None:
             return None
-        return tangent_errors(*self._mistaken(dataset.field, dataset.travel, forward))
+        tangents = self._tangents(dataset, forward)
+        return self.mistaken(dataset, noise, forward)[:, None, None, None] * tangents
 
-    def mistaken(self, dataset: Dataset, forward: EmulatorForward) -> Array:
-        """(d, n_check n_step) errors of the ratios behind `field_patterns`, if any."""
+    def mistaken(self, dataset: Dataset, noise: NoiseSettings, forward: EmulatorForward) -> Array:
+        """(d + 1,) SDs of errors of the ratios and the travel's zero [mm] in `field_patterns`.
+
+        All checks together count as one. As likely as values even over the box of the ratios are,
+        so that constants which the field hardly tells apart stay within it. Zero for data without a
+        field.
+        """
+        d = self.ratios.shape[1]
         if dataset.field is None:
-            return np.zeros((self.ratios.shape[1], 0))
-        return self._mistaken(dataset.field, dataset.travel, forward)[0]
-
-    def _mistaken(
-        self, field: FieldData, travel: Array, forward: EmulatorForward
-    ) -> tuple[Array, Array]:
-        """What is left of the shifts (d, n_check n_step), tangents (d, n_step, n_point, 3)."""
-        # All at the last check: an emulator need not know the others' places.
-        tangents = tangents_at(forward, np.append(1.0, self.ratios[-1]))
+            return np.zeros(d + 1)
+        tangents = self._tangents(dataset, forward)
+        of_ratios = np.full(d, np.inf) if self.extent is None else self.extent / np.sqrt(12.0)
+        held = np.append(of_ratios, travel_zero_sd(dataset, noise))
         share = left_share(self.refinement) / np.sqrt(len(self.ratios))
-        return share * mistaken(field, travel, tangents, self.field), tangents
+        found: Array = share * mistaken(dataset.field, dataset.travel, tangents, self.field, held)
+        return found
+
+    def _tangents(self, dataset: Dataset, forward: EmulatorForward) -> Array:
+        """At the last check: an emulator need not know the others' places."""
+        return tangents_at(forward, np.append(1.0, self.ratios[-1]), dataset.travel)
 
 
 def _variance_over_checks(differences: Array) -> Array:
@@ -181,6 +195,7 @@ def mesh_error(
         signed_force=coarse.force / fine.force - 1.0,
         field=coarse.displacement - fine.displacement,
         slopes=None if extent is None else _slopes(fine, coarse, REACH * extent),
+        extent=extent,
     )
 
 
@@ -207,12 +222,14 @@ def load_mesh_error(out: Path, hypothesis: Hypothesis) -> MeshError:
         field = stored["field"]
         known = "field_slope" in stored
         slopes = MeshSlopes(stored["field_slope"], stored["reach"]) if known else None
+        extent = stored.get("extent")
     return MeshError(
         refinement=float(facts["refinement"]),
         ratios=np.asarray(facts["ratios"], dtype=float),
         signed_force=np.asarray(facts["signed_force"], dtype=float),
         field=field,
         slopes=slopes,
+        extent=extent,
     )
 
 
@@ -243,6 +260,8 @@ def save_mesh_error(
     arrays = {"field": error.field}
     if error.slopes is not None:
         arrays |= {"field_slope": error.slopes.field, "reach": error.slopes.reach}
+    if error.extent is not None:
+        arrays |= {"extent": error.extent}
     write_npz(folder / "mesh_error.npz", arrays)
     return [folder / "mesh_error.json", folder / "mesh_error.npz"]
 

@@ -12,7 +12,7 @@ from calib.inference.forward import ForwardModel
 from calib.inference.likelihood import Likelihood, build_likelihood
 from calib.inference.noise import NoiseSettings
 from calib.inference.planned import FirstOrderForward
-from calib.inference.tangent_errors import tangent_errors, tangents_at
+from calib.inference.tangent_errors import tangents_at
 from calib.study.config import Study
 from calib.study.context import block_pin_model
 from calib.study.sections import Hypothesis
@@ -40,7 +40,8 @@ class Errors:
     floor: Array
     """(n_step, 3) SD of the field's mesh error, mm"""
     mistaken: Array
-    """(d, q) errors of r, s, ... for which that of the field is mistaken, each of SD one"""
+    """(d + 1,) SDs of the errors of r, s, ... and of the travel's zero, mm, for which that of the
+    field is mistaken"""
     noise_std: Array
     """(3,) along the face, up, towards the camera, mm"""
     length: float
@@ -62,6 +63,7 @@ class Errors:
         return replace(
             self,
             floor=scale * self.floor,
+            mistaken=np.append(self.mistaken[:-1], scale * self.mistaken[-1]),
             noise_std=noise * self.noise_std,
             length=noise * self.length,
             smoothing=noise * self.smoothing,
@@ -118,7 +120,7 @@ def planned_likelihood(
         field_floor=errors.floor,
         field_patterns=None
         if field is None
-        else tangent_errors(errors.mistaken, tangents_at(forward, theta)),
+        else errors.mistaken[:, None, None, None] * tangents_at(forward, theta, travel),
     )
 
 

@@ -64,7 +64,7 @@ def posterior_of(
         noise,
         force_discretisation=mesh.force,
         field_floor=mesh.field_floor,
-        field_patterns=mesh.field_patterns(dataset, forward),
+        field_patterns=mesh.field_patterns(dataset, noise, forward),
         unknown=sizes_of(prior),
     )
     return Posterior(prior, likelihood)

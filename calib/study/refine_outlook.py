@@ -96,13 +96,14 @@ def look(context: Context, hypothesis: Hypothesis, loop: Loop) -> Outlook:
         correction=None if mesh is None else mesh.correction,
     )
     prior = prior_of(study, hypothesis, with_field=dataset.field is not None)
+    noise = noise_of(study)
     likelihood = build_likelihood(
         dataset,
         forward,
-        noise_of(study),
+        noise,
         force_discretisation=NOMINAL_FORCE_ERROR if mesh is None else mesh.force,
         field_floor=NOMINAL_FIELD_ERROR if mesh is None else mesh.field_floor,
-        field_patterns=None if mesh is None else mesh.field_patterns(dataset, forward),
+        field_patterns=None if mesh is None else mesh.field_patterns(dataset, noise, forward),
         unknown=sizes_of(prior),
     )
     if loop.box is not None:

@@ -1,0 +1,130 @@
+"""Calibration with truths on a finer mesh than the emulator's, whose error is stated."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks import calibration_runs as runs
+from benchmarks.calibration_experiments import (
+    Placed,
+    by_runs,
+    likelihood_of,
+    sbc_prior,
+)
+from benchmarks.calibration_figures import (
+    Arm,
+    arm_figures,
+    dense_emulator,
+    placed,
+    points,
+    stuck_emulator,
+)
+from calib.inference import Likelihood
+from calib.study.mesh_error import N_CHECKED, MeshError, mesh_error
+from fe.campaign_result import Campaign
+from fe.response import Array
+from surrogate import ScaledEmulator
+
+
+def finer_arms(store: Path, n: int, name: str) -> dict[str, Arm]:
+    """Truths by FE on a finer mesh: its error stated as in studies, to the truth, and left out.
+
+    A study measures its mesh's error at the mean of a first posterior and again while that moves
+    the mean far, and the last two places tell the error. Here always at three, each the mean of a
+    truth's experiments: of those without any mesh error, and of those corrected by one and by two.
+
+    What studies state is the distance from the check mesh to the block, of which a finer mesh's
+    truth shows a part (`MeshCase.truth_share`). `to_truth` states that part, at the same places.
+    """
+    case = runs.MESH_CASES[name]
+    known, truths, seeds = finer_case(store, case)
+    bare = likelihood_of(known, points())
+    drawn = by_runs(bare, sbc_prior(), truths, n, runs.SEED + seeds[0])
+    without = Arm(f"{case}-without-mesh-error", drawn, lambda _: bare, seeds[1])
+    arm, centres = without, []
+    for k, checked in enumerate(("-checked-once", "-checked-twice", "")):
+        centres.append(_centres(placed(store, arm), drawn.run))
+        places = np.stack(centres[-N_CHECKED:], axis=1)
+        stated = with_mesh_error(store, case, known, places)
+        arm = Arm(
+            f"{case}{checked}", drawn, partial(_of_run, stated, drawn.run), seeds[2] + 100 * k
+        )
+    shown = with_mesh_error(store, case, known, places, share=case.truth_share)
+    to_truth = replace(arm, name=f"{case}-to-truth", likelihood=partial(_of_run, shown, drawn.run))
+    return {"stated": arm, "to_truth": to_truth, "left_out": without}
+
+
+def _of_run(likelihoods: list[Likelihood], run: Array, index: int) -> Likelihood:
+    return likelihoods[int(run[index])]
+
+
+def _centres(found: Placed, run: Array) -> Array:
+    """(n_run, 2) means of (r, s) over the experiments of each FE run, to two decimals.
+
+    Rounded, so that the last bits of a fit do not ask for other runs.
+    """
+    means = [found.mean[run == truth, 1:].mean(axis=0) for truth in np.unique(run)]
+    return np.round(np.array(means), 2)
+
+
+def with_mesh_error(
+    store: Path,
+    case: runs.MeshCase,
+    known: ScaledEmulator,
+    places: Array,
+    *,
+    share: float = 1.0,
+) -> list[Likelihood]:
+    """Likelihoods with the error of the mesh measured at places (n, n_check, 2), one for each n.
+
+    `share` of what is stated to be left of the difference of the meshes is stated.
+    """
+    # One campaign for each check, so that places checked before are found again.
+    checked = [runs.checks(store, case, ratios) for ratios in np.moveaxis(places, 1, 0)]
+    extent = np.ptp(sbc_prior().bounds[1:], axis=1)
+
+    def likelihood(truth: int) -> Likelihood:
+        fine, coarse = (_of_truth(campaigns, truth) for campaigns in zip(*checked, strict=True))
+        error: MeshError = mesh_error(fine, coarse, case.refinement, case.hypothesis, extent)
+        return likelihood_of(known, points(), mesh=_stating(error, share))
+
+    return [likelihood(truth) for truth in range(len(places))]
+
+
+def _of_truth(campaigns: tuple[Campaign, ...], truth: int) -> Campaign:
+    """The runs of one truth, one of each campaign."""
+    theta = np.stack([campaign.theta[truth] for campaign in campaigns])
+    return Campaign(theta, tuple(each.responses[truth] for each in campaigns), n_reused=len(theta))
+
+
+def _stating(error: MeshError, share: float) -> MeshError:
+    """The error with a share of what is left after its correction: that of a finer check mesh.
+
+    Left is a multiple of 1 / (refinement^2 - 1) (`calib.study.mesh_error.left_share`).
+    """
+    return replace(error, refinement=float(np.sqrt(1.0 + (error.refinement**2 - 1.0) / share)))
+
+
+def finer_case(
+    store: Path, case: runs.MeshCase
+) -> tuple[ScaledEmulator, Campaign, tuple[int, int, int]]:
+    """Emulator on a mesh, truths on a finer one, and seeds."""
+    truths = runs.finer_truths(store, case)
+    if case.hypothesis == "sliding":
+        return dense_emulator(store), truths, (2, 3, 4)
+    return stuck_emulator(store), truths, (12, 10, 11)
+
+
+def finer(store: Path, name: str, n: int) -> dict[str, Any]:
+    """Ranks and coverage of truths on a finer mesh, under what is stated of its error."""
+    arms = finer_arms(store, n, name)
+    return {
+        f"sbc_{name.replace('-', '_')}": {
+            stated: arm_figures(store, arm) for stated, arm in arms.items()
+        }
+    }
