@@ -29,8 +29,8 @@ from benchmarks.mesh_fit import Fitted, Linear, within
 from benchmarks.mesh_fit import told as summary
 from benchmarks.mesh_statement import MIDDLE
 from calib.inference.field_noise import FieldCovariance, field_covariance
-from calib.inference.noise import force_errors, slope_matrix, travel_zero_sd
-from calib.inference.tangent_errors import mistaken, with_travel_zero
+from calib.inference.noise import ForceErrors, force_errors
+from calib.inference.tangent_errors import mistaken, seen_by_fields, with_shared
 from calib.study.block_cells import refinement
 from calib.study.mesh_error import MeshError, left_share
 from fe import Response, load_response
@@ -119,15 +119,19 @@ def kept(folder: Path) -> dict[tuple[str, Cells], Response]:
     return found
 
 
+def errors_of(pair: Pair) -> ForceErrors:
+    """Of the forces, with the mesh error that a study would state."""
+    return force_errors(*template(points()), pair.error.force)
+
+
 def linear(pair: Pair) -> Linear:
     """About the run of the check mesh."""
-    check, (data, settings) = pair.check, template(points())
-    travel = np.array(TRAVEL)
+    check, errors = pair.check, errors_of(pair)
     by_ratio = np.moveaxis(check.displacement_gradient[..., :2], -1, 0)
-    by_zero = slope_matrix(travel) @ check.force
+    by_zero = errors.slope @ check.force
     force = MIDDLE * np.column_stack([check.force, check.force_gradient[:, :2], by_zero])
-    field = with_travel_zero(by_ratio, check.displacement, travel)
-    return Linear(force, field, travel_zero_sd(data, settings))
+    field = with_shared(by_ratio, check.displacement, seen_by_fields(errors))
+    return Linear(force, field, errors.travel_zero_sd)
 
 
 def as_studies(pair: Pair, floor: FieldCovariance) -> FieldCovariance:
@@ -156,14 +160,12 @@ STATEMENTS: dict[str, Statement] = {
 
 def fitted(pair: Pair, statement: Statement, noise: FieldCovariance) -> Fitted:
     """Distance from the truth, and SDs that go with it, by one statement."""
-    error, (data, settings) = pair.error, template(points())
-    floor = error.field_floor.T
+    floor = pair.error.field_floor.T
     shared = noise.floor / noise.floor.max()
     stated = replace(noise, floor=floor[:, :, None] * floor[:, None, :] * shared)
-    forces = force_errors(data, settings, error.force)
     return linear(pair).fit(
         MIDDLE * (pair.truth.force - pair.check.force),
-        forces.covariance(MIDDLE * pair.check.force[:, None])[:, :, 0],
+        errors_of(pair).covariance(MIDDLE * pair.check.force[:, None])[:, :, 0],
         pair.truth.displacement - pair.check.displacement,
         statement(pair, stated),
     )

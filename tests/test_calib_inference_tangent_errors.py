@@ -7,7 +7,9 @@ import pytest
 
 from calib.data import FieldData
 from calib.inference.field_noise import field_covariance
-from calib.inference.tangent_errors import TRAVEL_LENGTH, mistaken, with_travel_zero
+from calib.inference.noise import ZERO, slope_matrix
+from calib.inference.shared_error import SharedError
+from calib.inference.tangent_errors import TRAVEL_LENGTH, mistaken, with_shared
 from fe.response import Array
 
 N_STEP, N_POINT, D = 4, 25, 2
@@ -82,9 +84,12 @@ def test_two_differences_add_up_and_the_sizes_do_not_hang_on_the_other_parameter
     assert found == pytest.approx(np.sqrt(2) * np.abs(shift), rel=1e-6)
 
 
-def test_the_travels_zero_moves_a_field_by_its_derivative() -> None:
+def test_a_shared_error_moves_a_field_as_in_the_likelihood() -> None:
     displacement = 0.1 * TRAVEL[:, None, None] ** 2 * np.ones((N_STEP, N_POINT, 3))
-    found = with_travel_zero(smooth(D), displacement, TRAVEL)
+    slope = slope_matrix(TRAVEL)
+    zero = SharedError(ZERO, "mm", 0.02, 0.02 * slope, 0.02 * slope)
+    found = with_shared(smooth(D), displacement, [zero])
     assert found[:D] == pytest.approx(smooth(D))
     expected = 0.2 * TRAVEL[:, None, None] * np.ones((N_STEP, N_POINT, 3))
     assert found[D] == pytest.approx(expected, rel=1e-9)
+    assert with_shared(smooth(D), displacement, []) == pytest.approx(smooth(D))

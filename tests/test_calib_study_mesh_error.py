@@ -12,7 +12,8 @@ from test_calib_inference_forward import BLOCK, scaled
 
 from calib.data import Dataset, FieldData
 from calib.inference import EmulatorForward, NoiseSettings
-from calib.inference.tangent_errors import tangents_at
+from calib.inference.noise import COMPLIANCE, ZERO, force_errors
+from calib.inference.tangent_errors import seen_by_fields, tangents_at
 from calib.study.config import load_study
 from calib.study.mesh_error import MeshError, load_mesh_error, mesh_error, save_mesh_error
 from calib.study.plans import Errors, planned_likelihood
@@ -121,7 +122,8 @@ def test_what_is_left_is_an_index_and_what_checks_differ_by() -> None:
 
 
 def test_patterns_are_changes_of_each_constant_and_equal_checks_count_as_one() -> None:
-    forward, data, noise = EmulatorForward(scaled(), with_field=True), dataset(), NoiseSettings()
+    forward, data = EmulatorForward(scaled(), with_field=True), dataset()
+    noise = NoiseSettings(compliance_sd=0.01, gain_sd=0.01)
     place = CHECKS[:1]
     once = mesh_error(*both(place), 1.5, "stuck", EXTENT)
     twice = mesh_error(*both(np.repeat(place, 2, axis=0)), 1.5, "stuck", EXTENT)
@@ -129,7 +131,8 @@ def test_patterns_are_changes_of_each_constant_and_equal_checks_count_as_one() -
     assert found is not None
     np.testing.assert_allclose(twice.field_patterns(data, noise, forward), found)
     theta = np.array([1.0, *place[0]])
-    tangents = tangents_at(forward, theta, data.travel)
+    tangents = tangents_at(forward, theta, seen_by_fields(force_errors(data, noise)))
+    assert len(tangents) == 4  # r, s, the zero of the travel, the machine's compliance
     step = 1e-4
     for column in range(2):
         moved = [theta + sign * step * np.eye(3)[1 + column] for sign in (1, -1)]
@@ -137,18 +140,20 @@ def test_patterns_are_changes_of_each_constant_and_equal_checks_count_as_one() -
         slope = (fields[0] - fields[1]) / (2 * step)
         assert tangents[column] == pytest.approx(slope, abs=1e-5 * np.abs(slope).max())
     sd = once.mistaken(data, noise, forward)
-    np.testing.assert_allclose(found, sd[:, None, None, None] * tangents)
-    assert np.all(sd[:2] > 1e-4) and 0 < sd[2] < noise.travel_zero_sd
+    assert np.all(sd.ratios > 1e-4) and 0 < sd.shared[ZERO] < noise.travel_zero_sd
+    assert 0 < sd.shared[COMPLIANCE] < noise.compliance_sd and len(sd.shared) == 2
+    sizes = np.append(sd.ratios, [sd.shared[ZERO], sd.shared[COMPLIANCE]])
+    np.testing.assert_allclose(found, sizes[:, None, None, None] * tangents)
 
 
 def test_constants_that_the_field_hardly_tells_apart_stay_within_their_box() -> None:
     forward, data, noise = EmulatorForward(scaled(), with_field=True), dataset(), NoiseSettings()
     error = mesh_error(*both(CHECKS[:1]), 1.5, "stuck", EXTENT)
-    free = replace(error, extent=None).mistaken(data, noise, forward)
-    wide = replace(error, extent=1e3 * EXTENT).mistaken(data, noise, forward)
+    free = replace(error, extent=None).mistaken(data, noise, forward).ratios
+    wide = replace(error, extent=1e3 * EXTENT).mistaken(data, noise, forward).ratios
     np.testing.assert_allclose(wide, free, rtol=1e-4)
     narrow = replace(error, extent=1e-6 * EXTENT).mistaken(data, noise, forward)
-    assert np.all(narrow[:2] < 1e-6 * EXTENT)
+    assert np.all(narrow.ratios < 1e-6 * EXTENT)
 
 
 def test_forces_alone_have_no_patterns() -> None:
@@ -156,14 +161,15 @@ def test_forces_alone_have_no_patterns() -> None:
     bare = replace(dataset(), field=None)
     error = mesh_error(*both(CHECKS), 1.5, "stuck")
     assert error.field_patterns(bare, NoiseSettings(), forward) is None
-    np.testing.assert_array_equal(error.mistaken(bare, NoiseSettings(), forward), np.zeros(3))
+    nothing = error.mistaken(bare, NoiseSettings(), forward)
+    assert not nothing.ratios.any() and nothing.shared == {}
 
 
 def test_a_planned_experiment_errs_by_the_same_ratios() -> None:
     forward, data = EmulatorForward(scaled(), with_field=True), dataset()
     error = mesh_error(*both(CHECKS[:1]), 1.5, "stuck", EXTENT)
     mistaken = error.mistaken(data, NoiseSettings(), forward)
-    assert mistaken.shape == (3,) and mistaken.max() > 1e-4
+    assert mistaken.ratios.max() > 1e-4 and mistaken.shared[ZERO] > 0
     errors = Errors(
         own_share=np.full(len(data.travel), 0.1),
         noise=NoiseSettings(),

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
 from calib.data.dataset import FieldData
 from calib.inference.field_noise import spatial_correlation, step_correlation
 from calib.inference.forward import ForwardModel
-from calib.inference.noise import slope_matrix
+from calib.inference.noise import ForceErrors
+from calib.inference.shared_error import SharedError
 from fe.response import Array
 
 TRAVEL_LENGTH = 0.8
@@ -53,27 +56,29 @@ def mistaken(
     return found
 
 
-def tangents_at(forward: ForwardModel, theta: Array, travel: Array) -> Array:
-    """(d + 1, n_step, n_point, 3) changes of a model's field at theta (1 + d,), in mm.
+def tangents_at(forward: ForwardModel, theta: Array, shared: Sequence[SharedError]) -> Array:
+    """(d + q, n_step, n_point, 3) changes of a model's field at theta (1 + d,), mm.
 
-    With its inputs, all but kappa, which no field depends on, and with the zero of the travel, in
-    mm per mm. The model must have a field and modes.
+    With its inputs, all but kappa, which no field depends on, and with a unit of each of the errors
+    that field and forces share. The model must have a field and modes.
     """
     stated, slopes = forward.predict(theta[None]), forward.jacobian(theta[None]).weights
     basis = forward.field_basis
     assert slopes is not None and basis is not None and basis.modes is not None
     assert stated.weights is not None
     by_input = np.tensordot(slopes[0][:, 1:].T, basis.modes, axes=1)
-    return with_travel_zero(by_input, basis.fields(stated.weights)[0], travel)
+    return with_shared(by_input, basis.fields(stated.weights)[0], shared)
 
 
-def with_travel_zero(tangents: Array, field: Array, travel: Array) -> Array:
-    """(d + 1, ...) tangents (d, ...), and what a `field` changes with the zero of the travel.
+def with_shared(tangents: Array, field: Array, shared: Sequence[SharedError]) -> Array:
+    """(d + q, ...) tangents (d, ...), and what a predicted `field` changes with shared errors."""
+    by_unit = [np.tensordot(error.field / error.sd, field, axes=1) for error in shared]
+    return np.concatenate([tangents, np.reshape(by_unit, (-1, *field.shape))])
 
-    As in the likelihood: the derivative over increments of the predicted field, mm per mm.
-    """
-    by_zero = np.tensordot(slope_matrix(travel), field, axes=1)
-    return np.concatenate([tangents, by_zero[None]])
+
+def seen_by_fields(errors: ForceErrors) -> list[SharedError]:
+    """The errors that fields share with the forces, of those of the forces."""
+    return [error for error in errors.shared if error.sd > 0 and np.any(error.field)]
 
 
 def _by_precision(field: FieldData, fields: Array) -> Array:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,8 +11,9 @@ import numpy as np
 from calib.data import Dataset
 from calib.inference.forward import EmulatorForward
 from calib.inference.mesh_correction import CorrectionSlopes, MeshCorrection
-from calib.inference.noise import NoiseSettings, travel_zero_sd
-from calib.inference.tangent_errors import mistaken, tangents_at
+from calib.inference.noise import NoiseSettings, force_errors
+from calib.inference.shared_error import SharedError
+from calib.inference.tangent_errors import mistaken, seen_by_fields, tangents_at
 from calib.study.artifacts import read_json, write_json, write_npz
 from calib.study.config import Study
 from calib.study.sections import Hypothesis
@@ -49,6 +50,16 @@ class MeshSlopes:
     """(n_check, n_step, n_point, 3, d) of coarse minus fine displacement, mm"""
     reach: Array
     """(d,) how far from a check they are followed"""
+
+
+@dataclass(frozen=True)
+class Mistaken:
+    """SDs of errors for which that of a mesh would be mistaken."""
+
+    ratios: Array
+    """(d,) of r, s, ..."""
+    shared: Mapping[str, float]
+    """of the nuisances that field and forces share, in their units"""
 
 
 @dataclass(frozen=True)
@@ -120,41 +131,47 @@ class MeshError:
     def field_patterns(
         self, dataset: Dataset, noise: NoiseSettings, forward: EmulatorForward
     ) -> Array | None:
-        """(d + 1, n_step, n_point, 3) errors of the field in known shapes, mm.
+        """(d + q, n_step, n_point, 3) errors of the field in known shapes, mm.
 
         Mesh errors look like other ratios: as rows of nodes pass the pin's edge, the front face
         moves as it does with r and s, and a floor that is spread over all shapes would put almost
         nothing into those. So the share that is left is taken of the changes of the ratios, and of
-        further unknowns, for which the difference of the meshes would be mistaken; and of that of
-        the zero of the travel, which the forces share: a field that errs by 5 um along it takes
-        kappa along by 1 %. Each on its own, since what is left has not the direction of what was
-        measured. None for data without a field.
+        further unknowns, for which the difference of the meshes would be mistaken; and of those of
+        the q errors that the forces share: a field that errs by 5 um along the zero of the travel
+        takes kappa along by 1 %. Each on its own, since what is left has not the direction of what
+        was measured. None for data without a field.
         """
         if dataset.field is None:
             return None
-        tangents = self._tangents(dataset, forward)
-        return self.mistaken(dataset, noise, forward)[:, None, None, None] * tangents
+        sd = self.mistaken(dataset, noise, forward)
+        shared = seen_by_fields(force_errors(dataset, noise))
+        sizes = np.append(sd.ratios, [sd.shared[error.name] for error in shared])
+        return sizes[:, None, None, None] * self._tangents(forward, shared)
 
-    def mistaken(self, dataset: Dataset, noise: NoiseSettings, forward: EmulatorForward) -> Array:
-        """(d + 1,) SDs of errors of the ratios and the travel's zero [mm] in `field_patterns`.
+    def mistaken(
+        self, dataset: Dataset, noise: NoiseSettings, forward: EmulatorForward
+    ) -> Mistaken:
+        """SDs of the errors of ratios and nuisances behind `field_patterns`.
 
-        All checks together count as one. As likely as values even over the box of the ratios are,
-        so that constants which the field hardly tells apart stay within it. Zero for data without a
-        field.
+        All checks together count as one. As likely as values even over the box of the ratios and
+        as the nuisances are, so that constants which the field hardly tells apart stay within it.
+        Zero for data without a field.
         """
         d = self.ratios.shape[1]
         if dataset.field is None:
-            return np.zeros(d + 1)
-        tangents = self._tangents(dataset, forward)
+            return Mistaken(np.zeros(d), {})
+        shared = seen_by_fields(force_errors(dataset, noise))
         of_ratios = np.full(d, np.inf) if self.extent is None else self.extent / np.sqrt(12.0)
-        held = np.append(of_ratios, travel_zero_sd(dataset, noise))
+        held = np.append(of_ratios, [error.sd for error in shared])
         share = left_share(self.refinement) / np.sqrt(len(self.ratios))
-        found: Array = share * mistaken(dataset.field, dataset.travel, tangents, self.field, held)
-        return found
+        tangents = self._tangents(forward, shared)
+        found = share * mistaken(dataset.field, dataset.travel, tangents, self.field, held)
+        names = (error.name for error in shared)
+        return Mistaken(found[:d], dict(zip(names, found[d:].tolist(), strict=True)))
 
-    def _tangents(self, dataset: Dataset, forward: EmulatorForward) -> Array:
+    def _tangents(self, forward: EmulatorForward, shared: Sequence[SharedError]) -> Array:
         """At the last check: an emulator need not know the others' places."""
-        return tangents_at(forward, np.append(1.0, self.ratios[-1]), dataset.travel)
+        return tangents_at(forward, np.append(1.0, self.ratios[-1]), shared)
 
 
 def _variance_over_checks(differences: Array) -> Array:

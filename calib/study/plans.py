@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,11 +10,12 @@ import numpy as np
 from calib.data.dataset import Dataset, FieldData
 from calib.inference.forward import ForwardModel
 from calib.inference.likelihood import Likelihood, build_likelihood
-from calib.inference.noise import NoiseSettings
+from calib.inference.noise import COMPLIANCE, ZERO, NoiseSettings, force_errors
 from calib.inference.planned import FirstOrderForward
-from calib.inference.tangent_errors import tangents_at
+from calib.inference.tangent_errors import seen_by_fields, tangents_at
 from calib.study.config import Study
 from calib.study.context import block_pin_model
+from calib.study.mesh_error import Mistaken
 from calib.study.sections import Hypothesis
 from calib.study.views import Face, Run, run_with_views, similar, together
 from fe.response import Array
@@ -39,9 +40,8 @@ class Errors:
     """(n_step,) relative SD of the force's mesh error"""
     floor: Array
     """(n_step, 3) SD of the field's mesh error, mm"""
-    mistaken: Array
-    """(d + 1,) SDs of the errors of r, s, ... and of the travel's zero, mm, for which that of the
-    field is mistaken"""
+    mistaken: Mistaken
+    """for which the field's mesh error is"""
     noise_std: Array
     """(3,) along the face, up, towards the camera, mm"""
     length: float
@@ -63,7 +63,7 @@ class Errors:
         return replace(
             self,
             floor=scale * self.floor,
-            mistaken=np.append(self.mistaken[:-1], scale * self.mistaken[-1]),
+            mistaken=replace(self.mistaken, shared=_scaled(self.mistaken.shared, scale)),
             noise_std=noise * self.noise_std,
             length=noise * self.length,
             smoothing=noise * self.smoothing,
@@ -118,10 +118,26 @@ def planned_likelihood(
         errors.noise,
         force_discretisation=errors.discretisation,
         field_floor=errors.floor,
-        field_patterns=None
-        if field is None
-        else errors.mistaken[:, None, None, None] * tangents_at(forward, theta, travel),
+        field_patterns=None if field is None else _mesh_patterns(data, errors, forward, theta),
     )
+
+
+def _mesh_patterns(data: Dataset, errors: Errors, forward: ForwardModel, theta: Array) -> Array:
+    """(d + q, n_step, n_point, 3) errors of a field that look like other constants, mm.
+
+    And like those nuisances that the study has too.
+    """
+    of = errors.mistaken.shared
+    shared = [e for e in seen_by_fields(force_errors(data, errors.noise)) if e.name in of]
+    sizes = np.append(errors.mistaken.ratios, [of[error.name] for error in shared])
+    found: Array = sizes[:, None, None, None] * tangents_at(forward, theta, shared)
+    return found
+
+
+def _scaled(shared: Mapping[str, float], scale: float) -> dict[str, float]:
+    """Nuisances for which the error of a block `scale` times as large would be mistaken."""
+    powers = {ZERO: 1.0, COMPLIANCE: -1.0}  # travel grows with the block, force with its square
+    return {name: sd * scale ** powers.get(name, 0.0) for name, sd in shared.items()}
 
 
 def by_emulator(
