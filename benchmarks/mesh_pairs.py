@@ -15,7 +15,7 @@ from __future__ import annotations
 import argparse
 import re
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import astuple, dataclass, replace
 from pathlib import Path
 from typing import Any, cast
 
@@ -28,26 +28,29 @@ from benchmarks.mesh_convergence import RUNS, TRAVEL
 from benchmarks.mesh_fit import Fitted, Linear, within
 from benchmarks.mesh_fit import told as summary
 from benchmarks.mesh_statement import MIDDLE
+from benchmarks.meshes import SAMPLING_CELLS
 from calib.inference.field_noise import FieldCovariance, field_covariance
 from calib.inference.noise import ForceErrors, force_errors
 from calib.inference.tangent_errors import mistaken, seen_by_fields, with_shared
 from calib.study.block_cells import refinement
 from calib.study.mesh_error import MeshError, left_share
-from fe import Response, load_response
+from fe import Response, Rings, load_response
 from fe.specimens.block_pin import Cells
 
 NAME = re.compile(r"(?P<family>.+)-(?P<cells>\d+x\d+x\d+)-0.5-0.05-\w{12}\.npz")
 SAMPLING: dict[str, Cells] = {
-    "friction-0.1": (12, 4, 2),
-    "friction-0.3": (12, 4, 2),
-    "round-friction-0.3": (6, 2, 2),
-    "round-slide": (7, 4, 2),
-    "round-stick": (8, 4, 2),
-    "slide": (12, 4, 2),
-    "stick": (12, 6, 2),
+    family: cast(Cells, astuple(cells) if isinstance(cells, Rings) else cells)
+    for family, cells in (
+        ("friction-0.1", SAMPLING_CELLS["bar, friction"]),
+        ("friction-0.3", SAMPLING_CELLS["bar, friction"]),
+        ("round-friction-0.3", SAMPLING_CELLS["round, friction"]),
+        ("round-slide", SAMPLING_CELLS["round, frictionless"]),
+        ("round-stick", SAMPLING_CELLS["round, stick"]),
+        ("slide", SAMPLING_CELLS["bar, frictionless"]),
+        ("stick", SAMPLING_CELLS["bar, stick"]),
+    )
 }
-"""what each family of runs is checked for, friction as it was sampled until 2026-11-23; of round
-pins rings, layers and sectors"""
+"""what each family of runs is checked for; of round pins rings, layers and sectors"""
 LEAST_CHECK = 1.29
 """times smaller elements: 12 x 6 x 3 beside 12 x 4 x 2, 1.31, is the first"""
 LEAST_FINER = 1.9
