@@ -43,19 +43,21 @@ def finer_arms(store: Path, n: int, name: str) -> dict[str, Arm]:
     """
     case = runs.MESH_CASES[name]
     known, truths, seeds = finer_case(store, case)
+    arm_name = f"{case}-{len(truths.theta)}"
     bare = likelihood_of(known, points())
     drawn = by_runs(bare, sbc_prior(), truths, n, runs.SEED + seeds[0])
-    without = Arm(f"{case}-without-mesh-error", drawn, lambda _: bare, seeds[1])
+    without = Arm(f"{arm_name}-without-mesh-error", drawn, lambda _: bare, seeds[1])
     arm, centres = without, []
     for k, checked in enumerate(("-checked-once", "-checked-twice", "")):
         centres.append(_centres(placed(store, arm), drawn.run))
         places = np.stack(centres[-N_CHECKED:], axis=1)
         stated = with_mesh_error(store, case, known, places)
         arm = Arm(
-            f"{case}{checked}", drawn, partial(_of_run, stated, drawn.run), seeds[2] + 100 * k
+            f"{arm_name}{checked}", drawn, partial(_of_run, stated, drawn.run), seeds[2] + 100 * k
         )
     shown = with_mesh_error(store, case, known, places, share=case.truth_share)
-    to_truth = replace(arm, name=f"{case}-to-truth", likelihood=partial(_of_run, shown, drawn.run))
+    of_run = partial(_of_run, shown, drawn.run)
+    to_truth = replace(arm, name=f"{arm_name}-to-truth", likelihood=of_run)
     return {"stated": arm, "to_truth": to_truth, "left_out": without}
 
 
@@ -91,7 +93,7 @@ def with_mesh_error(
     def likelihood(truth: int) -> Likelihood:
         fine, coarse = (_of_truth(campaigns, truth) for campaigns in zip(*checked, strict=True))
         error: MeshError = mesh_error(fine, coarse, case.refinement, case.hypothesis, extent)
-        return likelihood_of(known, points(), mesh=_stating(error, share))
+        return likelihood_of(known, points(), mesh=stating(error, share))
 
     return [likelihood(truth) for truth in range(len(places))]
 
@@ -102,7 +104,7 @@ def _of_truth(campaigns: tuple[Campaign, ...], truth: int) -> Campaign:
     return Campaign(theta, tuple(each.responses[truth] for each in campaigns), n_reused=len(theta))
 
 
-def _stating(error: MeshError, share: float) -> MeshError:
+def stating(error: MeshError, share: float) -> MeshError:
     """The error with a share of what is left after its correction: that of a finer check mesh.
 
     Left is a multiple of 1 / (refinement^2 - 1) (`calib.study.mesh_error.left_share`).

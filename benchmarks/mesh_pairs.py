@@ -30,8 +30,8 @@ from benchmarks.mesh_fit import told as summary
 from benchmarks.mesh_statement import MIDDLE
 from benchmarks.meshes import SAMPLING_CELLS
 from calib.inference.field_noise import FieldCovariance, field_covariance
-from calib.inference.noise import ForceErrors, force_errors
-from calib.inference.tangent_errors import mistaken, seen_by_fields, with_shared
+from calib.inference.noise import ForceErrors, field_nuisances, force_errors
+from calib.inference.tangent_errors import apart, mistaken, with_nuisances
 from calib.study.block_cells import refinement
 from calib.study.mesh_error import MeshError, left_share
 from fe import Response, Rings, load_response
@@ -133,7 +133,7 @@ def linear(pair: Pair) -> Linear:
     by_ratio = np.moveaxis(check.displacement_gradient[..., :2], -1, 0)
     by_zero = errors.slope @ check.force
     force = MIDDLE * np.column_stack([check.force, check.force_gradient[:, :2], by_zero])
-    field = with_shared(by_ratio, check.displacement, seen_by_fields(errors))
+    field = with_nuisances(by_ratio, check.displacement, field_nuisances(*template(points())))
     return Linear(force, field, errors.travel_zero_sd)
 
 
@@ -142,9 +142,9 @@ def as_studies(pair: Pair, floor: FieldCovariance) -> FieldCovariance:
     field, model = template(points())[0].field, linear(pair)
     assert field is not None
     held = np.append(np.ptp(prior().bounds[1:], axis=1) / np.sqrt(12.0), model.zero_sd)
-    shifts = mistaken(field, np.array(TRAVEL), model.field, pair.error.field, held)
-    sd = left_share(pair.refinement) * shifts
-    return floor.with_patterns(sd[:, None, None, None] * model.field)
+    found = mistaken(field, np.array(TRAVEL), model.field, pair.error.field, held)
+    left = apart(left_share(pair.refinement) ** 2 * found, ("zero",))
+    return floor.with_patterns(left.patterns(model.field))
 
 
 def by_shapes(pair: Pair, floor: FieldCovariance) -> FieldCovariance:

@@ -24,12 +24,16 @@ from benchmarks.calibration_experiments import (
     place,
     sbc_prior,
 )
+from benchmarks.calibration_finer import stating
 from benchmarks.calibration_misspecified import COARSE, SHARES, _worth
+from benchmarks.calibration_runs import MESH_CASES
 from benchmarks.direct_rule import Rule, box_about, log_likelihood, nodes_of, rough_error
 from benchmarks.mesh_statement import fitted
 from calib.data import FieldData, thesis_forces
 from calib.inference import Likelihood, NoiseSettings, build_likelihood, theta_of
 from calib.inference.rank_uniformity import coverage, uniformity
+from calib.study.block_cells import refinement
+from calib.study.mesh_error import MeshError, left_share
 from fe.response import Array
 
 N = 40
@@ -159,6 +163,18 @@ def test_a_truth_off_along_a_constant_is_fitted_as_that_constant() -> None:
     # The prior holds the zero of the travel, so that nothing is left to it.
     assert found.off == pytest.approx([*moved, 0.0], rel=1e-8, abs=1e-10)
     assert np.all(found.sd > 0.0) and found.sd[3] < own.errors.travel_zero_sd
+
+
+def test_the_part_that_finer_truths_show_is_stated_as_that_part_of_what_is_left() -> None:
+    nothing = np.zeros((1, 5))
+    error = MeshError(1.7, np.zeros((1, 2)), nothing, np.zeros((1, 5, 12, 3)))
+    for case in MESH_CASES.values():
+        h_check, h_truth = case.refinement, refinement(case.truth_cells, case.cells)
+        # of second order, from the check mesh to the truth's over that to the block
+        shown = (h_check**-2 - h_truth**-2) / h_check**-2
+        assert case.truth_share == pytest.approx(shown, rel=1e-12)
+        left = left_share(stating(error, shown).refinement)
+        assert left == pytest.approx(shown * left_share(error.refinement), rel=1e-12)
 
 
 def test_the_error_of_a_rule_over_a_rough_density_is_that_of_repeats() -> None:

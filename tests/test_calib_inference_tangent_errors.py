@@ -9,7 +9,7 @@ from calib.data import FieldData
 from calib.inference.field_noise import field_covariance
 from calib.inference.noise import ZERO, slope_matrix
 from calib.inference.shared_error import SharedError
-from calib.inference.tangent_errors import TRAVEL_LENGTH, mistaken, with_shared
+from calib.inference.tangent_errors import TRAVEL_LENGTH, apart, mistaken, with_nuisances
 from fe.response import Array
 
 N_STEP, N_POINT, D = 4, 25, 2
@@ -43,7 +43,7 @@ def test_shifts_are_those_of_least_squares_in_the_noise_of_the_field() -> None:
     shifts = np.linalg.solve(gram, covariance.inner(tangents, single))
     rho = np.exp(-np.abs(np.subtract.outer(TRAVEL, TRAVEL)) / TRAVEL_LENGTH)
     found = mistaken(field(), TRAVEL, tangents, difference[None])
-    assert found**2 == pytest.approx(np.diag(shifts @ rho @ shifts.T), rel=1e-8)
+    assert found == pytest.approx(shifts @ rho @ shifts.T, rel=1e-8)
 
 
 def test_what_looks_like_other_parameters_has_their_size() -> None:
@@ -51,45 +51,66 @@ def test_what_looks_like_other_parameters_has_their_size() -> None:
     difference = np.tensordot(shift, tangents, 1)
     # Travels that are as good as one: the shifts by all increments add up.
     found = mistaken(field(), 1.0 + 1e-9 * TRAVEL, tangents, difference[None])
-    assert found == pytest.approx(np.abs(shift), rel=1e-6)
+    assert found == pytest.approx(np.outer(shift, shift), rel=1e-6)
 
 
 def test_a_parameter_that_is_not_seen_is_left_alone() -> None:
     tangents = smooth(D)
     difference = 0.1 * tangents[0]
     unseen = np.concatenate([tangents[:1], np.zeros_like(tangents[:1])])
-    known = mistaken(field(), TRAVEL, tangents[:1], difference[None])
-    assert mistaken(field(), TRAVEL, unseen, difference[None]) == pytest.approx([known[0], 0.0])
+    [[known]] = mistaken(field(), TRAVEL, tangents[:1], difference[None])
+    found = mistaken(field(), TRAVEL, unseen, difference[None])
+    assert found == pytest.approx(np.array([[known, 0.0], [0.0, 0.0]]))
     # Nor does one that does the same as another blow up: each is half of it.
     twice = np.concatenate([tangents[:1], tangents[:1]])
-    assert mistaken(field(), TRAVEL, twice, difference[None]) == pytest.approx(known[0] / 2)
+    found = mistaken(field(), TRAVEL, twice, difference[None])
+    assert found == pytest.approx(np.full((2, 2), known / 4))
 
 
 def test_what_is_known_of_a_parameter_holds_it() -> None:
-    tangents, difference = smooth(D), np.random.default_rng(3).normal(size=(N_STEP, N_POINT, 3))
-    free = mistaken(field(), TRAVEL, tangents, difference[None])
-    for sd, expected in (
-        (1e3, free),
-        (0.0, mistaken(field(), TRAVEL, tangents[:1], difference[None])),
-    ):
-        found = mistaken(field(), TRAVEL, tangents, difference[None], np.array([np.inf, sd]))
-        assert found[: len(expected)] == pytest.approx(expected, rel=1e-6)
-    assert found[1] == 0.0
+    [tangent], difference = smooth(1), np.random.default_rng(3).normal(size=(N_STEP, N_POINT, 3))
+    [[free]] = mistaken(field(), TRAVEL, tangent[None], difference[None])
+    [[information]] = field_covariance(field()).inner(tangent[None], tangent[None])
+    for sd in (0.0, 0.5 / np.sqrt(information), 3.0 / np.sqrt(information)):
+        held = 0.0 if sd == 0 else free * (information / (information + sd**-2)) ** 2
+        found = mistaken(field(), TRAVEL, tangent[None], difference[None], np.array([sd]))
+        assert found == pytest.approx(held, rel=1e-8)
 
 
-def test_two_differences_add_up_and_the_sizes_do_not_hang_on_the_other_parameters_sign() -> None:
-    tangents, shift = smooth(D), np.array([0.03, -0.2])
-    same, turned = (np.tensordot(shift * sign, tangents, 1) for sign in ([1, 1], [1, -1]))
-    found = mistaken(field(), 1.0 + 1e-9 * TRAVEL, tangents, np.stack([same, turned]))
-    assert found == pytest.approx(np.sqrt(2) * np.abs(shift), rel=1e-6)
+def test_ratios_are_stated_each_on_its_own_and_nuisances_together() -> None:
+    tangents = smooth(4)
+    shift = np.array([0.03, -0.2, 0.01, -0.02])
+    found = apart(np.outer(shift, shift), ("zero", "scale"))
+    patterns = found.patterns(tangents)
+    expected = np.concatenate(
+        [
+            np.abs(shift[:2, None, None, None]) * tangents[:2],
+            np.tensordot(shift[2:], tangents[2:], 1)[None],
+        ]
+    ).reshape(3, -1)
+    stated = patterns.reshape(4, -1)
+    np.testing.assert_allclose(stated.T @ stated, expected.T @ expected, atol=1e-12)
 
 
-def test_a_shared_error_moves_a_field_as_in_the_likelihood() -> None:
+def test_a_second_nuisance_that_does_the_same_takes_nothing_from_what_is_stated() -> None:
+    tangents = smooth(D)
+    difference = 0.1 * tangents[1] + 0.05 * tangents[0]
+    total = []
+    for copies in (1, 3):
+        more = np.concatenate([tangents, *[tangents[1:]] * (copies - 1)])
+        names = tuple(f"nuisance {k}" for k in range(copies))
+        found = apart(mistaken(field(), TRAVEL, more, difference[None]), names)
+        stated = found.patterns(more).reshape(len(more), -1)
+        total.append(stated.T @ stated)
+    np.testing.assert_allclose(total[0], total[1], atol=1e-10 * np.abs(total[0]).max())
+
+
+def test_a_nuisance_moves_a_field_as_in_the_likelihood() -> None:
     displacement = 0.1 * TRAVEL[:, None, None] ** 2 * np.ones((N_STEP, N_POINT, 3))
     slope = slope_matrix(TRAVEL)
     zero = SharedError(ZERO, "mm", 0.02, 0.02 * slope, 0.02 * slope)
-    found = with_shared(smooth(D), displacement, [zero])
+    found = with_nuisances(smooth(D), displacement, [zero])
     assert found[:D] == pytest.approx(smooth(D))
     expected = 0.2 * TRAVEL[:, None, None] * np.ones((N_STEP, N_POINT, 3))
     assert found[D] == pytest.approx(expected, rel=1e-9)
-    assert with_shared(smooth(D), displacement, []) == pytest.approx(smooth(D))
+    assert with_nuisances(smooth(D), displacement, []) == pytest.approx(smooth(D))

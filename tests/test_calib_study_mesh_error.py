@@ -11,9 +11,9 @@ from analytic_models import AnalyticBlock
 from test_calib_inference_forward import BLOCK, scaled
 
 from calib.data import Dataset, FieldData
-from calib.inference import EmulatorForward, NoiseSettings
-from calib.inference.noise import COMPLIANCE, ZERO, force_errors
-from calib.inference.tangent_errors import seen_by_fields, tangents_at
+from calib.inference import EmulatorForward, NoiseSettings, build_likelihood
+from calib.inference.noise import COMPLIANCE, ZERO, field_nuisances
+from calib.inference.tangent_errors import Mistaken, tangents_at
 from calib.study.config import load_study
 from calib.study.mesh_error import MeshError, load_mesh_error, mesh_error, save_mesh_error
 from calib.study.plans import Errors, planned_likelihood
@@ -129,21 +129,28 @@ def test_patterns_are_changes_of_each_constant_and_equal_checks_count_as_one() -
     twice = mesh_error(*both(np.repeat(place, 2, axis=0)), 1.5, "stuck", EXTENT)
     found = once.field_patterns(data, noise, forward)
     assert found is not None
-    np.testing.assert_allclose(twice.field_patterns(data, noise, forward), found)
+    again = twice.field_patterns(data, noise, forward)
+    np.testing.assert_allclose(again, found, atol=1e-8)
     theta = np.array([1.0, *place[0]])
-    tangents = tangents_at(forward, theta, seen_by_fields(force_errors(data, noise)))
-    assert len(tangents) == 4  # r, s, the zero of the travel, the machine's compliance
-    step = 1e-4
+    nuisances = field_nuisances(data, noise)
+    tangents = tangents_at(forward, theta, nuisances)
+    step, basis = 1e-4, forward.field_basis
+    assert basis is not None
     for column in range(2):
         moved = [theta + sign * step * np.eye(3)[1 + column] for sign in (1, -1)]
-        fields = [forward.field_basis.fields(forward.predict(t[None]).weights)[0] for t in moved]
+        fields = [basis.fields(forward.predict(t[None]).weights)[0] for t in moved]
         slope = (fields[0] - fields[1]) / (2 * step)
         assert tangents[column] == pytest.approx(slope, abs=1e-5 * np.abs(slope).max())
+    likelihood = build_likelihood(data, forward, noise)
+    assert likelihood.field is not None
+    by_sd = likelihood.field.shared(basis.fields(forward.predict(theta[None]).weights))[:, 0]
+    names = [error.name for error in likelihood.errors.shared]
+    for error, tangent in zip(nuisances, tangents[2:], strict=True):
+        assert error.sd * tangent == pytest.approx(by_sd[names.index(error.name)])
     sd = once.mistaken(data, noise, forward)
-    assert np.all(sd.ratios > 1e-4) and 0 < sd.shared[ZERO] < noise.travel_zero_sd
-    assert 0 < sd.shared[COMPLIANCE] < noise.compliance_sd and len(sd.shared) == 2
-    sizes = np.append(sd.ratios, [sd.shared[ZERO], sd.shared[COMPLIANCE]])
-    np.testing.assert_allclose(found, sizes[:, None, None, None] * tangents)
+    assert sd.names == (ZERO, COMPLIANCE) and np.all(sd.ratios > 1e-4)
+    assert np.all(np.diag(sd.nuisances) < np.square([noise.travel_zero_sd, noise.compliance_sd]))
+    np.testing.assert_allclose(found, sd.patterns(tangents))
 
 
 def test_constants_that_the_field_hardly_tells_apart_stay_within_their_box() -> None:
@@ -162,19 +169,15 @@ def test_forces_alone_have_no_patterns() -> None:
     error = mesh_error(*both(CHECKS), 1.5, "stuck")
     assert error.field_patterns(bare, NoiseSettings(), forward) is None
     nothing = error.mistaken(bare, NoiseSettings(), forward)
-    assert not nothing.ratios.any() and nothing.shared == {}
+    assert not nothing.ratios.any() and nothing.names == ()
 
 
-def test_a_planned_experiment_errs_by_the_same_ratios() -> None:
-    forward, data = EmulatorForward(scaled(), with_field=True), dataset()
-    error = mesh_error(*both(CHECKS[:1]), 1.5, "stuck", EXTENT)
-    mistaken = error.mistaken(data, NoiseSettings(), forward)
-    assert mistaken.ratios.max() > 1e-4 and mistaken.shared[ZERO] > 0
-    errors = Errors(
+def planned_errors(mistaken: Mistaken, noise: NoiseSettings, data: Dataset) -> Errors:
+    return Errors(
         own_share=np.full(len(data.travel), 0.1),
-        noise=NoiseSettings(),
+        noise=noise,
         n_samples=5,
-        discretisation=error.force,
+        discretisation=np.zeros(len(data.travel)),
         floor=np.zeros((len(data.travel), 3)),
         mistaken=mistaken,
         noise_std=np.full(3, 0.01),
@@ -182,11 +185,52 @@ def test_a_planned_experiment_errs_by_the_same_ratios() -> None:
         reference_share=0.5,
         nugget=1e-6,
     )
+
+
+def test_a_planned_experiment_errs_by_the_same_ratios() -> None:
+    forward, data = EmulatorForward(scaled(), with_field=True), dataset()
+    error = mesh_error(*both(CHECKS[:1]), 1.5, "stuck", EXTENT)
+    mistaken = error.mistaken(data, NoiseSettings(), forward)
+    assert mistaken.ratios.max() > 1e-4 and mistaken.nuisances[0, 0] > 0
+    errors = planned_errors(mistaken, NoiseSettings(), data)
     theta = np.array([1.0, *CHECKS[0]])
     planned = planned_likelihood(forward, data.travel, BLOCK.points, errors, theta)
     assert planned.field is not None
     expected = error.field_patterns(data, NoiseSettings(), forward)
     np.testing.assert_allclose(planned.field.covariance.patterns, expected, rtol=1e-10)
+
+
+def test_without_a_zero_that_may_move_there_is_no_pattern_along_it() -> None:
+    forward, data = EmulatorForward(scaled(), with_field=True), dataset()
+    error = mesh_error(*both(CHECKS[:1]), 1.5, "stuck", EXTENT)
+    exact = NoiseSettings(travel_zero_sd=0.0)
+    found = error.field_patterns(data, exact, forward)
+    assert (
+        found is not None and len(found) == 2 and error.mistaken(data, exact, forward).names == ()
+    )
+    stated = replace(data, travel_zero_sd=0.03)
+    assert error.mistaken(stated, exact, forward).names == (ZERO,)
+
+
+def test_the_error_of_a_scaled_block_goes_with_its_travel_and_force() -> None:
+    forward, data = EmulatorForward(scaled(), with_field=True), dataset()
+    error = mesh_error(*both(CHECKS[:1]), 1.5, "stuck", EXTENT)
+    noise = NoiseSettings(compliance_sd=0.01, field_scale_sd=0.01)
+    errors = planned_errors(error.mistaken(data, noise, forward), noise, data)
+    found, small = errors.mistaken, errors.scaled(0.4, noise=1.0).mistaken
+    assert small.names == found.names and len(found.names) == 3
+    factor = np.sqrt(np.diag(small.nuisances) / np.diag(found.nuisances))
+    np.testing.assert_allclose(factor, [0.4, 2.5, 1.0])
+    np.testing.assert_array_equal(small.ratios, found.ratios)
+
+
+def test_files_before_the_extent_was_kept_tell_it_by_the_reach(tmp_path: Path) -> None:
+    study = load_study("thesis-forces")
+    hypothesis = study.hypotheses[0]
+    error = mesh_error(*both(CHECKS), 1.5, "stuck", EXTENT)
+    save_mesh_error(tmp_path, hypothesis, study, replace(error, extent=None), ["r", "s"])
+    found = load_mesh_error(tmp_path, hypothesis).extent
+    np.testing.assert_allclose(found, EXTENT)
 
 
 @pytest.mark.parametrize("with_slopes", [True, False])

@@ -195,8 +195,7 @@ class ForceErrors:
     @property
     def shared(self) -> tuple[SharedError, ...]:
         """All nuisances of the test that forces and field share, the travel's zero first."""
-        shift = self.travel_zero_sd * self.slope
-        return (SharedError(ZERO, "mm", self.travel_zero_sd, shift, shift), *self.further)
+        return (_zero_error(self.travel_zero_sd, self.slope), *self.further)
 
     def shifts(self, force: Array) -> Array:
         """(q, n_step, m) changes of the forces (n_step, m) by one SD of each nuisance, N."""
@@ -273,6 +272,17 @@ def field_scale_sd(dataset: Dataset, settings: NoiseSettings) -> float:
     """Relative SD of the field's scale: the study's, or that of the calibration where larger."""
     stated = 0.0 if dataset.field is None else dataset.field.scale_sd
     return max(settings.field_scale_sd, stated)
+
+
+def field_nuisances(dataset: Dataset, settings: NoiseSettings) -> list[SharedError]:
+    """The nuisances of the test that move a field, those with an SD."""
+    zero = _zero_error(travel_zero_sd(dataset, settings), slope_matrix(dataset.travel))
+    found = (zero, *further_errors(dataset, settings))
+    return [error for error in found if error.sd > 0 and np.any(error.field)]
+
+
+def _zero_error(sd: float, slope: Array) -> SharedError:
+    return SharedError(ZERO, "mm", sd, sd * slope, sd * slope)
 
 
 def further_errors(dataset: Dataset, settings: NoiseSettings) -> tuple[SharedError, ...]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
@@ -10,7 +11,6 @@ from scipy.linalg import cho_factor, cho_solve
 from calib.data.dataset import FieldData
 from calib.inference.field_noise import spatial_correlation, step_correlation
 from calib.inference.forward import ForwardModel
-from calib.inference.noise import ForceErrors
 from calib.inference.shared_error import SharedError
 from fe.response import Array
 
@@ -20,6 +20,29 @@ SINGULAR = 1e-10
 """share of the largest eigenvalue below which a combination of parameters is not seen at all"""
 
 
+@dataclass(frozen=True)
+class Mistaken:
+    """Errors of constants and nuisances for which that of a field would be mistaken."""
+
+    ratios: Array
+    """(d,) SDs of r, s, ..., independent of each other"""
+    names: tuple[str, ...]
+    """of q nuisances that move the field"""
+    nuisances: Array
+    """(q, q) covariance of their errors, in their units"""
+
+    def patterns(self, tangents: Array) -> Array:
+        """(d + q, n_step, n_point, 3) errors of a field of SD one, mm.
+
+        `tangents` (d + q, ...) are changes of the field with the ratios and the nuisances.
+        """
+        d = self.ratios.size
+        values, vectors = np.linalg.eigh(self.nuisances)
+        root = vectors * np.sqrt(np.maximum(values, 0.0))
+        together = np.tensordot(root.T, tangents[d:], axes=1)
+        return np.concatenate([self.ratios[:, None, None, None] * tangents[:d], together])
+
+
 def mistaken(
     field: FieldData,
     travel: Array,
@@ -27,16 +50,15 @@ def mistaken(
     differences: Array,
     prior_sd: Array | float = np.inf,
 ) -> Array:
-    """(d,) sizes of the changes of d parameters that `differences` would be mistaken for.
+    """(d, d) sizes of the changes of d parameters that `differences` would be mistaken for.
 
     Each difference (n, n_step, n_point, 3) [mm] at each increment alone is fitted, by least squares
     in the noise of `field`, by the changes of the whole field with the parameters, `tangents`
     (d, n_step, n_point, 3), which `prior_sd` (d,) holds at zero where it is finite. Changes by
     different increments are taken as correlated over `TRAVEL_LENGTH` of the `travel` (n_step,), so
-    that they add up where they agree and do not cancel altogether where they do not: the size is
-    the root of the sum over differences of shift rho shift. Each parameter has its own, whatever
-    the others': this is the grid convergence index of what is asked for, the parameters, in place
-    of that of displacements (Roache 1994; Eca and Hoekstra 2014).
+    that they add up where they agree and do not cancel altogether where they do not: found is the
+    sum over differences of shift rho shift^T. This is the grid convergence index of what is asked
+    for, the parameters, in place of that of displacements (Roache 1994; Eca and Hoekstra 2014).
     """
     sd = np.broadcast_to(np.asarray(prior_sd, dtype=np.float64), len(tangents))
     held = np.isfinite(sd)
@@ -52,33 +74,38 @@ def mistaken(
     fitted, *_ = np.linalg.lstsq(gram / (scale * scale.T), flat, rcond=SINGULAR)
     shifts = (unit[:, None] * fitted / scale).reshape(pull.shape)
     correlation = np.exp(-np.abs(np.subtract.outer(travel, travel)) / TRAVEL_LENGTH)
-    found: Array = np.sqrt(np.einsum("ani,ij,anj->a", shifts, correlation, shifts))
+    found: Array = np.einsum("ani,ij,bnj->ab", shifts, correlation, shifts)
     return found
 
 
-def tangents_at(forward: ForwardModel, theta: Array, shared: Sequence[SharedError]) -> Array:
+def apart(found: Array, names: tuple[str, ...]) -> Mistaken:
+    """Each ratio with its own size, whatever the others', and the last `names` together.
+
+    What a finer mesh changes has not the direction in the ratios of what was measured. Nuisances
+    do nearly the same to a field, so that one takes what another leaves.
+    """
+    d = len(found) - len(names)
+    return Mistaken(np.sqrt(np.diag(found)[:d]), names, found[d:, d:])
+
+
+def tangents_at(forward: ForwardModel, theta: Array, nuisances: Sequence[SharedError]) -> Array:
     """(d + q, n_step, n_point, 3) changes of a model's field at theta (1 + d,), mm.
 
-    With its inputs, all but kappa, which no field depends on, and with a unit of each of the errors
-    that field and forces share. The model must have a field and modes.
+    With its inputs, all but kappa, which no field depends on, and with a unit of each of the
+    nuisances. The model must have a field and modes.
     """
     stated, slopes = forward.predict(theta[None]), forward.jacobian(theta[None]).weights
     basis = forward.field_basis
     assert slopes is not None and basis is not None and basis.modes is not None
     assert stated.weights is not None
     by_input = np.tensordot(slopes[0][:, 1:].T, basis.modes, axes=1)
-    return with_shared(by_input, basis.fields(stated.weights)[0], shared)
+    return with_nuisances(by_input, basis.fields(stated.weights)[0], nuisances)
 
 
-def with_shared(tangents: Array, field: Array, shared: Sequence[SharedError]) -> Array:
-    """(d + q, ...) tangents (d, ...), and what a predicted `field` changes with shared errors."""
-    by_unit = [np.tensordot(error.field / error.sd, field, axes=1) for error in shared]
+def with_nuisances(tangents: Array, field: Array, nuisances: Sequence[SharedError]) -> Array:
+    """(d + q, ...) tangents (d, ...), and what a predicted `field` changes with nuisances."""
+    by_unit = [np.tensordot(error.field / error.sd, field, axes=1) for error in nuisances]
     return np.concatenate([tangents, np.reshape(by_unit, (-1, *field.shape))])
-
-
-def seen_by_fields(errors: ForceErrors) -> list[SharedError]:
-    """The errors that fields share with the forces, of those of the forces."""
-    return [error for error in errors.shared if error.sd > 0 and np.any(error.field)]
 
 
 def _by_precision(field: FieldData, fields: Array) -> Array:

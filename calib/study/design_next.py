@@ -14,6 +14,7 @@ from calib.inference.coordinates import theta_of
 from calib.inference.forward import EmulatorForward
 from calib.inference.information_gain import laplace_gain, nested_gain
 from calib.inference.likelihood import DISCREPANCY, FIELD_NOISE, FORCE_NOISE, OF_FORCE
+from calib.inference.noise import field_scale_sd, travel_zero_sd
 from calib.inference.planned import Reduced, reduce_experiment
 from calib.study.artifacts import plain, write_json
 from calib.study.config import Study, load_study
@@ -116,11 +117,16 @@ def errors_of(
     """Errors of the study's experiment, of which plans change one at a time.
 
     `sizes` are those that the study leaves unknown, by name.
-    The changes of the ratios and of the travel's zero for which the mesh's error is mistaken are
+    The changes of the ratios and nuisances for which the mesh's error is mistaken are
     taken to be the same for all blocks and cameras. Where the study has no field they are not
     known, and left out, and the noise of a camera is assumed.
     """
     noise = noise_of(context.study)
+    noise = replace(
+        noise,
+        travel_zero_sd=travel_zero_sd(data, noise),
+        field_scale_sd=field_scale_sd(data, noise),
+    )
     mesh = load_mesh_error(context.out, hypothesis)
     load_cell = min(noise.load_cell_sd, 0.99 * float(data.force_sd.min()))
     own = np.sqrt(data.force_sd**2 - load_cell**2) / data.force_mean

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import shutil
+from dataclasses import replace
 from pathlib import Path
+
+import numpy as np
 
 from calib import __version__
 from calib.inference.condensed import condense
@@ -11,6 +14,7 @@ from calib.inference.forward import EmulatorForward
 from calib.inference.hierarchical import HierarchicalPosterior
 from calib.inference.hierarchical_sampling import PopulationDraws, sample_population
 from calib.inference.inference_data import save_inference_data
+from calib.inference.noise import NoiseSettings
 from calib.inference.population import Population, ScatterPrior
 from calib.inference.population_data import build_population_data
 from calib.inference.sample_errors import SampleErrors
@@ -66,7 +70,7 @@ def run(context: Context) -> list[Path]:
 def population_posterior(context: Context, hypothesis: Hypothesis) -> HierarchicalPosterior:
     """Posterior of a hypothesis with its emulator as forward model of every sample."""
     study, dataset = context.study, load_data(context.out).dataset
-    noise = noise_of(study)
+    noise, own = noise_of(study), own_errors(study)
     mesh = load_mesh_error(context.out, hypothesis)
     with_field = dataset.field is not None
     emulator = ScaledEmulator(load_emulator(context.out, hypothesis))
@@ -75,10 +79,10 @@ def population_posterior(context: Context, hypothesis: Hypothesis) -> Hierarchic
         dataset,
         forward,
         noise,
-        own_errors(study),
+        own,
         force_discretisation=mesh.force,
         field_floor=mesh.field_floor,
-        field_patterns=mesh.field_patterns(dataset, noise, forward),
+        field_patterns=mesh.field_patterns(dataset, with_own_zero(noise, own), forward),
     )
     prior = prior_of(study, hypothesis, with_field=with_field)
     assert study.population is not None  # refused when the study was read
@@ -88,6 +92,11 @@ def population_posterior(context: Context, hypothesis: Hypothesis) -> Hierarchic
         if name in prior.space.names
     }
     return HierarchicalPosterior(Population(prior, scatter), samples)
+
+
+def with_own_zero(noise: NoiseSettings, own: SampleErrors) -> NoiseSettings:
+    """Where the zero of a sample's travel may lie: that of all samples and its own."""
+    return replace(noise, travel_zero_sd=float(np.hypot(noise.travel_zero_sd, own.travel_zero_sd)))
 
 
 def own_errors(study: Study) -> SampleErrors:

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from calib.data import Dataset
+from calib.data import Dataset, FieldData
 from calib.inference.forward import EmulatorForward
 from calib.inference.mesh_correction import CorrectionSlopes, MeshCorrection
-from calib.inference.noise import NoiseSettings, force_errors
+from calib.inference.noise import NoiseSettings, field_nuisances
 from calib.inference.shared_error import SharedError
-from calib.inference.tangent_errors import mistaken, seen_by_fields, tangents_at
+from calib.inference.tangent_errors import Mistaken, apart, mistaken, tangents_at
 from calib.study.artifacts import read_json, write_json, write_npz
 from calib.study.config import Study
 from calib.study.sections import Hypothesis
@@ -50,16 +50,6 @@ class MeshSlopes:
     """(n_check, n_step, n_point, 3, d) of coarse minus fine displacement, mm"""
     reach: Array
     """(d,) how far from a check they are followed"""
-
-
-@dataclass(frozen=True)
-class Mistaken:
-    """SDs of errors for which that of a mesh would be mistaken."""
-
-    ratios: Array
-    """(d,) of r, s, ..."""
-    shared: Mapping[str, float]
-    """of the nuisances that field and forces share, in their units"""
 
 
 @dataclass(frozen=True)
@@ -137,41 +127,47 @@ class MeshError:
         moves as it does with r and s, and a floor that is spread over all shapes would put almost
         nothing into those. So the share that is left is taken of the changes of the ratios, and of
         further unknowns, for which the difference of the meshes would be mistaken; and of those of
-        the q errors that the forces share: a field that errs by 5 um along the zero of the travel
-        takes kappa along by 1 %. Each on its own, since what is left has not the direction of what
-        was measured. None for data without a field.
+        the q nuisances that move the field: one that errs by 5 um along the zero of the travel,
+        which the forces share, takes kappa along by 1 %. None for data without a field.
         """
         if dataset.field is None:
             return None
-        sd = self.mistaken(dataset, noise, forward)
-        shared = seen_by_fields(force_errors(dataset, noise))
-        sizes = np.append(sd.ratios, [sd.shared[error.name] for error in shared])
-        return sizes[:, None, None, None] * self._tangents(forward, shared)
+        nuisances = field_nuisances(dataset, noise)
+        tangents = self._tangents(forward, nuisances)
+        return self._mistaken(dataset, dataset.field, nuisances, tangents).patterns(tangents)
 
     def mistaken(
         self, dataset: Dataset, noise: NoiseSettings, forward: EmulatorForward
     ) -> Mistaken:
-        """SDs of the errors of ratios and nuisances behind `field_patterns`.
+        """Errors of ratios and nuisances behind `field_patterns`; zero without a field."""
+        if dataset.field is None:
+            return Mistaken(np.zeros(self.ratios.shape[1]), (), np.zeros((0, 0)))
+        nuisances = field_nuisances(dataset, noise)
+        tangents = self._tangents(forward, nuisances)
+        return self._mistaken(dataset, dataset.field, nuisances, tangents)
 
-        All checks together count as one. As likely as values even over the box of the ratios and
-        as the nuisances are, so that constants which the field hardly tells apart stay within it.
-        Zero for data without a field.
+    def _tangents(self, forward: EmulatorForward, nuisances: Sequence[SharedError]) -> Array:
+        """At the last check: an emulator need not know the others' places."""
+        return tangents_at(forward, np.append(1.0, self.ratios[-1]), nuisances)
+
+    def _mistaken(
+        self,
+        dataset: Dataset,
+        field: FieldData,
+        nuisances: Sequence[SharedError],
+        tangents: Array,
+    ) -> Mistaken:
+        """All checks together count as one.
+
+        As likely as values even over the box of the ratios and as the nuisances are, so that
+        constants which the field hardly tells apart stay within it.
         """
         d = self.ratios.shape[1]
-        if dataset.field is None:
-            return Mistaken(np.zeros(d), {})
-        shared = seen_by_fields(force_errors(dataset, noise))
         of_ratios = np.full(d, np.inf) if self.extent is None else self.extent / np.sqrt(12.0)
-        held = np.append(of_ratios, [error.sd for error in shared])
-        share = left_share(self.refinement) / np.sqrt(len(self.ratios))
-        tangents = self._tangents(forward, shared)
-        found = share * mistaken(dataset.field, dataset.travel, tangents, self.field, held)
-        names = (error.name for error in shared)
-        return Mistaken(found[:d], dict(zip(names, found[d:].tolist(), strict=True)))
-
-    def _tangents(self, forward: EmulatorForward, shared: Sequence[SharedError]) -> Array:
-        """At the last check: an emulator need not know the others' places."""
-        return tangents_at(forward, np.append(1.0, self.ratios[-1]), shared)
+        held = np.append(of_ratios, [error.sd for error in nuisances])
+        share = left_share(self.refinement) ** 2 / len(self.ratios)
+        found = share * mistaken(field, dataset.travel, tangents, self.field, held)
+        return apart(found, tuple(error.name for error in nuisances))
 
 
 def _variance_over_checks(differences: Array) -> Array:
@@ -240,6 +236,8 @@ def load_mesh_error(out: Path, hypothesis: Hypothesis) -> MeshError:
         known = "field_slope" in stored
         slopes = MeshSlopes(stored["field_slope"], stored["reach"]) if known else None
         extent = stored.get("extent")
+        if extent is None and slopes is not None:
+            extent = slopes.reach / REACH  # as files before it have it
     return MeshError(
         refinement=float(facts["refinement"]),
         ratios=np.asarray(facts["ratios"], dtype=float),

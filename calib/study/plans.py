@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,12 +10,11 @@ import numpy as np
 from calib.data.dataset import Dataset, FieldData
 from calib.inference.forward import ForwardModel
 from calib.inference.likelihood import Likelihood, build_likelihood
-from calib.inference.noise import COMPLIANCE, ZERO, NoiseSettings, force_errors
+from calib.inference.noise import COMPLIANCE, ZERO, NoiseSettings, field_nuisances
 from calib.inference.planned import FirstOrderForward
-from calib.inference.tangent_errors import seen_by_fields, tangents_at
+from calib.inference.tangent_errors import Mistaken, tangents_at
 from calib.study.config import Study
 from calib.study.context import block_pin_model
-from calib.study.mesh_error import Mistaken
 from calib.study.sections import Hypothesis
 from calib.study.views import Face, Run, run_with_views, similar, together
 from fe.response import Array
@@ -63,7 +62,7 @@ class Errors:
         return replace(
             self,
             floor=scale * self.floor,
-            mistaken=replace(self.mistaken, shared=_scaled(self.mistaken.shared, scale)),
+            mistaken=_of_scaled_block(self.mistaken, scale),
             noise_std=noise * self.noise_std,
             length=noise * self.length,
             smoothing=noise * self.smoothing,
@@ -123,21 +122,17 @@ def planned_likelihood(
 
 
 def _mesh_patterns(data: Dataset, errors: Errors, forward: ForwardModel, theta: Array) -> Array:
-    """(d + q, n_step, n_point, 3) errors of a field that look like other constants, mm.
-
-    And like those nuisances that the study has too.
-    """
-    of = errors.mistaken.shared
-    shared = [e for e in seen_by_fields(force_errors(data, errors.noise)) if e.name in of]
-    sizes = np.append(errors.mistaken.ratios, [of[error.name] for error in shared])
-    found: Array = sizes[:, None, None, None] * tangents_at(forward, theta, shared)
-    return found
+    """(d + q, n_step, n_point, 3) errors of a field that look like other constants, mm."""
+    nuisances = {error.name: error for error in field_nuisances(data, errors.noise)}
+    known = [nuisances[name] for name in errors.mistaken.names]
+    return errors.mistaken.patterns(tangents_at(forward, theta, known))
 
 
-def _scaled(shared: Mapping[str, float], scale: float) -> dict[str, float]:
-    """Nuisances for which the error of a block `scale` times as large would be mistaken."""
+def _of_scaled_block(found: Mistaken, scale: float) -> Mistaken:
+    """Errors for which that of a block `scale` times as large would be mistaken."""
     powers = {ZERO: 1.0, COMPLIANCE: -1.0}  # travel grows with the block, force with its square
-    return {name: sd * scale ** powers.get(name, 0.0) for name, sd in shared.items()}
+    factor = np.array([scale ** powers.get(name, 0.0) for name in found.names])
+    return replace(found, nuisances=found.nuisances * np.outer(factor, factor))
 
 
 def by_emulator(
