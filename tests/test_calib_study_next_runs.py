@@ -11,7 +11,7 @@ import pytest
 
 from calib.study import next_runs
 from calib.study.judgement import Noise
-from calib.study.mesh_distance import FAR
+from calib.study.mesh_remarks import FAR
 from calib.study.next_runs import MOST_CHECKS, Choice
 from calib.study.refine_rounds import Loop
 from fe.response import Array

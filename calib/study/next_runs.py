@@ -15,7 +15,7 @@ from calib.study.local_design import (
     local_points,
     mass_beyond,
 )
-from calib.study.mesh_distance import distance
+from calib.study.mesh_remarks import distance
 from calib.study.refine_rounds import Loop, Round
 from calib.study.refinement import Outlook
 from fe.response import Array

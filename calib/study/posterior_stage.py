@@ -8,23 +8,26 @@ from typing import Any
 import numpy as np
 
 from calib import __version__
+from calib.inference.forward import EmulatorForward
 from calib.inference.inference_data import (
     HypothesisSamples,
     build_inference_data,
     save_inference_data,
 )
+from calib.inference.noise import field_nuisances
 from calib.study.artifacts import hash_of_file, plain, read_json
 from calib.study.config import Study
 from calib.study.context import Context, stream
 from calib.study.data_stage import StudyData, load_data
 from calib.study.local_design import LOCAL, kept_box
-from calib.study.mesh_distance import distance_sentence
 from calib.study.mesh_error import load_mesh_error
-from calib.study.posterior_setup import emulator_posterior
+from calib.study.mesh_remarks import distance_sentence, errors_sentence
+from calib.study.posterior_setup import emulator_posterior, noise_of
 from calib.study.sample_stage import load_samples, samples_path
 from calib.study.sections import Hypothesis
-from calib.study.train_stage import emulator_path, load_diagnostics
+from calib.study.train_stage import emulator_path, load_diagnostics, load_emulator
 from calib.study.unknowns import design_box, prior_of
+from surrogate import ScaledEmulator
 
 
 def run(context: Context) -> list[Path]:
@@ -103,12 +106,18 @@ def _hypothesis(
 
 
 def _mesh_remark(out: Path, study: Study, hypothesis: Hypothesis) -> str:
-    """What is to be said if the posterior does not lie where its mesh was checked."""
-    place, stored = load_mesh_error(out, hypothesis).ratios[-1], load_samples(out, hypothesis)
+    """What the mesh errs by, and whether the posterior lies where that was measured."""
+    mesh, stored = load_mesh_error(out, hypothesis), load_samples(out, hypothesis)
+    dataset, noise, place = load_data(out).dataset, noise_of(study), mesh.ratios[-1]
     ratios = slice(1, 1 + place.size)
     mean, names = stored.result.draws[:, ratios].mean(axis=0), stored.space.x_names[ratios]
     extent = np.ptp(design_box(study, hypothesis), axis=1)
-    return distance_sentence(place, mean, stored.sd[ratios], extent, names)
+    emulator = load_emulator(out if kept_box(out, hypothesis) is None else out / LOCAL, hypothesis)
+    forward = EmulatorForward(ScaledEmulator(emulator), with_field=True, correction=mesh.correction)
+    units = tuple(error.unit for error in field_nuisances(dataset, noise))
+    errors = errors_sentence(mesh.mistaken(dataset, noise, forward), names, units)
+    far = distance_sentence(place, mean, stored.sd[ratios], extent, names)
+    return f"{errors} {far}".strip()
 
 
 def _hashes(out: Path, study: Study) -> dict[str, str]:

@@ -1,4 +1,4 @@
-"""How far a posterior lies from where the error of its mesh was measured.
+"""What the reader is told of the mesh beside a posterior: what it errs by, where it was checked.
 
 The correction of the mesh is carried on from the last check by derivatives of the meshes'
 difference: far from there it is a guess.
@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from calib.inference.tangent_errors import Mistaken
 from fe.response import Array
 
 FAR = 3.0
@@ -44,4 +45,21 @@ def distance_sentence(
         f"Its mesh was last checked at {name} = {place[worst]:.3g}, {off:.2g} from the posterior "
         f"mean: more than {limit}, so that the correction of the mesh is a guess there and {name} "
         "may be off by about as much. A finer sampling mesh needs less of a correction."
+    )
+
+
+def errors_sentence(found: Mistaken, names: tuple[str, ...], units: tuple[str, ...]) -> str:
+    """By how much the field's mesh error may move each constant, `names` (d,), and nuisance.
+
+    `units` (q,) are those of the nuisances.
+    """
+    moved = [f"{name} by {sd:.2g}" for name, sd in zip(names, found.ratios, strict=True)]
+    sd = np.sqrt(np.diag(found.nuisances))
+    nuisances = zip(found.names, sd, units, strict=True)
+    moved += [
+        f"the {name} by {size:.2g} {unit}".removesuffix(" 1") for name, size, unit in nuisances
+    ]
+    return (
+        "What is left of the mesh's error in the field is stated to move, as SDs that are part of "
+        f"those above, {', '.join(moved[:-1])} and {moved[-1]}."
     )

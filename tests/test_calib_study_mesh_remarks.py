@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from calib.study.mesh_distance import FAR, NEAR, distance, distance_sentence
+from calib.inference.tangent_errors import Mistaken
+from calib.study.mesh_remarks import FAR, NEAR, distance, distance_sentence, errors_sentence
 
 PLACE = np.array([0.3, 0.1])
 EXTENT = np.array([1.0, 0.5])
@@ -28,3 +29,13 @@ def test_a_wide_posterior_is_far_beyond_a_tenth_of_the_box() -> None:
     assert (distance(off, sd, EXTENT) > 1.0).tolist() == [False, True]
     said = distance_sentence(PLACE, PLACE + off, sd, EXTENT, NAMES)
     assert "more than 10% of the prior's range" in said
+
+
+def test_errors_of_the_mesh_are_told_by_constant_and_nuisance() -> None:
+    sizes = np.diag(np.square([0.004, 0.0012]))
+    found = Mistaken(np.array([0.03, 0.0051]), ("zero of the travel", "scale of the field"), sizes)
+    said = errors_sentence(found, ("r", "s"), ("mm", "1"))
+    assert said.endswith(
+        "r by 0.03, s by 0.0051, the zero of the travel by 0.004 mm and the scale of the field by "
+        "0.0012."
+    )
