@@ -12,9 +12,12 @@ import pytest
 from analytic_block import analytic_block
 
 from calib.data.sample_forces import has_samples, read_sample_forces
+from calib.inference import NoiseSettings
+from calib.inference.sample_errors import SampleErrors
 from calib.study.config import Study, StudyError, load_study, read_study
 from calib.study.data_source import measured_dataset
 from calib.study.data_stage import StudyData, save_data
+from calib.study.hierarchical_stage import with_own_zero
 from calib.study.population_checks import check_level
 from calib.study.sections import DataSource
 from calib.study.stage_list import stages_of
@@ -265,3 +268,10 @@ def test_damaged_sample_forces_are_refused(
     with pytest.raises(ValueError, match=expected) as error:
         read_sample_forces(path)
     assert str(path) in str(error.value)
+
+
+def test_a_mesh_error_may_be_mistaken_for_the_zero_of_single_samples() -> None:
+    own = SampleErrors(travel_zero_sd=0.015)
+    assert with_own_zero(NoiseSettings(travel_zero_sd=0.0), own).travel_zero_sd == 0.015
+    both = with_own_zero(NoiseSettings(travel_zero_sd=0.02), own).travel_zero_sd
+    assert both == pytest.approx(0.025)

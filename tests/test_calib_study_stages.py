@@ -13,15 +13,18 @@ import numpy as np
 import pytest
 from analytic_block import AnalyticBlock, analytic_block
 
-from calib.inference.coordinates import CONSTANTS
+from calib.inference import EmulatorForward
+from calib.inference.coordinates import CONSTANTS, theta_of
 from calib.inference.validation import judge
 from calib.study.artifacts import write_json
 from calib.study.config import Study, StudyError, load_study
 from calib.study.context import Context, stream
 from calib.study.data_stage import at_increments, load_data
+from calib.study.design_next import design_next, errors_of
 from calib.study.direct_chain import direct_chain
 from calib.study.mesh_error import check_folder, load_mesh_error
-from calib.study.posterior_setup import marginal
+from calib.study.plans import planned_likelihood
+from calib.study.posterior_setup import emulator_posterior, marginal
 from calib.study.posterior_stage import provenance
 from calib.study.sections import Cells, Hypothesis, ParameterPrior, Virtual
 from calib.study.stage_list import stages_of
@@ -447,8 +450,6 @@ def test_a_chain_by_the_model_itself_goes_on_where_it_was_stopped(
 
 
 def test_what_to_measure_next_is_ranked_and_checked(virtual: Run) -> None:
-    from calib.study.design_next import design_next
-
     with pytest.raises(ValueError, match="--hypothesis: found none, expected one of stuck"):
         design_next(virtual.out, None, lambda _: None, with_runs=False)
     found, paths = design_next(virtual.out, "sliding", lambda _: None, with_runs=False)
@@ -459,3 +460,17 @@ def test_what_to_measure_next_is_ranked_and_checked(virtual: Run) -> None:
     assert found["synthetic"] and all(path.is_file() for path in paths)
     # On the stand-in the posterior is narrow and nearly normal: both computations must agree.
     assert np.mean([plan["agree"] for plan in found["plans"]]) > 0.8
+
+
+def test_planned_experiments_have_the_nuisances_that_the_data_state(virtual: Run) -> None:
+    context, hypothesis = _context(virtual.study, virtual.out), virtual.study.hypotheses[0]
+    posterior, data = emulator_posterior(context, hypothesis), load_data(virtual.out).dataset
+    forward = posterior.likelihood.forward
+    assert isinstance(forward, EmulatorForward) and data.field is not None
+    theta = theta_of(posterior.prior.quantile(np.full((1, 3), 0.5)))[0]
+    stated = replace(data, travel_zero_sd=0.05, field=replace(data.field, scale_sd=0.01))
+    errors = errors_of(context, hypothesis, stated, {}, forward)
+    assert errors.noise.travel_zero_sd == 0.05 and errors.noise.field_scale_sd == 0.01
+    assert errors.mistaken.names == ("zero of the travel", "scale of the field")
+    planned = planned_likelihood(forward, data.travel, data.field.points, errors, theta)
+    assert [error.name for error in planned.errors.shared] == list(errors.mistaken.names)
