@@ -36,7 +36,7 @@ from calib.study.block_cells import refinement
 from calib.study.mesh_error import MeshError, left_share
 from fe.response import Array
 
-N = 40
+N, MANY = 40, 1500
 PRIOR = sbc_prior()
 BLOCK_POINTS = [[0.5, 1.5, 2.5, 3.5], [0.4, 1.0, 1.6]]
 POINTS = np.stack(np.meshgrid(*BLOCK_POINTS), axis=-1).reshape(-1, 2)
@@ -91,6 +91,16 @@ def test_intervals_of_forty_experiments_cover() -> None:
     for level, found in zip((0.5, 0.8, 0.95), coverage(placed().below), strict=True):
         error = np.sqrt(level * (1.0 - level) / N)
         assert np.all(np.abs(found - level) < 3.5 * error), (level, found)
+
+
+@pytest.mark.slow  # 1,500 posteriors: a few minutes
+def test_of_many_experiments_intervals_cover_within_three_points() -> None:
+    """Nine proportions within 3 points, 2.3 standard errors at 50 %: false alarm 8 %."""
+    found = place(likelihood(), PRIOR, by_emulator(likelihood(), PRIOR, MANY, 7), 8)
+    for level, covered in zip((0.5, 0.8, 0.95), coverage(found.below), strict=True):
+        assert np.all(np.abs(covered - level) < 0.03), (level, covered)
+    for column in found.below.T:
+        assert uniformity(column, false_alarm=1e-3).chi_square_p > 1e-3
 
 
 def test_posteriors_have_enough_effective_draws() -> None:

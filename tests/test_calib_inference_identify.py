@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -19,9 +21,15 @@ from calib.inference import (
     x_of,
 )
 from calib.inference.data_parts import given, log_likelihood, parts_of
-from calib.inference.fisher import fisher_information, observed_information, spectrum
+from calib.inference.fisher import (
+    fisher_information,
+    laplace_covariance,
+    observed_information,
+    spectrum,
+)
 from calib.inference.nested import nested
 from calib.inference.profile import Profile, profile_likelihood
+from fe.response import Array
 
 PRIOR = Prior(
     Marginal("log_uniform", 0.003, 0.3), Marginal("uniform", 0, 1), Marginal("uniform", 0, 0.5)
@@ -187,3 +195,25 @@ def test_nested_sampling_agrees_with_quadrature() -> None:
     assert np.isfinite(log_likelihood(FORCE, draws)).all()
     with pytest.raises(ValueError, match="n_live"):
         nested(FORCE, np.random.default_rng(0), n_live=3)
+
+
+def test_laplace_covariance_of_a_normal_density_is_its_own_and_none_where_it_does_not_fall() -> (
+    None
+):
+    covariance = np.array([[4.0, 1.2, 0.0], [1.2, 0.9, 1e-3], [0.0, 1e-3, 1e-4]])
+    mean, precision = np.array([-4.0, 0.5, 0.2]), np.linalg.inv(covariance)
+
+    def of(curvature: Array) -> Any:
+        def log_prob(x: Array) -> Array:
+            return np.asarray(-0.5 * np.einsum("mi,ij,mj->m", x - mean, curvature, x - mean))
+
+        bounds = np.column_stack([mean - 1e3, mean + 1e3])
+        return SimpleNamespace(prior=SimpleNamespace(bounds=bounds), log_prob=log_prob)
+
+    sd = np.sqrt(np.diag(covariance))
+    found = laplace_covariance(of(precision), mean, sd)
+    assert found == pytest.approx(covariance, rel=1e-6)
+    ridge = precision.copy()
+    ridge[0, 0] = -1.0
+    assert laplace_covariance(of(ridge), mean, sd) is None
+    assert laplace_covariance(of(np.zeros((3, 3))), mean, sd) is None

@@ -22,6 +22,7 @@ from calib.study.context import Context, stream
 from calib.study.data_stage import at_increments, load_data
 from calib.study.design_next import design_next, errors_of
 from calib.study.direct_chain import direct_chain
+from calib.study.maxima_table import laplace_table
 from calib.study.mesh_error import check_folder, load_mesh_error
 from calib.study.plans import planned_likelihood
 from calib.study.posterior_setup import emulator_posterior, marginal
@@ -182,6 +183,19 @@ def test_chains_agree_with_quadrature(thesis: Run) -> None:
     for facts in found.values():
         difference = facts["quadrature"]["chains_mean_difference_sd"]
         assert np.max(np.abs(difference)) < 0.3
+
+
+def test_a_narrow_posterior_is_as_wide_as_its_curvature_says(virtual: Run) -> None:
+    """Forces and field of a stand-in: nearly normal under the true hypothesis."""
+    maps = json.loads((virtual.out / "map.json").read_text())
+    found = maps["sliding"]["laplace"]
+    assert np.asarray(found["sd_ratio"]) == pytest.approx(np.ones(3), abs=0.2)
+    assert 0.0 <= found["correlation_off"] < 0.2
+    table = laplace_table(maps)
+    assert table is not None and len(table.rows) == len(maps)
+    unknown = laplace_table({"sliding": maps["sliding"] | {"laplace": None}})
+    assert unknown is not None and unknown.rows == (("sliding", "-", "-", "-", "-"),)
+    assert laplace_table({"sliding": {"x": ["r"]}}) is None
 
 
 def test_the_direct_model_confirms_the_emulators_maximum(thesis: Run) -> None:

@@ -7,6 +7,7 @@ that force and field share, the zero of the travel above all, are integrated out
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,6 +23,8 @@ from fe.response import Array
 
 CURVATURE_STEP = 0.2
 """posterior SDs between the points of second differences: emulator means carry rounding"""
+FLAT = 1e-3
+"""least curvature along a direction, per posterior SD squared, for a maximum to be one"""
 
 
 @dataclass(frozen=True)
@@ -85,6 +88,31 @@ def observed_information(posterior: Posterior, x: Array, sd: Array) -> Array:
     For any coordinates and any likelihood; negative eigenvalues, which a point off the maximum may
     have, are set to zero. Next to a bound of the prior the differences are taken inside of it.
     """
+    hessian = _second_differences(lambda at: log_likelihood(posterior, at), posterior, x, sd)
+    values, vectors = np.linalg.eigh(hessian)
+    information: Array = (vectors * np.maximum(values, 0.0)) @ vectors.T
+    return information
+
+
+def laplace_covariance(posterior: Posterior, x: Array, sd: Array) -> Array | None:
+    """(d, d) covariance of the normal density with the posterior's curvature at its maximum x (d,).
+
+    By second differences as in `observed_information`. None where the density does not fall in all
+    directions, as at a maximum on a bound of the prior.
+    """
+    hessian = _second_differences(posterior.log_prob, posterior, x, sd)
+    # In units of the SDs: x may have components of any size.
+    scaled = hessian * np.outer(sd, sd)
+    if not np.isfinite(scaled).all() or np.linalg.eigvalsh(scaled)[0] <= FLAT:
+        return None
+    covariance: Array = np.linalg.inv(scaled) * np.outer(sd, sd)
+    return covariance
+
+
+def _second_differences(
+    function: Callable[[Array], Array], posterior: Posterior, x: Array, sd: Array
+) -> Array:
+    """(d, d) second derivatives of minus a function of x, over `CURVATURE_STEP` SDs."""
     low, high = posterior.prior.bounds.T
     step = np.minimum(CURVATURE_STEP * sd, 0.2 * (high - low))
     centre = np.clip(x, low + 1.01 * step, high - 1.01 * step)
@@ -96,12 +124,9 @@ def observed_information(posterior: Posterior, x: Array, sd: Array) -> Array:
             points = np.tile(centre, (4, 1))
             points[:, i] += 0.5 * signs[:, 0] * step[i]
             points[:, j] += 0.5 * signs[:, 1] * step[j]
-            value = log_likelihood(posterior, points)
-            mixed = float(value @ np.array([1.0, -1.0, -1.0, 1.0]))
+            mixed = float(function(points) @ np.array([1.0, -1.0, -1.0, 1.0]))
             hessian[i, j] = hessian[j, i] = -mixed / (step[i] * step[j])
-    values, vectors = np.linalg.eigh(hessian)
-    information: Array = (vectors * np.maximum(values, 0.0)) @ vectors.T
-    return information
+    return hessian
 
 
 def spectrum(information: Array, prior_sd: Array) -> Spectrum:

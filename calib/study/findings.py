@@ -21,7 +21,7 @@ from calib.study.emulator_tables import (
 )
 from calib.study.further_table import further_table
 from calib.study.local_design import REFINEMENT
-from calib.study.maxima_table import map_table, rounds_table
+from calib.study.maxima_table import laplace_table, map_table, rounds_table
 from calib.study.mesh_error import check_folder
 from calib.study.nuisances import correlation_table, nuisance_table
 from calib.study.population_report import every_population_table, population_sections
@@ -166,7 +166,7 @@ def _tables(findings: Findings, study: Study) -> dict[str, list[Table]]:
         "emulator": [emulator_table(findings.judged, limits_of(study))],
         "partial": [partial_table(findings.diagnostics)],
         "refinement": [refinement_table(findings.refinement)],
-        "maximum": [map_table(findings.maps), rounds],
+        "maximum": [map_table(findings.maps), laplace_table(findings.maps), rounds],
         "starts": [optimization_table(findings.data["published"])],
         "published": [published_table(findings.comparison)],
         "comparison": [comparison_table(findings.comparison)],

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from calib.inference.fisher import laplace_covariance
 from calib.inference.forward import DirectForward
 from calib.inference.map_estimate import MapPoint, MapResult, MapStatus, emulator_map, refine_map
 from calib.inference.mesh_correction import MeshCorrection
@@ -78,6 +79,7 @@ def run(context: Context) -> list[Path]:
             progress(len(found), len(tasks))
     described = {
         hypothesis.name: describe(found[index], samples[index])
+        | {"laplace": laplace(tasks[index].posterior, found[index], samples[index])}
         | {"fe_is_training_run": is_training_run(context, hypothesis, found[index])}
         for index, hypothesis in enumerate(hypotheses)
     }
@@ -129,6 +131,23 @@ def describe(result: MapResult, samples: StoredSamples) -> dict[str, object]:
         "by_secants": result.by_secants,
         "message": result.message,
     }
+
+
+def laplace(
+    posterior: Posterior, result: MapResult, samples: StoredSamples
+) -> dict[str, object] | None:
+    """The normal density with the curvature at the emulator's maximum beside the samples.
+
+    SDs over those of the samples, and the largest difference of two correlations. None where the
+    density does not fall in all directions.
+    """
+    covariance = laplace_covariance(posterior, result.emulator.x, samples.sd)
+    if covariance is None:
+        return None
+    sd = np.sqrt(np.diag(covariance))
+    sampled = np.atleast_2d(np.corrcoef(samples.result.draws, rowvar=False))
+    off = np.abs(covariance / np.outer(sd, sd) - sampled)
+    return {"sd_ratio": (sd / samples.sd).tolist(), "correlation_off": float(off.max())}
 
 
 def is_training_run(context: Context, hypothesis: Hypothesis, result: MapResult) -> bool:

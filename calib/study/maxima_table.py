@@ -84,6 +84,36 @@ def map_table(maps: Mapping[str, Any]) -> Table:
     )
 
 
+def laplace_table(maps: Mapping[str, Any]) -> Table | None:
+    """The normal density of the maximum beside the samples; `maps` is map.json.
+
+    None for a map.json of before it was known.
+    """
+    known = {name: found for name, found in maps.items() if "laplace" in found}
+    if not known:
+        return None
+    named = {name: found.get("x", X_NAMES) for name, found in known.items()}
+    columns = list(dict.fromkeys(n.removesuffix(" [MPa]") for own in named.values() for n in own))
+    rows = []
+    for name, found in known.items():
+        laplace = found["laplace"] or {"sd_ratio": [None] * len(named[name])}
+        names = [column.removesuffix(" [MPa]") for column in named[name]]
+        ratio = dict(zip(names, laplace["sd_ratio"], strict=True))
+        values = (number(ratio.get(column), 3) for column in columns)
+        rows.append((name, *values, number(laplace.get("correlation_off"), 2)))
+    return Table(
+        "Laplace approximation: SD by the curvature at the emulator's maximum over that of samples",
+        (
+            "hypothesis",
+            *(f"{column} [-]" for column in columns),
+            "largest difference of correlations [-]",
+        ),
+        tuple(rows),
+        "1 and 0 for a normal posterior inside its prior. A dash: the density does not fall in all "
+        "directions from the maximum, as on a bound of the prior.",
+    )
+
+
 def rounds_table(
     maps: Mapping[str, Any], rounds: Sequence[Mapping[str, Any]], n_train: Mapping[str, int]
 ) -> Table | None:

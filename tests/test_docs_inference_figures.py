@@ -1,0 +1,76 @@
+"""Figures of docs/verification/inference.json hold their aims, or miss them as the text says."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+FILE = Path(__file__).resolve().parents[1] / "docs" / "verification" / "inference.json"
+FIGURES: dict[str, Any] = json.loads(FILE.read_text())
+POINTS = 0.03
+"""by which coverage may differ from what is stated"""
+SLIDING = 0.035
+"""the same, of one emulator over the whole box: r in its 80 % interval is 3.3 points off"""
+SNAP = 3
+"""experiment whose posterior a snap lies in: 0.08 SD off"""
+
+
+def furthest(found: dict[str, Any]) -> float:
+    """Largest difference of coverage from what is stated, over levels and parameters."""
+    return max(
+        abs(share - float(level) / 100)
+        for level, row in found["coverage"].items()
+        for share in row.values()
+    )
+
+
+@pytest.mark.parametrize(
+    ("found", "allowed"),
+    [
+        (FIGURES["sbc"]["emulator"], POINTS),
+        (FIGURES["sbc"]["fe_stuck"], POINTS),
+        (FIGURES["sbc_refined"], POINTS),
+        (FIGURES["sbc"]["fe"], SLIDING),
+    ],
+    ids=["emulator", "stuck", "refined", "sliding"],
+)
+def test_ranks_are_uniform_and_intervals_cover(found: dict[str, Any], allowed: float) -> None:
+    assert found["n"] >= 300 and furthest(found) <= allowed
+    assert min(found["sbc_p"].values()) > FIGURES["sbc_false_alarm"]
+    assert all(found["ecdf_inside_band"].values())
+
+
+def test_the_figures_asked_for_are_those_of_the_emulators_truths() -> None:
+    for key in ("sbc_p", "coverage"):
+        assert FIGURES[key] == FIGURES["sbc"]["emulator"][key]
+
+
+def test_whatever_leaves_a_term_out_fails_and_what_states_it_passes() -> None:
+    for name, arm in FIGURES["power"].items():
+        if name == "sparse-emulator":
+            assert min(arm["sbc_p"].values()) > 0.01
+        else:
+            assert max(arm["sbc_p"].values()) < 1e-10
+    for name in ("sbc_finer", "sbc_finer_stuck"):
+        assert max(FIGURES[name]["left_out"]["sbc_p"].values()) < 1e-10
+
+
+def test_with_a_discrepancy_a_wrong_model_still_covers_and_without_it_does_not() -> None:
+    assert FIGURES["misspecified_n"] >= 100
+    assert FIGURES["misspecified_coverage_with"] >= 0.9
+    assert FIGURES["misspecified_coverage_without"] < 0.5
+
+
+def test_posteriors_by_emulator_are_those_by_fe_but_for_the_one_with_a_snap() -> None:
+    for index, one in enumerate(FIGURES["emulator_vs_fe_experiments"]):
+        off = np.abs(list(one["mean_sd"].values())).max()
+        ratio = np.abs(np.array(list(one["sd_ratio"].values())) - 1).max()
+        assert ratio <= 0.05 and max(map(abs, one["map_difference_sd"].values())) <= 0.2
+        if index != SNAP:
+            assert off <= 0.05
+        else:  # a study is told so: it goes on while more than 0.05 SD is foretold
+            assert 0.05 < off < one["predicted_shift_sd"]
