@@ -12,7 +12,7 @@ import pytest
 from calib.study import next_runs
 from calib.study.judgement import Noise
 from calib.study.mesh_remarks import FAR
-from calib.study.next_runs import MOST_CHECKS, Choice
+from calib.study.next_runs import MOST_CHECKS, SETTLED, Choice
 from calib.study.refine_rounds import Loop
 from fe.response import Array
 
@@ -69,10 +69,20 @@ def test_the_mesh_is_checked_at_means_until_they_stay_near() -> None:
         loop = go(loop, look(r, 0.12), by)
         assert loop.checked == (*range(row + 1),) and not loop.done
         assert loop.ratios[-1].tolist() == [r, 0.12]
-    near = 0.7 + 0.9 * FAR * SD[1]
+    near = 0.7 + 0.9 * SETTLED * FAR * SD[1]
     loop = go(loop, look(near, 0.12), by)
     assert loop.done and loop.checked == (0, 1, 2, 3)
     assert loop.ratios[-1, 0] == near
+
+
+def test_after_a_check_that_may_have_moved_the_mean_there_is_another_look() -> None:
+    by = choice()
+    loop = go(start(), look(0.3, 0.1), by)
+    off = 0.3 + 1.1 * SETTLED * FAR * SD[1]
+    loop = go(loop, look(off, 0.1), by)  # near enough to go on, too far to end there
+    assert loop.checked == (0, 1) and loop.ratios[-1, 0] == off and not loop.done
+    loop = go(loop, look(off, 0.1), by)
+    assert loop.done and loop.checked == (0, 1, 2)
 
 
 def test_a_mean_that_never_stays_is_checked_a_few_times_only() -> None:

@@ -22,6 +22,9 @@ from fe.response import Array
 
 MOST_CHECKS = 4
 """posterior means at which the mesh is checked before the last, for data with a field"""
+SETTLED = 0.5
+"""share of what is far from the last check by which the mean may be off it when the loop ends:
+beyond, the last check would move the mean, and nothing would look at where to"""
 BATCH = 2
 """runs of one round: each is chosen knowing where the others of its round are, not what they say"""
 
@@ -49,7 +52,8 @@ class Choice:
         First one at the mean; again one at the mean while that is far from where the mesh was
         checked, which moves it; then a second design, where the posterior's box is small, and
         another one where that turns out to hold too little of the posterior; then where runs take
-        most variance away until the mean rests or there are enough; at the end one at the mean.
+        most variance away until the mean rests or there are enough; at the end one at the mean,
+        which is not the last one while the mean is some way off where the mesh was checked.
         """
         beyond = 0.0 if loop.box is None else mass_beyond(found.quadrature, loop.box, self.box)
         first, moved = not len(loop.ratios), box_of(found.quadrature, self.box)
@@ -67,7 +71,8 @@ class Choice:
         else:
             added, last = self._one_by_one(loop, found, rng)
             checked = (*loop.checked, n) if last else loop.checked
-            after = replace(loop, done=last, checked=checked)
+            settled = last and not self._is_far(loop, found, SETTLED)
+            after = replace(loop, done=settled, checked=checked)
         return replace(
             after,
             ratios=np.concatenate([loop.ratios, added]),
@@ -75,13 +80,16 @@ class Choice:
             emulators=(*loop.emulators, found.emulator),
         )
 
-    def _is_far(self, loop: Loop, found: Outlook) -> bool:
-        """Whether the mesh is to be checked at the mean before anything else."""
+    def _is_far(self, loop: Loop, found: Outlook, share: float = 1.0) -> bool:
+        """Whether the mesh is to be checked at the mean before anything else.
+
+        `share` of the distance counts as far.
+        """
         if self.noise.field is None or len(loop.checked) >= self.most_checks:
             return False
         off = found.mean - loop.ratios[loop.checked[-1]]
         sd = found.quadrature.sd[1 : 1 + len(off)]
-        return bool((distance(off, sd, np.ptp(self.box, axis=1)) > 1.0).any())
+        return bool((distance(off, sd, np.ptp(self.box, axis=1)) > share).any())
 
     def _one_by_one(
         self, loop: Loop, found: Outlook, rng: np.random.Generator
