@@ -35,8 +35,8 @@ def finer_arms(store: Path, n: int, name: str) -> dict[str, Arm]:
     """Truths by FE on a finer mesh: its error stated as in studies, to the truth, and left out.
 
     A study measures its mesh's error at the mean of a first posterior and again while that moves
-    the mean far, and the last two places tell the error. Here always at three, each the mean of a
-    truth's experiments: of those without any mesh error, and of those corrected by one and by two.
+    the mean far, and the last two places tell the error. Here at `MeshCase.n_checks`, each the mean
+    of a truth's experiments: of those without any mesh error, and of those corrected by one, two...
 
     What studies state is the distance from the check mesh to the block, of which a finer mesh's
     truth shows a part (`MeshCase.truth_share`). `to_truth` states that part, at the same places.
@@ -48,13 +48,12 @@ def finer_arms(store: Path, n: int, name: str) -> dict[str, Arm]:
     drawn = by_runs(bare, sbc_prior(), truths, n, runs.SEED + seeds[0])
     without = Arm(f"{arm_name}-without-mesh-error", drawn, lambda _: bare, seeds[1])
     arm, centres = without, []
-    for k, checked in enumerate(("-checked-once", "-checked-twice", "")):
+    for k in range(case.n_checks):
         centres.append(_centres(placed(store, arm), drawn.run))
         places = np.stack(centres[-N_CHECKED:], axis=1)
         stated = with_mesh_error(store, case, known, places)
-        arm = Arm(
-            f"{arm_name}{checked}", drawn, partial(_of_run, stated, drawn.run), seeds[2] + 100 * k
-        )
+        of_run = partial(_of_run, stated, drawn.run)
+        arm = Arm(f"{arm_name}-checked-{k + 1}", drawn, of_run, seeds[2] + 100 * k)
     shown = with_mesh_error(store, case, known, places, share=case.truth_share)
     of_run = partial(_of_run, shown, drawn.run)
     to_truth = replace(arm, name=f"{arm_name}-to-truth", likelihood=of_run)
