@@ -30,13 +30,16 @@ from fe.campaign_result import Campaign
 from fe.response import Array
 from surrogate import ScaledEmulator
 
+N_PLACES = 3
+"""at which the mesh is checked, one after the other"""
+
 
 def finer_arms(store: Path, n: int, name: str) -> dict[str, Arm]:
     """Truths by FE on a finer mesh: its error stated as in studies, to the truth, and left out.
 
     A study measures its mesh's error at the mean of a first posterior and again while that moves
-    the mean far, and the last two places tell the error. Here at `MeshCase.n_checks`, each the mean
-    of a truth's experiments: of those without any mesh error, and of those corrected by one, two...
+    the mean far, and the last two places tell the error. Here always at three, each the mean of a
+    truth's experiments: of those without any mesh error, and of those corrected by one and by two.
 
     What studies state is the distance from the check mesh to the block, of which a finer mesh's
     truth shows a part (`MeshCase.truth_share`). `to_truth` states that part, at the same places.
@@ -48,7 +51,7 @@ def finer_arms(store: Path, n: int, name: str) -> dict[str, Arm]:
     drawn = by_runs(bare, sbc_prior(), truths, n, runs.SEED + seeds[0])
     without = Arm(f"{arm_name}-without-mesh-error", drawn, lambda _: bare, seeds[1])
     arm, centres = without, []
-    for k in range(case.n_checks):
+    for k in range(N_PLACES):
         centres.append(_centres(placed(store, arm), drawn.run))
         places = np.stack(centres[-N_CHECKED:], axis=1)
         stated = with_mesh_error(store, case, known, places)

@@ -71,8 +71,6 @@ class MeshCase:
     """finer than those too"""
     draw: int
     """of the prior, for the truths"""
-    n_checks: int
-    """places at which the mesh is checked, one after the other, until the means hardly move"""
 
     def __str__(self) -> str:
         """Names what is stored of it."""
@@ -250,8 +248,8 @@ def rubbing_truths(store: Path, progress: Progress | None = None) -> Campaign:
 
 
 MESH_CASES = {
-    "finer": MeshCase("sliding", (16, 5, 4), (18, 7, 5), 0, 3),
-    "finer-stuck": MeshCase("stuck", (16, 11, 4), (20, 14, 5), 5, 4),
+    "finer": MeshCase("sliding", (16, 5, 4), (18, 7, 5), 0),
+    "finer-stuck": MeshCase("stuck", (16, 11, 4), (20, 14, 5), 5),
 }
 
 PARTS: dict[str, Callable[[Path, Progress], object]] = {
