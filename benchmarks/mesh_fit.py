@@ -14,7 +14,6 @@ import numpy as np
 from calib.inference.field_noise import FieldCovariance
 from fe.response import Array
 
-NAMES = ("ln kappa", "r", "s", "zero of the travel [mm]")
 WITHIN = {"within_50": 0.674, "within_95": 1.96}
 
 
@@ -62,7 +61,7 @@ class Linear:
 
 
 def told(found: Sequence[Fitted]) -> dict[str, Any]:
-    """Errors in their SDs, over all truths, by parameter in the order of `NAMES`."""
+    """Errors in their SDs, over all truths, each by (ln kappa, r, s, zero of the travel)."""
     off, sd = np.array([one.off for one in found]), np.array([one.sd for one in found])
     return {
         **within(off / sd),

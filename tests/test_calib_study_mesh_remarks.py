@@ -39,3 +39,5 @@ def test_errors_of_the_mesh_are_told_by_constant_and_nuisance() -> None:
         "r by 0.03, s by 0.0051, the zero of the travel by 0.004 mm and the scale of the field by "
         "0.0012."
     )
+    alone = Mistaken(np.array([0.03]), (), np.zeros((0, 0)))
+    assert errors_sentence(alone, ("r",), ()).endswith("part of those above, r by 0.03.")

@@ -61,5 +61,5 @@ def errors_sentence(found: Mistaken, names: tuple[str, ...], units: tuple[str, .
     ]
     return (
         "What is left of the mesh's error in the field is stated to move, as SDs that are part of "
-        f"those above, {', '.join(moved[:-1])} and {moved[-1]}."
+        f"those above, {' and '.join(filter(None, (', '.join(moved[:-1]), moved[-1])))}."
     )
