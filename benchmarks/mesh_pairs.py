@@ -141,9 +141,10 @@ def as_studies(pair: Pair, floor: FieldCovariance) -> FieldCovariance:
     """What the differences would be mistaken for, each constant on its own, beside the floor."""
     field, model = template(points())[0].field, linear(pair)
     assert field is not None
-    held = np.append(np.ptp(prior().bounds[1:], axis=1) / np.sqrt(12.0), model.zero_sd)
+    box = prior().bounds[1:]
+    held = np.append(np.ptp(box, axis=1) / np.sqrt(12.0), model.zero_sd)
     found = mistaken(field, np.array(TRAVEL), model.field, pair.error.field, held)
-    left = apart(left_share(pair.refinement) ** 2 * found, ("zero",))
+    left = apart(left_share(pair.refinement) ** 2 * found, ("zero",), box)
     return floor.with_patterns(left.patterns(model.field))
 
 

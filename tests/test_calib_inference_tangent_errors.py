@@ -14,6 +14,7 @@ from fe.response import Array
 
 N_STEP, N_POINT, D = 4, 25, 2
 TRAVEL = np.array([0.6, 0.8, 1.0, 1.2])
+BOX = np.array([[0.0, 1.0], [0.0, 0.5]])
 
 
 def field() -> FieldData:
@@ -80,7 +81,7 @@ def test_what_is_known_of_a_parameter_holds_it() -> None:
 def test_ratios_are_stated_each_on_its_own_and_nuisances_together() -> None:
     tangents = smooth(4)
     shift = np.array([0.03, -0.2, 0.01, -0.02])
-    found = apart(np.outer(shift, shift), ("zero", "scale"))
+    found = apart(np.outer(shift, shift), ("zero", "scale"), BOX)
     patterns = found.patterns(tangents)
     expected = np.concatenate(
         [
@@ -99,7 +100,7 @@ def test_a_second_nuisance_that_does_the_same_takes_nothing_from_what_is_stated(
     for copies in (1, 3):
         more = np.concatenate([tangents, *[tangents[1:]] * (copies - 1)])
         names = tuple(f"nuisance {k}" for k in range(copies))
-        found = apart(mistaken(field(), TRAVEL, more, difference[None]), names)
+        found = apart(mistaken(field(), TRAVEL, more, difference[None]), names, BOX)
         stated = found.patterns(more).reshape(len(more), -1)
         total.append(stated.T @ stated)
     np.testing.assert_allclose(total[0], total[1], atol=1e-10 * np.abs(total[0]).max())

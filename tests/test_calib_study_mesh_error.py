@@ -12,8 +12,9 @@ from test_calib_inference_forward import BLOCK, scaled
 
 from calib.data import Dataset, FieldData
 from calib.inference import EmulatorForward, NoiseSettings, build_likelihood
+from calib.inference.forward import Jacobian
 from calib.inference.noise import COMPLIANCE, ZERO, field_nuisances
-from calib.inference.tangent_errors import Mistaken, tangents_at
+from calib.inference.tangent_errors import FOLLOWED, Mistaken, patterns_at, tangents_at
 from calib.study.config import load_study
 from calib.study.mesh_error import MeshError, load_mesh_error, mesh_error, save_mesh_error
 from calib.study.plans import Errors, planned_likelihood
@@ -150,7 +151,58 @@ def test_patterns_are_changes_of_each_constant_and_equal_checks_count_as_one() -
     sd = once.mistaken(data, noise, forward)
     assert sd.names == (ZERO, COMPLIANCE) and np.all(sd.ratios > 1e-4)
     assert np.all(np.diag(sd.nuisances) < np.square([noise.travel_zero_sd, noise.compliance_sd]))
-    np.testing.assert_allclose(found, sd.patterns(tangents))
+    np.testing.assert_allclose(found[:4], sd.patterns(tangents))
+
+
+def curvature(forward: EmulatorForward, ratios: Array, a: int, b: int) -> Array:
+    """Second derivative of the field by two ratios, of predictions alone, mm."""
+    basis, step = forward.field_basis, 0.01 * np.eye(2)
+    assert basis is not None
+    found = np.zeros_like(basis.offset)
+    for by_a, by_b in ((1, 1), (1, -1), (-1, 1), (-1, -1)):
+        theta = np.append(1.0, ratios + by_a * step[a] + by_b * step[b])
+        found += by_a * by_b * basis.fields(forward.predict(theta[None]).weights)[0]
+    return found / (2 * 0.01) ** 2
+
+
+def test_shapes_turn_by_the_second_derivatives_over_the_errors_of_the_ratios() -> None:
+    forward, data = EmulatorForward(scaled(), with_field=True), dataset()
+    noise = NoiseSettings(travel_zero_sd=0.0)
+    error = mesh_error(*both(CHECKS[:1]), 1.5, "stuck", EXTENT)
+    found, sd = error.field_patterns(data, noise, forward), error.mistaken(data, noise, forward)
+    assert found is not None and len(found) == 2 + 4
+    reach = np.minimum(sd.ratios, FOLLOWED * EXTENT)
+    largest = 0.0
+    for a in range(2):
+        for b in range(2):
+            second = curvature(forward, CHECKS[0], a, b)
+            expected = reach[a] * sd.ratios[b] * second
+            bound = 0.02 * np.abs(expected).max() + 1e-6
+            assert found[2 + 2 * a + b] == pytest.approx(expected, abs=bound)
+            largest = max(largest, np.abs(expected).max())
+    assert largest > 1e-4  # a hundred times the bound
+
+
+def test_shapes_turn_as_far_at_the_edge_of_the_box_and_not_beyond_it() -> None:
+    forward, seen = EmulatorForward(scaled(), with_field=True), []
+    low = forward.bounds[:, 0]
+    predict = forward.jacobian
+
+    def watched(theta: Array) -> Jacobian:
+        seen.append(theta[0, 1:])
+        return predict(theta)
+
+    found = Mistaken(np.array([0.05, 0.02]), (), np.zeros((0, 0)), forward.bounds)
+    inside = patterns_at(found, forward, np.append(1.0, low + found.ratios), ())
+    forward.jacobian = watched  # type: ignore[method-assign]
+    edge = patterns_at(found, forward, np.append(1.0, low), ())
+    assert np.all(np.array(seen) >= low)
+    # Second derivatives hardly change over the errors.
+    change = np.abs(edge[2:] - inside[2:]).max(axis=(1, 2, 3))
+    assert np.all(change < 0.3 * np.abs(inside[2:]).max(axis=(1, 2, 3)))
+    # A ratio that does not err turns nothing.
+    still = replace(found, ratios=np.array([0.05, 0.0]))
+    assert len(patterns_at(still, forward, np.append(1.0, low), ())) == 2 + 2
 
 
 def test_constants_that_the_field_hardly_tells_apart_stay_within_their_box() -> None:
@@ -206,7 +258,9 @@ def test_without_a_zero_that_may_move_there_is_no_pattern_along_it() -> None:
     exact = NoiseSettings(travel_zero_sd=0.0)
     found = error.field_patterns(data, exact, forward)
     assert (
-        found is not None and len(found) == 2 and error.mistaken(data, exact, forward).names == ()
+        found is not None
+        and len(found) == 2 + 4
+        and error.mistaken(data, exact, forward).names == ()
     )
     stated = replace(data, travel_zero_sd=0.03)
     assert error.mistaken(stated, exact, forward).names == (ZERO,)

@@ -33,11 +33,13 @@ def test_a_wide_posterior_is_far_beyond_a_tenth_of_the_box() -> None:
 
 def test_errors_of_the_mesh_are_told_by_constant_and_nuisance() -> None:
     sizes = np.diag(np.square([0.004, 0.0012]))
-    found = Mistaken(np.array([0.03, 0.0051]), ("zero of the travel", "scale of the field"), sizes)
+    box = np.array([[0.0, 1.0], [0.0, 0.5]])
+    names = ("zero of the travel", "scale of the field")
+    found = Mistaken(np.array([0.03, 0.0051]), names, sizes, box)
     said = errors_sentence(found, ("r", "s"), ("mm", "1"))
     assert said.endswith(
         "r by 0.03, s by 0.0051, the zero of the travel by 0.004 mm and the scale of the field by "
         "0.0012."
     )
-    alone = Mistaken(np.array([0.03]), (), np.zeros((0, 0)))
+    alone = Mistaken(np.array([0.03]), (), np.zeros((0, 0)), box[:1])
     assert errors_sentence(alone, ("r",), ()).endswith("part of those above, r by 0.03.")

@@ -108,6 +108,11 @@ class EmulatorForward:
         """POD modes of the emulator with their truncation; None for forces only."""
         return self._basis
 
+    @property
+    def bounds(self) -> Array:
+        """(d, 2) box of the inputs but kappa, within which the emulator was trained."""
+        return self._scaled.emulator.bounds
+
     def predict(self, theta: Array) -> Prediction:
         """Prediction at theta (m, n)."""
         force, covariance = self._scaled.force(theta)

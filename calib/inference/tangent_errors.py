@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +16,8 @@ from fe.response import Array
 
 TRAVEL_LENGTH = 0.8
 """mm of travel over which errors of a mesh are correlated"""
+FOLLOWED = 0.2
+"""share of the box of a ratio over which the turning of tangents is looked at, at most"""
 SINGULAR = 1e-10
 """share of the largest eigenvalue below which a combination of parameters is not seen at all"""
 
@@ -30,6 +32,8 @@ class Mistaken:
     """of q nuisances that move the field"""
     nuisances: Array
     """(q, q) covariance of their errors, in their units"""
+    box: Array
+    """(d, 2) of the ratios, within which the model is known"""
 
     def patterns(self, tangents: Array) -> Array:
         """(d + q, n_step, n_point, 3) errors of a field of SD one, mm.
@@ -78,14 +82,41 @@ def mistaken(
     return found
 
 
-def apart(found: Array, names: tuple[str, ...]) -> Mistaken:
+def patterns_at(
+    found: Mistaken, forward: ForwardModel, theta: Array, nuisances: Sequence[SharedError]
+) -> Array:
+    """(n, n_step, n_point, 3) errors of a model's field in known shapes, of SD one, mm.
+
+    Those along the tangents at theta (1 + d,), and how the ratios' tangents turn where a ratio errs
+    by its size. An error has the shape of the tangent where the constants are, not of that where
+    the mesh was checked: within 0.1 of r that of a stuck block turns so far that an error stated in
+    the latter alone leaves most of itself for r to explain. `nuisances` are those of `found.names`.
+    """
+    along = found.patterns(tangents_at(forward, theta, nuisances))
+    return np.concatenate([along, *_turned(found, forward, theta)])
+
+
+def _turned(found: Mistaken, forward: ForwardModel, theta: Array) -> Iterator[Array]:
+    """(d, n_step, n_point, 3) changes of the ratios' errors as each ratio errs, one by one."""
+    low, high = found.box.T
+    for a, reach in enumerate(np.minimum(found.ratios, FOLLOWED * (high - low))):
+        if reach <= 0.0:
+            continue
+        step = reach * np.eye(found.ratios.size)[a]
+        ends = [np.clip(theta[1:] + sign * step, low, high) for sign in (1.0, -1.0)]
+        upper, lower = (tangents_at(forward, np.append(theta[0], end), ()) for end in ends)
+        followed = (ends[0] - ends[1])[a]
+        yield found.ratios[:, None, None, None] * (upper - lower) * (reach / followed)
+
+
+def apart(found: Array, names: tuple[str, ...], box: Array) -> Mistaken:
     """Each ratio with its own size, whatever the others', and the last `names` together.
 
     What a finer mesh changes has not the direction in the ratios of what was measured. Nuisances
     do nearly the same to a field, so that one takes what another leaves.
     """
     d = len(found) - len(names)
-    return Mistaken(np.sqrt(np.diag(found)[:d]), names, found[d:, d:])
+    return Mistaken(np.sqrt(np.diag(found)[:d]), names, found[d:, d:], box)
 
 
 def tangents_at(forward: ForwardModel, theta: Array, nuisances: Sequence[SharedError]) -> Array:

@@ -8,12 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
-from calib.data import Dataset, FieldData
+from calib.data import Dataset
 from calib.inference.forward import EmulatorForward
 from calib.inference.mesh_correction import CorrectionSlopes, MeshCorrection
 from calib.inference.noise import NoiseSettings, field_nuisances
-from calib.inference.shared_error import SharedError
-from calib.inference.tangent_errors import Mistaken, apart, mistaken, tangents_at
+from calib.inference.tangent_errors import Mistaken, apart, mistaken, patterns_at, tangents_at
 from calib.study.artifacts import read_json, write_json, write_npz
 from calib.study.config import Study
 from calib.study.sections import Hypothesis
@@ -121,53 +120,44 @@ class MeshError:
     def field_patterns(
         self, dataset: Dataset, noise: NoiseSettings, forward: EmulatorForward
     ) -> Array | None:
-        """(d + q, n_step, n_point, 3) errors of the field in known shapes, mm.
+        """(n, n_step, n_point, 3) errors of the field in known shapes, mm.
 
         Mesh errors look like other ratios: as rows of nodes pass the pin's edge, the front face
         moves as it does with r and s, and a floor that is spread over all shapes would put almost
         nothing into those. So the share that is left is taken of the changes of the ratios, and of
         further unknowns, for which the difference of the meshes would be mistaken; and of those of
         the q nuisances that move the field: one that errs by 5 um along the zero of the travel,
-        which the forces share, takes kappa along by 1 %. None for data without a field.
+        which the forces share, takes kappa along by 1 %. With how the shapes of the ratios turn
+        over such a change. None for data without a field.
         """
         if dataset.field is None:
             return None
-        nuisances = field_nuisances(dataset, noise)
-        tangents = self._tangents(forward, nuisances)
-        return self._mistaken(dataset, dataset.field, nuisances, tangents).patterns(tangents)
+        found, nuisances = self.mistaken(dataset, noise, forward), field_nuisances(dataset, noise)
+        return patterns_at(found, forward, self._theta, nuisances)
 
     def mistaken(
         self, dataset: Dataset, noise: NoiseSettings, forward: EmulatorForward
     ) -> Mistaken:
-        """Errors of ratios and nuisances behind `field_patterns`; zero without a field."""
-        if dataset.field is None:
-            return Mistaken(np.zeros(self.ratios.shape[1]), (), np.zeros((0, 0)))
-        nuisances = field_nuisances(dataset, noise)
-        tangents = self._tangents(forward, nuisances)
-        return self._mistaken(dataset, dataset.field, nuisances, tangents)
+        """Errors of ratios and nuisances behind `field_patterns`; zero without a field.
 
-    def _tangents(self, forward: EmulatorForward, nuisances: Sequence[SharedError]) -> Array:
-        """At the last check: an emulator need not know the others' places."""
-        return tangents_at(forward, np.append(1.0, self.ratios[-1]), nuisances)
-
-    def _mistaken(
-        self,
-        dataset: Dataset,
-        field: FieldData,
-        nuisances: Sequence[SharedError],
-        tangents: Array,
-    ) -> Mistaken:
-        """All checks together count as one.
-
-        As likely as values even over the box of the ratios and as the nuisances are, so that
-        constants which the field hardly tells apart stay within it.
+        All checks together count as one. As likely as values even over the box of the ratios and
+        as the nuisances are, so that constants which the field hardly tells apart stay within it.
         """
         d = self.ratios.shape[1]
+        if dataset.field is None:
+            return Mistaken(np.zeros(d), (), np.zeros((0, 0)), forward.bounds)
+        nuisances = field_nuisances(dataset, noise)
+        tangents = tangents_at(forward, self._theta, nuisances)
         of_ratios = np.full(d, np.inf) if self.extent is None else self.extent / np.sqrt(12.0)
         held = np.append(of_ratios, [error.sd for error in nuisances])
         share = left_share(self.refinement) ** 2 / len(self.ratios)
-        found = share * mistaken(field, dataset.travel, tangents, self.field, held)
-        return apart(found, tuple(error.name for error in nuisances))
+        found = share * mistaken(dataset.field, dataset.travel, tangents, self.field, held)
+        return apart(found, tuple(error.name for error in nuisances), forward.bounds)
+
+    @property
+    def _theta(self) -> Array:
+        """Of the last check: an emulator need not know the others' places."""
+        return np.append(1.0, self.ratios[-1])
 
 
 def _variance_over_checks(differences: Array) -> Array:

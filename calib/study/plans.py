@@ -12,7 +12,7 @@ from calib.inference.forward import ForwardModel
 from calib.inference.likelihood import Likelihood, build_likelihood
 from calib.inference.noise import COMPLIANCE, ZERO, NoiseSettings, field_nuisances
 from calib.inference.planned import FirstOrderForward
-from calib.inference.tangent_errors import Mistaken, tangents_at
+from calib.inference.tangent_errors import Mistaken, patterns_at
 from calib.study.config import Study
 from calib.study.context import block_pin_model
 from calib.study.sections import Hypothesis
@@ -122,10 +122,10 @@ def planned_likelihood(
 
 
 def _mesh_patterns(data: Dataset, errors: Errors, forward: ForwardModel, theta: Array) -> Array:
-    """(d + q, n_step, n_point, 3) errors of a field that look like other constants, mm."""
+    """(n, n_step, n_point, 3) errors of a field that look like other constants, mm."""
     nuisances = {error.name: error for error in field_nuisances(data, errors.noise)}
     known = [nuisances[name] for name in errors.mistaken.names]
-    return errors.mistaken.patterns(tangents_at(forward, theta, known))
+    return patterns_at(errors.mistaken, forward, theta, known)
 
 
 def _of_scaled_block(found: Mistaken, scale: float) -> Mistaken:
