@@ -12,9 +12,9 @@ from calib.study.config import Study
 from calib.study.mesh_error import left_share
 from calib.study.posterior_setup import noise_of
 from calib.study.prior_limits import is_positive
-from calib.study.sections import ParameterPrior, Virtual
+from calib.study.sections import Hypothesis, ParameterPrior, Virtual
 from calib.study.tables import Table
-from calib.study.unknowns import ERRORS, INPUTS, law_of
+from calib.study.unknowns import ERRORS, INPUTS, inputs_of, law_of
 
 _STATED = ", stated by the data"
 
@@ -35,6 +35,8 @@ def assumptions_table(study: Study, dataset: Dataset) -> Table:
         ("pin, width and edge radius", f"{geometry.pin_width:g}, {geometry.pin_fillet:g}", "mm"),
         ("bulk modulus over shear modulus", f"{study.material.bulk_ratio:g}", "-"),
     ]
+    if geometry.pin_shift != 0.0:
+        rows.append(("pin off the sample's centre", f"{geometry.pin_shift:g}", "mm"))
     rows += [
         *_hypothesis_rows(study),
         *_force_rows(study, dataset),
@@ -62,7 +64,8 @@ def _hypothesis_rows(study: Study) -> list[tuple[str, str, str]]:
         (
             f"law and contact under {hypothesis.name}",
             f"{law_of(study, hypothesis).name}, pin: {hypothesis.pin}, base: {hypothesis.base}, "
-            f"height {study.height(hypothesis):g} mm",
+            f"height {study.height(hypothesis):g} mm"
+            + (f", bulk modulus {hypothesis.bulk_ratio:g} mu" if hypothesis.bulk_ratio else ""),
             "-",
         )
         for hypothesis in study.hypotheses
@@ -77,7 +80,7 @@ def _mesh_rows(study: Study) -> list[tuple[str, str, str]]:
         share = left_share(study.refinement(hypothesis))
         rows += [
             (
-                f"mesh of the emulator's runs, {hypothesis.name} (quarter)",
+                f"mesh of the emulator's runs, {hypothesis.name} ({_part(study, hypothesis)})",
                 written(sampling),
                 "elements",
             ),
@@ -89,6 +92,12 @@ def _mesh_rows(study: Study) -> list[tuple[str, str, str]]:
             ),
         ]
     return rows
+
+
+def _part(study: Study, hypothesis: Hypothesis) -> str:
+    """What part of the sample is modelled: a half where the pin may be off its centre."""
+    off = study.geometry.pin_shift != 0.0 or "pin_shift" in inputs_of(study, hypothesis)
+    return "half" if off else "quarter"
 
 
 def _nuisance_rows(study: Study, dataset: Dataset) -> list[tuple[str, str, str]]:

@@ -122,6 +122,11 @@ class Study:
         """Height of the sample under a hypothesis, mm."""
         return self.geometry.height if hypothesis.height is None else hypothesis.height
 
+    def bulk_ratio(self, hypothesis: Hypothesis) -> float:
+        """Bulk modulus over shear modulus under a hypothesis."""
+        own = hypothesis.bulk_ratio
+        return self.material.bulk_ratio if own is None else own
+
     def pin_shape(self, hypothesis: Hypothesis) -> PinShape:
         """Shape of the pin under a hypothesis."""
         return hypothesis.pin_shape or self.geometry.pin_shape

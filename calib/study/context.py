@@ -71,13 +71,14 @@ def block_pin_model(study: Study, hypothesis: Hypothesis, cells: Cells | RingCel
         pin_width=geometry.pin_width,
         pin_fillet=geometry.pin_fillet,
         pin=study.pin_shape(hypothesis),
+        pin_shift=(geometry.pin_shift, 0.0),
     )
     model = BlockPinModel(
         specimen=specimen,
         contact=Contact(pin=hypothesis.pin, base=hypothesis.base),
         cells=model_cells(cells),
         travel=study.increments,
-        bulk_ratio=study.material.bulk_ratio,
+        bulk_ratio=study.bulk_ratio(hypothesis),
         field_grid=_field_grid(study),
         symmetry="half" if "pin_shift" in inputs else "auto",
     )

@@ -76,10 +76,11 @@ def _check_rings(study: Study, hypothesis: Hypothesis, key: str, cells: RingCell
             'pin_shape = "round", and this one is a bar'
         )
         raise Contradiction(key, found, expected)
-    if given(study, hypothesis, "pin_shift") is not None:
+    if given(study, hypothesis, "pin_shift") is not None or geometry.pin_shift != 0.0:
+        section = "[prior.pin_shift]" if geometry.pin_shift == 0.0 else "geometry.pin_shift"
         expected = (
-            f"three numbers of elements under {hypothesis.name}: [prior.pin_shift] takes the pin "
-            "off the middle, and rings are about a pin in the middle"
+            f"three numbers of elements under {hypothesis.name}: {section} takes the pin off the "
+            "middle, and rings are about a pin in the middle"
         )
         raise Contradiction(key, found, expected)
     widths = given(study, hypothesis, "pin_width")

@@ -147,9 +147,12 @@ def check_inputs(study: Study, index: int, hypothesis: Hypothesis) -> None:
                 expected = "none beside [prior.friction], which is of pin and base together"
                 raise Contradiction(key_of(index, hypothesis, name), {}, expected)
     loose = hypothesis.base in ("slide", 0.0) and hypothesis.pin in ("slide", 0.0)
-    if _used(study, hypothesis, "pin_shift") and loose:
+    if loose and _used(study, hypothesis, "pin_shift"):
         key = key_of(index, hypothesis, "pin_shift")
         raise Contradiction(key, {}, "none where nothing keeps the sample from sliding away")
+    if loose and study.geometry.pin_shift != 0.0:
+        expected = f"0 where nothing keeps the sample from sliding away, as under {hypothesis.name}"
+        raise Contradiction("geometry.pin_shift", study.geometry.pin_shift, expected)
 
 
 def check_errors(study: Study, index: int, hypothesis: Hypothesis) -> None:

@@ -54,6 +54,7 @@ Positive = Annotated[float, Field(gt=0)]
 NotNegative = Annotated[float, Field(ge=0)]
 Share = Annotated[float, Field(ge=0, lt=1)]
 Correlation = Annotated[float, Field(ge=0, lt=1)]
+BulkRatio = Annotated[float, Field(gt=1, le=1e5)]
 Interface = SkipValidation[Literal["stick", "slide"] | float]
 """checked by `Hypothesis` as a whole, whose message names all that is possible"""
 PinShape = Literal["bar", "round"]
@@ -103,6 +104,8 @@ class Geometry:
     """radius of the pin's edges, less than half its width, mm"""
     pin_shape: PinShape = "bar"
     """"bar" (through the whole depth) or "round" (pin_width is its diameter)"""
+    pin_shift: float = 0.0
+    """distance of the pin's axis from the sample's centre along x, mm"""
 
     def __post_init__(self) -> None:
         if self.pin_width >= self.width:
@@ -114,6 +117,10 @@ class Geometry:
         if self.pin_fillet >= self.pin_width / 2:
             expected = f"less than half of geometry.pin_width ({self.pin_width / 2:g} mm)"
             raise Contradiction("pin_fillet", self.pin_fillet, expected)
+        room = (self.width - self.pin_width) / 2
+        if abs(self.pin_shift) > room:
+            expected = f"from -{room:g} to {room:g} mm, so that the pin stands on the sample"
+            raise Contradiction("pin_shift", self.pin_shift, expected)
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
@@ -122,7 +129,7 @@ class Material:
 
     law: str = "mooney-rivlin-3"
     """name of a law: neo-hookean, mooney-rivlin-2, mooney-rivlin-3, yeoh, ogden-1, -2 or -3"""
-    bulk_ratio: Annotated[float, Field(gt=1, le=1e5)] = 200.0
+    bulk_ratio: BulkRatio = 200.0
     """bulk modulus over the small-strain shear modulus"""
 
     def __post_init__(self) -> None:
@@ -167,6 +174,8 @@ class Hypothesis:
     """sections [hypothesis.prior.<parameter>], in place of or beside those of [prior]"""
     height: Positive | None = None
     """height of the sample under this hypothesis, mm; without it geometry.height"""
+    bulk_ratio: BulkRatio | None = None
+    """bulk modulus over shear modulus under this hypothesis; without it material.bulk_ratio"""
     pin_shape: PinShape | None = None
     """"bar" or "round" under this hypothesis; without it geometry.pin_shape"""
     sampling: BlockCells | None = None

@@ -182,14 +182,14 @@ def fixed_values(study: Study, hypothesis: Hypothesis) -> Array:
     """
     rubbing = [s for s in (hypothesis.pin, hypothesis.base) if not isinstance(s, str)]
     numbers = {
-        "bulk_ratio": study.material.bulk_ratio,
+        "bulk_ratio": study.bulk_ratio(hypothesis),
         "friction": rubbing[0] if rubbing else 0.0,
         "pin_friction": hypothesis.pin,
         "base_friction": hypothesis.base,
         "height": study.height(hypothesis),
         "fillet": study.geometry.pin_fillet,
         "pin_width": study.geometry.pin_width,
-        "pin_shift": 0.0,
+        "pin_shift": study.geometry.pin_shift,
     }
     values = []
     for name in inputs_of(study, hypothesis):
