@@ -49,7 +49,7 @@ CONTACTS = {"sliding": "slide", "stuck": "stick"}
 """what benchmarks/emulator.py calls the hypotheses, whose sampling meshes are the study's"""
 N_PLACED = 8
 """corners and centres of faces that come first in a design of (r, s)"""
-N_FINER, N_STUCK, N_OTHER, N_RUBBING = 24, 288, 15, 100
+N_FINER, N_STUCK, N_OTHER, N_RUBBING = 24, 288, 100, 100
 EVEN = replace(DESIGNS[0], dense_below=None)
 """runs that fill the box of (r, s) evenly, as the prior does"""
 
