@@ -76,6 +76,7 @@ def test_where_no_scatter_is_known_noise_alone_tells_what_is_not_resolved():
     assert np.flatnonzero(unresolved(found, np.full(3, 1e-3), points)).tolist() == [2]
 
 
+@pytest.mark.lasting
 def test_the_mean_field_of_a_virtual_laboratory_is_the_truth_within_its_stated_errors(tmp_path):
     """False alarm below 1e-3: 2,900 numbers and their stated noise scatter by 3 % each; 3.5 SD.
 

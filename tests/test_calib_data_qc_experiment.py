@@ -194,6 +194,7 @@ def test_the_verb_writes_data_set_report_tables_and_figures(lab, tmp_path, capsy
     assert "force_deviation" in (tmp_path / "tables" / "requirements.txt").read_text()
 
 
+@pytest.mark.lasting
 def test_what_older_files_left_and_these_do_not_give_is_removed(some, tmp_path):
     """A study makes a data set anew without figures: those of the older one go."""
     folder, out = some("S1", "S2", "S3", *BAD), tmp_path / "out"
@@ -211,6 +212,7 @@ def test_what_older_files_left_and_these_do_not_give_is_removed(some, tmp_path):
     assert (out / "tables" / "forces.csv").exists()
 
 
+@pytest.mark.lasting
 def test_the_same_files_give_the_same_bytes(some, tmp_path):
     folder = some("S1", "S2", "S3")
     for name in ("a", "b"):

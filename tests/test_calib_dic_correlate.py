@@ -82,6 +82,7 @@ def test_stated_noise_of_the_spline_is_that_of_splined_noise():
     assert np.var(between) == pytest.approx(stated.values[32] * stated.values[16], rel=0.02)
 
 
+@pytest.mark.lasting
 def test_step_is_minus_the_gradient_of_the_znssd_by_finite_differences(pattern, spread):
     """One Gauss-Newton step from truth plus a little leads back; the criterion is least there."""
     a = image(pattern, spread, noise=0.0)

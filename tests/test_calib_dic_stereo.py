@@ -33,6 +33,7 @@ def measured(seed, settings=STEREO, **moved):
     return reference, found, truth, material
 
 
+@pytest.mark.lasting
 def test_without_noise_points_and_displacements_are_exact():
     reference, found, truth, material = measured(None, **MOVED)
     assert found.valid.all()

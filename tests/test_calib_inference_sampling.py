@@ -60,6 +60,7 @@ def z_scores(values: Array, expected: Array, sd: Array, tau: Array) -> Array:
     return result
 
 
+@pytest.mark.lasting
 def test_means_of_the_chains_are_those_of_the_quadrature() -> None:
     """Three z scores below 4: false alarm below 2e-4 (fixed seed)."""
     found, exact = sampled(), integrated()

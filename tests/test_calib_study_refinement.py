@@ -99,6 +99,7 @@ def test_runs_are_added_where_the_posterior_is(refined: Context) -> None:
     assert distance[-1].max() < 0.1
 
 
+@pytest.mark.lasting
 def test_without_an_end_in_sight_the_largest_number_of_runs_is_kept_to_and_told(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

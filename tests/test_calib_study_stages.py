@@ -212,6 +212,7 @@ def test_the_report_names_every_hypothesis_and_calls_nothing_synthetic(thesis: R
     assert "synthetic data" not in html.lower()
 
 
+@pytest.mark.lasting
 def test_another_sampler_reruns_sampling_but_no_simulation(thesis: Run) -> None:
     study = replace(thesis.study, sampler=replace(thesis.study.sampler, max_steps=2999))
     context = _context(study, thesis.out, map_fn=_refuse)
@@ -231,6 +232,7 @@ def test_a_damaged_artifact_is_named_and_made_again(thesis: Run) -> None:
     assert (thesis.out / "diagnostics.json").read_bytes() == before
 
 
+@pytest.mark.lasting
 def test_the_same_seed_gives_the_same_numbers_in_another_folder(
     virtual: Run, tmp_path: Path
 ) -> None:

@@ -149,6 +149,7 @@ def test_slopes_of_the_varied_block_are_those_of_its_forces(law: str) -> None:
         assert found.displacement_gradient[..., column] == pytest.approx(field, abs=2e-3), name
 
 
+@pytest.mark.lasting
 def test_slopes_by_width_and_shift_of_the_pin_are_those_of_the_forces() -> None:
     template = BlockPinModel(
         specimen=BlockPin(),

@@ -182,6 +182,7 @@ def test_the_model_travels_by_pickle_to_a_worker():
     assert pickle.loads(pickle.dumps(m)) == m
 
 
+@pytest.mark.lasting
 def test_bits_do_not_depend_on_process_or_number_of_threads():
     code = (
         "import sys, numpy as np; sys.path.insert(0, '.');"

@@ -151,6 +151,7 @@ OF_DIMENSION = 1e-3
 """the same of a dimension: points pass the corners of the fillet, where second derivatives jump"""
 
 
+@pytest.mark.lasting
 @CONTACTS
 def test_the_remainder_of_taylor_falls_with_the_square_in_every_parameter(contact):
     model = small(contact)

@@ -121,6 +121,7 @@ def remainders(model, base, name: str) -> np.ndarray:
     return np.array(found)
 
 
+@pytest.mark.lasting
 @pytest.mark.parametrize("case", MODELS)
 def test_the_remainder_of_taylor_falls_with_the_square_in_every_parameter(case):
     model = MODELS[case]

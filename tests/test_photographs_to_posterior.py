@@ -114,6 +114,7 @@ def test_the_field_of_the_data_set_is_that_of_the_truth(made):
     assert np.all(field.noise_std < 0.002)
 
 
+@pytest.mark.lasting
 def test_the_posterior_of_photographs_holds_the_truth(made):
     _, result = made
     dataset = replace(result.dataset, samples=None)
