@@ -55,11 +55,11 @@ def _figures(compared: dict[str, Any], scores: dict[str, Any]) -> dict[str, Any]
         "mu_MPa": [mu, sd],
         "too_stiff": [published / mu, published / mu * sd / mu],
         "ratios": {name: [mean, spread] for name, mean, spread in constants},
-        "zero_of_the_travel_mm": [
+        "zero_of_the_travel_mm": next(
             [found["mean"], found["sd"]]
             for found in compared["nuisances"]
             if found["name"] == "zero of the travel"
-        ][0],
+        ),
         "leans_on": [f"{at['parameter']} = {at['value']:g}" for at in compared["at_bound"]],
     }
 

@@ -36,6 +36,7 @@ DATA: Dataset = replace(thesis_forces(), field=FIELD)
 NOISE = NoiseSettings(
     travel_zero_sd=0.02,
     compliance_sd=0.03,
+    face_travel_sd=0.015,
     gain_sd=0.01,
     field_scale_sd=0.004,
     translation_sd=0.006,
@@ -138,6 +139,7 @@ def shared(noise: NoiseSettings, f: Array, u: Array) -> list[Array]:
     pairs = [
         (noise.travel_zero_sd * slope @ f, noise.travel_zero_sd * by_travel),
         (-noise.compliance_sd * DATA.force_mean * (slope @ f), -noise.compliance_sd * less),
+        (np.zeros_like(f), noise.face_travel_sd * by_travel),
         (noise.gain_sd * f, np.zeros_like(u)),
         (np.zeros_like(f), noise.field_scale_sd * u),
     ]
@@ -147,7 +149,7 @@ def shared(noise: NoiseSettings, f: Array, u: Array) -> list[Array]:
 @pytest.mark.parametrize("error", [0.0, 0.02])
 def test_all_nuisances_together_equal_the_dense_normal(error: float) -> None:
     like = build(NOISE, {}, error)
-    assert len(like.errors.shared) == 4
+    assert len(like.errors.shared) == 5
     for theta in THETA:
         residual, covariance = dense(like, theta, NOISE, {})
         expected = multivariate_normal.logpdf(residual, cov=covariance)
@@ -207,7 +209,7 @@ def test_nuisances_have_the_posterior_of_linear_regression() -> None:
     vectors = np.array(shared(NOISE, f.force[0], basis.fields(f.weights)[0]))
     solved = np.linalg.solve(covariance, np.column_stack([residual, vectors.T]))
     assert found.mean[0] == pytest.approx(vectors @ solved[:, 0], rel=1e-6, abs=1e-9)
-    left = np.eye(4) - vectors @ solved[:, 1:]
+    left = np.eye(5) - vectors @ solved[:, 1:]
     assert found.covariance[0] == pytest.approx(left, rel=1e-6, abs=1e-9)
 
 

@@ -183,6 +183,15 @@ def test_shapes_turn_by_the_second_derivatives_over_the_errors_of_the_ratios() -
     assert largest > 1e-4  # a hundred times the bound
 
 
+def test_a_check_outside_of_the_emulators_box_counts_as_one_at_its_edge() -> None:
+    forward, data = EmulatorForward(scaled(), with_field=True), dataset()
+    error = mesh_error(*both(CHECKS[:1]), 1.5, "stuck", EXTENT)
+    edge = replace(error, ratios=np.clip(CHECKS[:1] - 2.0, *forward.bounds.T))
+    beyond = replace(error, ratios=CHECKS[:1] - 2.0)
+    stated = (one.field_patterns(data, NoiseSettings(), forward) for one in (edge, beyond))
+    np.testing.assert_array_equal(*stated)
+
+
 def test_shapes_turn_as_far_at_the_edge_of_the_box_and_not_beyond_it() -> None:
     forward, seen = EmulatorForward(scaled(), with_field=True), []
     low = forward.bounds[:, 0]
@@ -200,6 +209,9 @@ def test_shapes_turn_as_far_at_the_edge_of_the_box_and_not_beyond_it() -> None:
     # Second derivatives hardly change over the errors.
     change = np.abs(edge[2:] - inside[2:]).max(axis=(1, 2, 3))
     assert np.all(change < 0.3 * np.abs(inside[2:]).max(axis=(1, 2, 3)))
+    # Nor where the mesh was checked outside of it.
+    beyond = patterns_at(found, forward, np.append(1.0, low - 0.3), ())
+    np.testing.assert_array_equal(beyond[2:], edge[2:])
     # A ratio that does not err turns nothing.
     still = replace(found, ratios=np.array([0.05, 0.0]))
     assert len(patterns_at(still, forward, np.append(1.0, low), ())) == 2 + 2
@@ -269,12 +281,12 @@ def test_without_a_zero_that_may_move_there_is_no_pattern_along_it() -> None:
 def test_the_error_of_a_scaled_block_goes_with_its_travel_and_force() -> None:
     forward, data = EmulatorForward(scaled(), with_field=True), dataset()
     error = mesh_error(*both(CHECKS[:1]), 1.5, "stuck", EXTENT)
-    noise = NoiseSettings(compliance_sd=0.01, field_scale_sd=0.01)
+    noise = NoiseSettings(compliance_sd=0.01, face_travel_sd=0.01, field_scale_sd=0.01)
     errors = planned_errors(error.mistaken(data, noise, forward), noise, data)
     found, small = errors.mistaken, errors.scaled(0.4, noise=1.0).mistaken
-    assert small.names == found.names and len(found.names) == 3
+    assert small.names == found.names and len(found.names) == 4
     factor = np.sqrt(np.diag(small.nuisances) / np.diag(found.nuisances))
-    np.testing.assert_allclose(factor, [0.4, 2.5, 1.0])
+    np.testing.assert_allclose(factor, [0.4, 2.5, 0.4, 1.0])
     np.testing.assert_array_equal(small.ratios, found.ratios)
 
 

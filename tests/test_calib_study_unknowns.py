@@ -285,7 +285,7 @@ def test_a_wrong_prior_stops_the_command_with_file_line_and_key(
 
 def test_nuisances_of_a_field_are_refused_where_there_is_none() -> None:
     text = (Path(__file__).parents[1] / "calib/study/embedded/thesis-forces.toml").read_text()
-    for key in ("rotation_sd", "field_freedom"):
+    for key in ("face_travel_sd", "rotation_sd", "field_freedom"):
         changed = text.replace("[noise]\n", f"[noise]\n{key} = 2.0\n")
         message = refusal(changed)
         assert f"noise.{key}: found 2.0, expected no such key: the data of this study" in message

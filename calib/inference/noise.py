@@ -23,6 +23,7 @@ LOAD_CELL_SD = 0.25 / 12**0.5
 """SD of the load-cell noise, N: 0.25 N (thesis section 5.1) read as peak to peak, uniform."""
 ZERO, COMPLIANCE = "zero of the travel", "compliance of the machine"
 GAIN, SCALE = "gain of the load cell", "scale of the field"
+FACE = "travel at the face less that of the force"
 
 
 class ForceSizes(NamedTuple):
@@ -53,6 +54,9 @@ class NoiseSettings:
     compliance_sd: float = 0.0
     """SD of what is left of the machine's compliance, mm/N: the pin travels less by it times the
     measured force"""
+    face_travel_sd: float = 0.0
+    """SD of the travel that the front face sees less that of the force, mm, common to all
+    increments: a pin tilted along its bar comes down further at one end of it"""
     gain_sd: float = 0.0
     """relative SD of the load cell's calibration, common to all increments"""
     field_scale_sd: float = 0.0
@@ -80,6 +84,7 @@ class NoiseSettings:
             "load_cell_sd",
             "travel_zero_sd",
             "compliance_sd",
+            "face_travel_sd",
             "gain_sd",
             "field_scale_sd",
             "translation_sd",
@@ -286,22 +291,25 @@ def _zero_error(sd: float, slope: Array) -> SharedError:
 
 
 def further_errors(dataset: Dataset, settings: NoiseSettings) -> tuple[SharedError, ...]:
-    """Compliance of the machine, gain of the load cell, scale of the field; those with an SD.
+    """Compliance of the machine, travel at the face, gain of the load cell, scale of the field.
 
-    Compliance c: the pin travels less by c F, F the measured force, so that to first order force
-    and field change by -c F times their slope. Gain and scale multiply what is predicted.
+    Those with an SD. Compliance c: the pin travels less by c F, F the measured force, so that to
+    first order force and field change by -c F times their slope. Gain and scale multiply what is
+    predicted.
     """
     n = dataset.travel.size
     nothing, one = np.zeros((n, n)), np.eye(n)
-    by_travel = -dataset.force_mean[:, None] * slope_matrix(dataset.travel)
+    slope = slope_matrix(dataset.travel)
+    by_travel = -dataset.force_mean[:, None] * slope
     scale_sd = field_scale_sd(dataset, settings)
     known = (
         SharedError(COMPLIANCE, "mm/N", settings.compliance_sd, by_travel, by_travel),
+        SharedError(FACE, "mm", settings.face_travel_sd, nothing, slope),
         SharedError(GAIN, "1", settings.gain_sd, one, nothing),
         SharedError(SCALE, "1", scale_sd, nothing, one),
     )
     return tuple(
         replace(error, force=error.sd * error.force, field=error.sd * error.field)
         for error in known
-        if error.sd > 0 and (dataset.field is not None or error.name != SCALE)
+        if error.sd > 0 and (dataset.field is not None or error.name not in (FACE, SCALE))
     )

@@ -99,11 +99,12 @@ def patterns_at(
 def _turned(found: Mistaken, forward: ForwardModel, theta: Array) -> Iterator[Array]:
     """(d, n_step, n_point, 3) changes of the ratios' errors as each ratio errs, one by one."""
     low, high = found.box.T
+    here = np.clip(theta[1:], low, high)
     for a, reach in enumerate(np.minimum(found.ratios, FOLLOWED * (high - low))):
         if reach <= 0.0:
             continue
         step = reach * np.eye(found.ratios.size)[a]
-        ends = [np.clip(theta[1:] + sign * step, low, high) for sign in (1.0, -1.0)]
+        ends = [np.clip(here + sign * step, low, high) for sign in (1.0, -1.0)]
         upper, lower = (tangents_at(forward, np.append(theta[0], end), ()) for end in ends)
         followed = (ends[0] - ends[1])[a]
         yield found.ratios[:, None, None, None] * (upper - lower) * (reach / followed)

@@ -107,6 +107,7 @@ def _nuisance_rows(study: Study, dataset: Dataset) -> list[tuple[str, str, str]]
     stated = _STATED * (scale > noise.field_scale_sd)
     known = (
         ("compliance of the machine, SD", noise.compliance_sd, "mm/N"),
+        ("travel at the front face less that of the force, SD", noise.face_travel_sd, "mm"),
         ("gain of the load cell, relative SD", noise.gain_sd, "-"),
         (f"scale of the field, relative SD{stated}", scale, "-"),
         ("rigid translation of the field at each increment, SD", noise.translation_sd, "mm"),

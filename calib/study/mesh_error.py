@@ -133,7 +133,7 @@ class MeshError:
         if dataset.field is None:
             return None
         found, nuisances = self.mistaken(dataset, noise, forward), field_nuisances(dataset, noise)
-        return patterns_at(found, forward, self._theta, nuisances)
+        return patterns_at(found, forward, self._theta(forward), nuisances)
 
     def mistaken(
         self, dataset: Dataset, noise: NoiseSettings, forward: EmulatorForward
@@ -147,17 +147,16 @@ class MeshError:
         if dataset.field is None:
             return Mistaken(np.zeros(d), (), np.zeros((0, 0)), forward.bounds)
         nuisances = field_nuisances(dataset, noise)
-        tangents = tangents_at(forward, self._theta, nuisances)
+        tangents = tangents_at(forward, self._theta(forward), nuisances)
         of_ratios = np.full(d, np.inf) if self.extent is None else self.extent / np.sqrt(12.0)
         held = np.append(of_ratios, [error.sd for error in nuisances])
         share = left_share(self.refinement) ** 2 / len(self.ratios)
         found = share * mistaken(dataset.field, dataset.travel, tangents, self.field, held)
         return apart(found, tuple(error.name for error in nuisances), forward.bounds)
 
-    @property
-    def _theta(self) -> Array:
-        """Of the last check: an emulator need not know the others' places."""
-        return np.append(1.0, self.ratios[-1])
+    def _theta(self, forward: EmulatorForward) -> Array:
+        """Of the last check, or next to it: an emulator knows its own box alone."""
+        return np.append(1.0, np.clip(self.ratios[-1], *forward.bounds.T))
 
 
 def _variance_over_checks(differences: Array) -> Array:

@@ -10,7 +10,7 @@ import numpy as np
 from calib.data.dataset import Dataset, FieldData
 from calib.inference.forward import ForwardModel
 from calib.inference.likelihood import Likelihood, build_likelihood
-from calib.inference.noise import COMPLIANCE, ZERO, NoiseSettings, field_nuisances
+from calib.inference.noise import COMPLIANCE, FACE, ZERO, NoiseSettings, field_nuisances
 from calib.inference.planned import FirstOrderForward
 from calib.inference.tangent_errors import Mistaken, patterns_at
 from calib.study.config import Study
@@ -130,7 +130,11 @@ def _mesh_patterns(data: Dataset, errors: Errors, forward: ForwardModel, theta: 
 
 def _of_scaled_block(found: Mistaken, scale: float) -> Mistaken:
     """Errors for which that of a block `scale` times as large would be mistaken."""
-    powers = {ZERO: 1.0, COMPLIANCE: -1.0}  # travel grows with the block, force with its square
+    powers = {
+        ZERO: 1.0,
+        FACE: 1.0,
+        COMPLIANCE: -1.0,
+    }  # travel grows with the block, force with its square
     factor = np.array([scale ** powers.get(name, 0.0) for name in found.names])
     return replace(found, nuisances=found.nuisances * np.outer(factor, factor))
 

@@ -82,6 +82,7 @@ def noise_of(study: Study) -> NoiseSettings:
         sample_correlation=study.noise.sample_correlation,
         travel_zero_sd=study.noise.travel_zero_sd,
         compliance_sd=study.noise.compliance_sd,
+        face_travel_sd=study.noise.face_travel_sd,
         gain_sd=study.noise.gain_sd,
         field_scale_sd=study.noise.field_scale_sd,
         translation_sd=study.noise.translation_sd,

@@ -214,6 +214,9 @@ class Noise:
     """standard deviation of the zero of the travel, mm"""
     compliance_sd: NotNegative = 0.0
     """standard deviation of the compliance of the machine that is left in the travel, mm/N"""
+    face_travel_sd: NotNegative = 0.0
+    """standard deviation of the travel that the front face sees less that of the force, as of a
+    tilted pin, mm"""
     gain_sd: Share = 0.0
     """relative standard deviation of the load cell's calibration, below 1"""
     field_scale_sd: Share = 0.0

@@ -85,7 +85,8 @@ def _check_field(study: Study) -> None:
     if study.data.has_field:
         return
     noise = study.noise
-    for name in ("field_scale_sd", "translation_sd", "rotation_sd", "field_freedom"):
+    of_field = ("face_travel_sd", "field_scale_sd", "translation_sd", "rotation_sd")
+    for name in (*of_field, "field_freedom"):
         if getattr(noise, name):
             expected = "no such key: the data of this study have no field"
             raise Contradiction(f"noise.{name}", getattr(noise, name), expected)
