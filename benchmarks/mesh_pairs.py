@@ -138,7 +138,10 @@ def linear(pair: Pair) -> Linear:
 
 
 def as_studies(pair: Pair, floor: FieldCovariance) -> FieldCovariance:
-    """What the differences would be mistaken for, each constant on its own, beside the floor."""
+    """What the differences would be mistaken for, each constant on its own, beside the floor.
+
+    All is at one (r, s) here, so that the tangents have not turned.
+    """
     field, model = template(points())[0].field, linear(pair)
     assert field is not None
     box = prior().bounds[1:]

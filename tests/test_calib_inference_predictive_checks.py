@@ -73,6 +73,11 @@ def test_regions_are_below_the_pin_beside_it_and_at_the_edge() -> None:
         [4, 5],
     ]
     assert set(face_regions(points[:2], 10.0, 4.0)) == {"near pin"}
+    # Of a pin 1 mm to the right: its own place is moved, the sample's edges are not.
+    shifted = face_regions(points + np.array([1.0, 0.0]), 10.0, 4.0, pin_shift=1.0)
+    assert list(np.flatnonzero(shifted["near pin"])) == [0, 1]
+    sides = np.column_stack([[4.3, 4.4, -3.6, -3.7], np.ones(4)])
+    assert list(np.flatnonzero(face_regions(sides, 10.0, 4.0, 1.0)["edge"])) == [1, 3]
 
 
 def _case(seed: int):

@@ -2,22 +2,35 @@
 
 from __future__ import annotations
 
+import re
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from calib.data import thesis_forces
+from calib.data import FieldData, thesis_forces
+from calib.study import config
 from calib.study.assumptions import assumptions_table
 from calib.study.config import Study, StudyError, read_study
 from calib.study.context import block_pin_model
 from calib.study.unknowns import fixed_values
+from calib.study.varied_block import VariedBlock
 from fe.specimens.block_pin import BlockPinModel
 
 TEXT = (Path(__file__).parents[1] / "calib/study/embedded/thesis-forces.toml").read_text()
 SLIDING = TEXT[TEXT.index("[[hypothesis]]  # without friction") : TEXT.index("[noise]")]
 ONLY_STUCK = TEXT.replace(SLIDING, "")
 SHIFTED = ONLY_STUCK.replace("pin_width = 4.0", "pin_width = 4.0\npin_shift = -0.4")
-UNKNOWN = '\n[prior.pin_shift]\ndistribution = "uniform"\nlow = -0.5\nhigh = 0.5\n'
+RUBS = SHIFTED.replace('pin = "stick"\nbase = "stick"', "pin = 0.2\nbase = 0.2")
+
+
+def uniform(name: str, low: float, high: float) -> str:
+    return f'\n[prior.{name}]\ndistribution = "uniform"\nlow = {low}\nhigh = {high}\n'
+
+
+UNKNOWN = uniform("pin_shift", -0.5, 0.5)
+FRICTION = uniform("friction", 0.0, 0.5)
 
 
 def read(text: str) -> Study:
@@ -54,15 +67,39 @@ def test_where_the_shift_is_unknown_the_number_is_the_truth_of_a_synthetic_exper
     assert fixed_values(study, study.hypotheses[0]).tolist() == [-0.4]
 
 
+def test_both_sides_of_the_pin_are_seen_where_the_height_is_unknown_too() -> None:
+    study = read(SHIFTED + uniform("height", 2.4, 2.6))
+    hypothesis = study.hypotheses[0]
+    varied = block_pin_model(study, hypothesis, study.sampling_cells(hypothesis))
+    assert isinstance(varied, VariedBlock)
+    x, y = varied.template.points().T
+    assert len(x) == 2 * 840 and x.min() == -x.max() and y.max() < 2.4
+
+
+def test_a_bulk_modulus_that_is_unknown_is_not_told_as_that_of_the_hypothesis() -> None:
+    text = TEXT.replace('name = "stuck"\n', 'name = "stuck"\nbulk_ratio = 10\n')
+    rows = assumptions_table(read(text + uniform("bulk_ratio", 100.0, 400.0)), thesis_forces()).rows
+    assert not any("bulk modulus 10 mu" in value for _, value, _ in rows)
+
+
 @pytest.mark.parametrize(
     ("text", "said"),
     [
+        (
+            RUBS + FRICTION,
+            "geometry.pin_shift: found -0.4, expected 0 where nothing need keep the sample",
+        ),
+        (RUBS.replace("pin_shift = -0.4\n", "") + FRICTION + UNKNOWN, "prior.pin_shift: found"),
+        (
+            SHIFTED + uniform("pin_width", 3.5, 9.5),
+            "prior.pin_width.high: found 9.5, expected 9.2 or less: the pin stands on the sample",
+        ),
         (SHIFTED.replace("-0.4", "3.5"), "geometry.pin_shift: found 3.5, expected from -3 to 3 mm"),
         (SHIFTED.replace("-0.4", "nan"), "geometry.pin_shift: found NaN, expected a finite"),
         (
             TEXT.replace("pin_width = 4.0", "pin_width = 4.0\npin_shift = 0.1"),
-            "geometry.pin_shift: found 0.1, expected 0 where nothing keeps the sample from sliding "
-            "away, as under sliding",
+            "geometry.pin_shift: found 0.1, expected 0 where nothing need keep the sample from "
+            "sliding away, as under sliding",
         ),
         (
             TEXT.replace('name = "stuck"\n', 'name = "stuck"\nbulk_ratio = 0.5\n'),
@@ -74,3 +111,21 @@ def test_what_no_block_can_be_is_refused_at_its_line(text: str, said: str) -> No
     with pytest.raises(StudyError) as refused:
         read(text)
     assert said in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (SHIFTED, "study.toml:14: geometry.pin_shift: found -0.4, expected 0 beside a measured"),
+        (ONLY_STUCK + UNKNOWN, "prior.pin_shift: found a table, expected none beside a measured"),
+    ],
+)
+def test_a_measured_field_is_about_the_pin_and_leaves_no_shift(
+    monkeypatch: pytest.MonkeyPatch, text: str, said: str
+) -> None:
+    points = np.array([[0.5, 0.5], [4.5, 2.0]])
+    field = FieldData(points, np.zeros((5, 2, 3)), np.full(3, 0.01), 0.5, 0.5)
+    monkeypatch.setattr(config, "measured_dataset", lambda _: replace(thesis_forces(), field=field))
+    assert read(ONLY_STUCK)
+    with pytest.raises(StudyError, match=re.escape(said)):
+        read(text)

@@ -210,6 +210,7 @@ def test_another_law_and_an_unknown_bulk_modulus_predict_by_their_own_draws(
     facts = json.loads(stored.attrs["provenance"])
     of_law = {"law": {"name": "ogden-1"}, "inputs": [], "errors": []}
     facts["hypotheses"]["right"] = {"space": of_law}
+    facts["hypotheses"]["soft"] = {"contact": {"bulk_ratio": 10.0}}
     attrs = stored.attrs | {"provenance": json.dumps(facts)}
     save_inference_data(az.InferenceData(attrs=attrs, posterior=posterior), out / "posterior.nc")
     draws, study = posterior_draws(out, test)
@@ -218,7 +219,7 @@ def test_another_law_and_an_unknown_bulk_modulus_predict_by_their_own_draws(
     mu = posterior["mu"].sel(hypothesis="right").values.ravel()
     assert np.isin(np.round(draws["right"].bulk, 12), np.round(30.0 * mu, 12)).all()
     soft = draws["soft"].constants
-    assert draws["soft"].bulk == pytest.approx(200.0 * 2.0 * soft[:, :2].sum(axis=1))
+    assert draws["soft"].bulk == pytest.approx(10.0 * 2.0 * soft[:, :2].sum(axis=1))
     assert study.correlation == 0.9
 
 

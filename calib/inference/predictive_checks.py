@@ -85,14 +85,18 @@ def determination(observed: Array, predicted: Array) -> float:
     return 1.0 - float(np.square(observed - predicted).sum()) / total if total > 0.0 else np.nan
 
 
-def face_regions(points: Array, width: float, pin_width: float) -> dict[str, BoolArray]:
+def face_regions(
+    points: Array, width: float, pin_width: float, pin_shift: float = 0.0
+) -> dict[str, BoolArray]:
     """Parts of the front face, name of `REGIONS` -> (n_point,) whether a point is in it.
 
-    points (n_point, 2) x from the pin's centre plane, mm. Near pin: below the pin. Edge: the outer
-    third of what lies beside it. Middle: between. Regions without a point are left out.
+    points (n_point, 2) x from the sample's centre plane, from which the pin's is `pin_shift` away,
+    mm. Near pin: below the pin. Edge: the outer third of what lies beside it. Middle: between.
+    Regions without a point are left out.
     """
-    away = np.abs(points[:, 0])
-    pin, side = 0.5 * pin_width, 0.5 * width
+    from_pin = points[:, 0] - pin_shift
+    away, pin = np.abs(from_pin), 0.5 * pin_width
+    side = 0.5 * width - np.sign(from_pin) * pin_shift
     edge = pin + 2.0 / 3.0 * (side - pin)
     found = {
         "near pin": away <= pin,

@@ -14,7 +14,7 @@ from calib.study.posterior_setup import noise_of
 from calib.study.prior_limits import is_positive
 from calib.study.sections import Hypothesis, ParameterPrior, Virtual
 from calib.study.tables import Table
-from calib.study.unknowns import ERRORS, INPUTS, inputs_of, law_of
+from calib.study.unknowns import ERRORS, INPUTS, inputs_of, law_of, off_centre
 
 _STATED = ", stated by the data"
 
@@ -64,12 +64,18 @@ def _hypothesis_rows(study: Study) -> list[tuple[str, str, str]]:
         (
             f"law and contact under {hypothesis.name}",
             f"{law_of(study, hypothesis).name}, pin: {hypothesis.pin}, base: {hypothesis.base}, "
-            f"height {study.height(hypothesis):g} mm"
-            + (f", bulk modulus {hypothesis.bulk_ratio:g} mu" if hypothesis.bulk_ratio else ""),
+            f"height {study.height(hypothesis):g} mm" + _own_bulk(study, hypothesis),
             "-",
         )
         for hypothesis in study.hypotheses
     ]
+
+
+def _own_bulk(study: Study, hypothesis: Hypothesis) -> str:
+    """The bulk modulus that a hypothesis has of its own, unless it is unknown."""
+    if hypothesis.bulk_ratio is None or "bulk_ratio" in inputs_of(study, hypothesis):
+        return ""
+    return f", bulk modulus {hypothesis.bulk_ratio:g} mu"
 
 
 def _mesh_rows(study: Study) -> list[tuple[str, str, str]]:
@@ -78,9 +84,10 @@ def _mesh_rows(study: Study) -> list[tuple[str, str, str]]:
     for hypothesis in study.hypotheses:
         sampling, check = study.sampling_cells(hypothesis), study.check_cells(hypothesis)
         share = left_share(study.refinement(hypothesis))
+        part = "half" if off_centre(study, hypothesis) else "quarter"
         rows += [
             (
-                f"mesh of the emulator's runs, {hypothesis.name} ({_part(study, hypothesis)})",
+                f"mesh of the emulator's runs, {hypothesis.name} ({part})",
                 written(sampling),
                 "elements",
             ),
@@ -92,12 +99,6 @@ def _mesh_rows(study: Study) -> list[tuple[str, str, str]]:
             ),
         ]
     return rows
-
-
-def _part(study: Study, hypothesis: Hypothesis) -> str:
-    """What part of the sample is modelled: a half where the pin may be off its centre."""
-    off = study.geometry.pin_shift != 0.0 or "pin_shift" in inputs_of(study, hypothesis)
-    return "half" if off else "quarter"
 
 
 def _nuisance_rows(study: Study, dataset: Dataset) -> list[tuple[str, str, str]]:

@@ -35,7 +35,7 @@ from calib.study.sections import (
     Virtual,
 )
 from calib.study.unknown_checks import check_unknowns, section_of
-from calib.study.unknowns import least_height
+from calib.study.unknowns import given, least_height
 from calib.study.work_sections import Compute, Design, EmulatorLimits, Sampler, Verification
 from calib.toml_file import (
     Contradiction,
@@ -272,7 +272,17 @@ def _check_against_data(study: Study) -> None:
 
 
 def _check_places(study: Study, points: Array) -> None:
-    """Refuse a block that does not reach as far as the points that were measured on it."""
+    """Refuse a block that does not reach as far as the points that were measured on it.
+
+    And a pin off the centre: the measured field is the mean of both halves, counted from the pin.
+    """
+    expected = "{} beside a measured field, whose halves are averaged about the pin"
+    for index, hypothesis in enumerate(study.hypotheses):
+        if given(study, hypothesis, "pin_shift") is not None:
+            raise Contradiction(section_of(study, index, "pin_shift"), {}, expected.format("none"))
+    if study.geometry.pin_shift != 0.0:
+        shift = study.geometry.pin_shift
+        raise Contradiction("geometry.pin_shift", shift, expected.format("0"))
     right, top = points.max(axis=0)
     if right > study.geometry.width / 2:
         expected = f"{2 * right:g} mm or more, as wide as the points that were measured"

@@ -15,7 +15,7 @@ from calib.study.block_cells import Cells, RingCells, model_cells
 from calib.study.config import Study
 from calib.study.data_source import measured_dataset
 from calib.study.sections import Hypothesis
-from calib.study.unknowns import inputs_of, law_of, least_height
+from calib.study.unknowns import inputs_of, law_of, least_height, off_centre
 from calib.study.varied_block import VariedBlock
 from fe.executors import MapFn
 from fe.response import Array, Response
@@ -97,6 +97,8 @@ def _field_grid(study: Study) -> FieldGrid:
             return (35, 24)
         lowest = min(least_height(study, h) for h in study.hypotheses)
         x = (np.arange(35) + 0.5) * study.geometry.width / 70.0
+        if any(off_centre(study, h) for h in study.hypotheses):
+            x = np.concatenate([-x[::-1], x])
         y = (np.arange(24) + 0.5) * lowest / 24.0
         return tuple((float(a), float(b)) for a in x for b in y)
     field = measured_dataset(study.data).field

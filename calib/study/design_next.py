@@ -66,7 +66,11 @@ def design_next(
     theta = theta_of(x.mean(axis=0))
     points = None if data.field is None else data.field.points
     plans = list(by_emulator(forward, data.travel, points, errors, theta))
-    if with_runs and names == RATIOS_ALONE:
+    if with_runs and study.geometry.pin_shift != 0.0:
+        echo(
+            "FE runs    left out: the pin is off the sample's centre, expected geometry.pin_shift 0"
+        )
+    elif with_runs and names == RATIOS_ALONE:
         plans += by_runs(study, chosen, errors, theta, echo)
     elif with_runs:
         echo(f"FE runs    left out: {', '.join(names[1:])} are unknown, expected r and s alone")

@@ -15,7 +15,7 @@ from calib.study.block_cells import (
     shown,
     shows_error,
 )
-from calib.study.unknowns import given
+from calib.study.unknowns import given, off_centre
 from calib.toml_file.refusal import Contradiction
 from fe.specimens.ring_mesh import LONGEST, WIDEST
 
@@ -76,7 +76,7 @@ def _check_rings(study: Study, hypothesis: Hypothesis, key: str, cells: RingCell
             'pin_shape = "round", and this one is a bar'
         )
         raise Contradiction(key, found, expected)
-    if given(study, hypothesis, "pin_shift") is not None or geometry.pin_shift != 0.0:
+    if off_centre(study, hypothesis):
         section = "[prior.pin_shift]" if geometry.pin_shift == 0.0 else "geometry.pin_shift"
         expected = (
             f"three numbers of elements under {hypothesis.name}: {section} takes the pin off the "

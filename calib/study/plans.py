@@ -12,7 +12,7 @@ from calib.inference.forward import ForwardModel
 from calib.inference.likelihood import Likelihood, build_likelihood
 from calib.inference.noise import COMPLIANCE, FACE, ZERO, NoiseSettings, field_nuisances
 from calib.inference.planned import FirstOrderForward
-from calib.inference.tangent_errors import Mistaken, patterns_at
+from calib.inference.tangent_errors import Mistaken, tangents_at
 from calib.study.config import Study
 from calib.study.context import block_pin_model
 from calib.study.sections import Hypothesis
@@ -57,16 +57,25 @@ class Errors:
     def scaled(self, scale: float, *, noise: float) -> Errors:
         """Of a block `scale` times as large, seen with `noise` times the noise.
 
-        The subset of the images is as large as the noise says: both go with the pixel.
+        The subset of the images is as large as the noise says: both go with the pixel. A pin is as
+        tilted as before.
         """
         return replace(
-            self,
+            self.with_noise(face_travel_sd=scale * self.noise.face_travel_sd),
             floor=scale * self.floor,
             mistaken=_of_scaled_block(self.mistaken, scale),
             noise_std=noise * self.noise_std,
             length=noise * self.length,
             smoothing=noise * self.smoothing,
         )
+
+    def beside_the_bar(self) -> Errors:
+        """Of a camera at the side, of which a bar tilted along its length sees both ends."""
+        kept = [k for k, name in enumerate(self.mistaken.names) if name != FACE]
+        names = tuple(self.mistaken.names[k] for k in kept)
+        nuisances = self.mistaken.nuisances[np.ix_(kept, kept)]
+        mistaken = replace(self.mistaken, names=names, nuisances=nuisances)
+        return replace(self.with_noise(face_travel_sd=0.0), mistaken=mistaken)
 
 
 @dataclass(frozen=True)
@@ -122,10 +131,14 @@ def planned_likelihood(
 
 
 def _mesh_patterns(data: Dataset, errors: Errors, forward: ForwardModel, theta: Array) -> Array:
-    """(n, n_step, n_point, 3) errors of a field that look like other constants, mm."""
+    """(d + q, n_step, n_point, 3) errors of a field that look like other constants, mm.
+
+    Along the tangents alone: how they turn is not known of the plans that rest on a single run, and
+    plans are weighed against each other.
+    """
     nuisances = {error.name: error for error in field_nuisances(data, errors.noise)}
     known = [nuisances[name] for name in errors.mistaken.names]
-    return patterns_at(errors.mistaken, forward, theta, known)
+    return errors.mistaken.patterns(tangents_at(forward, theta, known))
 
 
 def _of_scaled_block(found: Mistaken, scale: float) -> Mistaken:
@@ -198,7 +211,7 @@ def by_runs(
     base = _solved("front and side", model, theta, echo)
     if base is not None:
         yield plan("front camera, by one FE run", "check", base, errors, "front")
-        yield plan("side camera instead", "camera", base, errors, "side")
+        yield plan("side camera instead", "camera", base, errors.beside_the_bar(), "side")
         yield plan("front and side cameras", "camera", base, errors, "front", "side")
         small = similar(base, SMALL_SCALE)
         size = SMALL_SCALE * study.geometry.width

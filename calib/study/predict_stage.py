@@ -65,7 +65,7 @@ def _field(
     field = data.field
     assert field is not None
     geometry = context.study.geometry
-    regions = face_regions(field.points, geometry.width, geometry.pin_width)
+    regions = face_regions(field.points, geometry.width, geometry.pin_width, geometry.pin_shift)
     predicted = predictive_fields(posterior.likelihood, x, rng)
     observed, mean = field.displacement, predicted.model.mean(axis=0)
     maps = {

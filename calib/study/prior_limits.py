@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from calib.inference.laws import Ratio
@@ -15,6 +16,7 @@ from calib.study.unknowns import (
     by_constants,
     given,
     law_of,
+    off_centre,
     prior_of,
     ratio_bounds,
     rubs,
@@ -146,13 +148,22 @@ def check_inputs(study: Study, index: int, hypothesis: Hypothesis) -> None:
             if _used(study, hypothesis, name):
                 expected = "none beside [prior.friction], which is of pin and base together"
                 raise Contradiction(key_of(index, hypothesis, name), {}, expected)
-    loose = hypothesis.base in ("slide", 0.0) and hypothesis.pin in ("slide", 0.0)
-    if loose and _used(study, hypothesis, "pin_shift"):
-        key = key_of(index, hypothesis, "pin_shift")
-        raise Contradiction(key, {}, "none where nothing keeps the sample from sliding away")
-    if loose and study.geometry.pin_shift != 0.0:
-        expected = f"0 where nothing keeps the sample from sliding away, as under {hypothesis.name}"
-        raise Contradiction("geometry.pin_shift", study.geometry.pin_shift, expected)
+    if off_centre(study, hypothesis) and not any(_holds(study, hypothesis)):
+        why = f"where nothing need keep the sample from sliding away, as under {hypothesis.name}"
+        if _used(study, hypothesis, "pin_shift"):
+            raise Contradiction(key_of(index, hypothesis, "pin_shift"), {}, f"none {why}")
+        raise Contradiction("geometry.pin_shift", study.geometry.pin_shift, f"0 {why}")
+
+
+def _holds(study: Study, hypothesis: Hypothesis) -> Iterator[bool]:
+    """Whether pin and base hold the sample by the least friction that there may be."""
+    for side in ("pin", "base"):
+        least = getattr(hypothesis, side)
+        for name, sides in FRICTION.items():
+            prior = given(study, hypothesis, name)
+            if side in sides and prior is not None and not isinstance(least, str):
+                least = prior.low
+        yield least not in ("slide", 0.0)
 
 
 def check_errors(study: Study, index: int, hypothesis: Hypothesis) -> None:
@@ -195,6 +206,9 @@ def _limits(study: Study, hypothesis: Hypothesis, name: str) -> tuple[float, flo
         widest = (geometry.pin_width if narrow is None else narrow.low) / 2 * (1 - 1e-9)
         return SHARPEST, widest, ": no sharp edge, and less than half of the pin's width"
     if name == "pin_width":
-        return 2.0 * geometry.pin_fillet * (1 + 1e-9), geometry.width, ": narrower than the sample"
+        prior = given(study, hypothesis, "pin_shift")
+        shifts = [geometry.pin_shift] if prior is None else [prior.low, prior.high]
+        room = geometry.width - 2.0 * max(map(abs, shifts))
+        return 2.0 * geometry.pin_fillet * (1 + 1e-9), room, ": the pin stands on the sample"
     room = 0.5 * (geometry.width - geometry.pin_width)
     return -room, room, ": the pin stands on the sample"

@@ -26,7 +26,8 @@ class Study:
     """What a second test takes from the study that is held against it."""
 
     bulk_ratio: float
-    """bulk modulus over shear modulus, of stated constants and where a posterior has none"""
+    """bulk modulus over shear modulus, of stated constants and where neither a posterior nor its
+    hypothesis has one"""
     correlation: float
     """of one sample's deviation between neighbouring levels, `noise.sample_correlation`"""
 

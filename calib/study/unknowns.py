@@ -198,6 +198,11 @@ def fixed_values(study: Study, hypothesis: Hypothesis) -> Array:
     return np.array(values)
 
 
+def off_centre(study: Study, hypothesis: Hypothesis) -> bool:
+    """Whether the pin may stand off the sample's centre, so that a half is modelled."""
+    return study.geometry.pin_shift != 0.0 or given(study, hypothesis, "pin_shift") is not None
+
+
 def least_height(study: Study, hypothesis: Hypothesis) -> float:
     """The least height of the sample that a hypothesis allows for, mm."""
     prior = given(study, hypothesis, "height")

@@ -76,15 +76,19 @@ def posterior_draws(out: Path, test: SecondTest) -> tuple[dict[str, Rubbers], St
     rng = np.random.default_rng(np.random.SeedSequence(test.seed, spawn_key=(2,)))
     draws = {}
     for name in names if test.hypothesis is None else [test.hypothesis]:
-        law = space_in(provenance["hypotheses"][name]).law
-        every = _rubbers(path, name, posterior.sel(hypothesis=name), law, study)
+        stated = provenance["hypotheses"][name]
+        bulk_ratio = float(stated.get("contact", {}).get("bulk_ratio") or study.bulk_ratio)
+        law = space_in(stated).law
+        every = _rubbers(path, name, posterior.sel(hypothesis=name), law, bulk_ratio)
         chosen = rng.choice(len(every.bulk), test.draws, replace=False)
         draws[name] = Rubbers(law.name, every.constants[chosen], every.bulk[chosen])
     return draws, study
 
 
-def _rubbers(path: Path, name: str, posterior: Any, law: LawCoordinates, study: Study) -> Rubbers:
-    """All draws of the material under one hypothesis.
+def _rubbers(
+    path: Path, name: str, posterior: Any, law: LawCoordinates, bulk_ratio: float
+) -> Rubbers:
+    """All draws of the material under one hypothesis; `bulk_ratio` where it is not among them.
 
     Raises ValueError where the file does not hold a constant of the hypothesis' law.
     """
@@ -95,7 +99,7 @@ def _rubbers(path: Path, name: str, posterior: Any, law: LawCoordinates, study: 
             f"expected the constants of its law {law.name}; run the study again"
         )
     *constants, mu = (posterior[c].values.ravel() for c in law.constants)
-    bulk = study.bulk_ratio * mu
+    bulk = bulk_ratio * mu
     if "bulk_ratio" in posterior and not np.isnan(posterior["bulk_ratio"]).any():
         bulk = posterior["bulk_ratio"].values.ravel() * mu
     return Rubbers(law.name, np.stack(constants, axis=1), bulk)
