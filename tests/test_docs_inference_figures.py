@@ -59,6 +59,16 @@ def test_whatever_leaves_a_term_out_fails_and_what_states_it_passes() -> None:
         assert max(FIGURES[name]["left_out"]["sbc_p"].values()) < 1e-10
 
 
+@pytest.mark.parametrize("name", ["sbc_finer", "sbc_finer_stuck"])
+def test_what_is_stated_of_a_mesh_holds_the_truth_of_a_finer_one(name: str) -> None:
+    """Not less often than said, within two standard errors: the statement is of the block itself."""
+    stated = FIGURES[name]["stated"]
+    for level, row in stated["coverage"].items():
+        for parameter, share in row.items():
+            error = stated["coverage_standard_error"][level][parameter]
+            assert share >= float(level) / 100 - 2.0 * error
+
+
 def test_with_a_discrepancy_a_wrong_model_still_covers_and_without_it_does_not() -> None:
     assert FIGURES["misspecified_n"] >= 100
     assert FIGURES["misspecified_coverage_with"] >= 0.9
