@@ -61,7 +61,7 @@ def test_whatever_leaves_a_term_out_fails_and_what_states_it_passes() -> None:
 
 @pytest.mark.parametrize("name", ["sbc_finer", "sbc_finer_stuck"])
 def test_what_is_stated_of_a_mesh_holds_the_truth_of_a_finer_one(name: str) -> None:
-    """Not less often than said, within two standard errors: the statement is of the block itself."""
+    """Not less often than said, within two standard errors: it is stated of the block itself."""
     stated = FIGURES[name]["stated"]
     for level, row in stated["coverage"].items():
         for parameter, share in row.items():
