@@ -45,6 +45,7 @@ def test_without_noise_points_and_displacements_are_exact():
     assert np.sqrt((off[:, 2] ** 2).mean()) < view / 200_000
 
 
+@pytest.mark.lasting
 def test_errors_are_as_large_as_stated():
     scores = []
     for seed in (0, 1):

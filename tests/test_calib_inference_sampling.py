@@ -69,6 +69,7 @@ def test_means_of_the_chains_are_those_of_the_quadrature() -> None:
     assert np.abs(z_scores(found.chains, exact.mean, exact.sd, tau)).max() < 4
 
 
+@pytest.mark.lasting
 def test_spreads_of_the_chains_are_those_of_the_quadrature() -> None:
     """Three z scores of the variances below 4: false alarm below 2e-4 (fixed seed).
 

@@ -185,6 +185,7 @@ def test_chains_agree_with_quadrature(thesis: Run) -> None:
         assert np.max(np.abs(difference)) < 0.3
 
 
+@pytest.mark.lasting
 def test_a_narrow_posterior_is_as_wide_as_its_curvature_says(virtual: Run) -> None:
     """Forces and field of a stand-in: nearly normal under the true hypothesis."""
     maps = json.loads((virtual.out / "map.json").read_text())

@@ -67,6 +67,7 @@ def test_a_frictionless_platen_gives_the_uniaxial_closed_form_through_the_penalt
     np.testing.assert_allclose(response.force, [force(t) for t in model.travel], rtol=1e-5)
 
 
+@pytest.mark.lasting
 def test_a_platen_that_sticks_presses_as_the_bonded_ends_of_a_cylinder_do():
     """Springs of contact on both ends of the whole against prescribed motion of a half.
 
@@ -173,6 +174,7 @@ def test_the_remainder_of_taylor_falls_with_the_square_in_every_parameter(contac
         assert (orders > 1.8).all(), (name, found)
 
 
+@pytest.mark.lasting
 @CONTACTS
 def test_the_adjoint_agrees_with_the_direct_derivatives(contact):
     model = small(contact)

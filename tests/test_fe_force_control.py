@@ -97,6 +97,7 @@ def test_the_travel_at_a_force_is_that_of_the_force_over_kappa_at_kappa_one():
     assert (found.travel_gradient[:, :2] < 0.0).all()
 
 
+@pytest.mark.lasting
 @pytest.mark.parametrize("shape", [BAR, ROUND], ids=["bar", "round"])
 def test_anchors_follow_a_travel_that_depends_on_parameters(shape):
     """Those of stick and of friction; on the fillet the travel moves them sideways."""
