@@ -281,7 +281,13 @@ def main(arguments: list[str] | None = None) -> None:
     options = parser.parse_args(arguments)
     figures: dict[str, Any] = {}
     for name in options.only:
-        figures |= PARTS[name](options.study if name == "study" else options.store)
+        try:
+            figures |= PARTS[name](options.study if name == "study" else options.store)
+        except ModuleNotFoundError as error:
+            parser.error(
+                f"--only {name}: found no module {error.name}, expected the extra benchmark "
+                "(pip install -e '.[benchmark]'); without it: --only rate study"
+            )
         print(json.dumps(figures, indent=2), flush=True)
     if options.json:
         options.json.write_text(json.dumps(figures, indent=2) + "\n")
