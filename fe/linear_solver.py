@@ -16,6 +16,7 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import LinearOperator, gmres
 
 from fe import superlu
+from fe.conjugate_gradients import conjugate_gradients, symmetric_product
 
 try:
     from fe import pardiso
@@ -28,6 +29,8 @@ Int32Array = npt.NDArray[np.int32]
 
 MOST_PRODUCTS = 25
 """of an iterative solve: more cost as much as a factorisation of a small matrix"""
+MOST_BACK_SUBSTITUTIONS = 15
+"""the same, where both matrices are symmetric: it does the work of half a factorisation"""
 
 
 class GeneralMatrix(NamedTuple):
@@ -124,6 +127,23 @@ class SymmetricSolver:
     def solve(self, b: Array) -> Array:
         """Solution of the last factorised symmetric system for b (n,) or (n, k)."""
         return self._upper.solve(b)
+
+    def solve_positive(self, data: Array, b: Array, tolerance: float) -> Array | None:
+        """Solution with another matrix of upper-triangular `data`, for b (n,), by the factor held.
+
+        To a residual of `tolerance`, relative: a few products and back-substitutions in place of a
+        factorisation.  None where what is factorised is not positive definite, and where the matrix
+        is met to curve down or is too far from it.
+        """
+        if self._data is None or self._negative > 0:
+            return None
+        return conjugate_gradients(
+            lambda x: symmetric_product(self._indptr, self._indices, data, x),
+            self._upper.solve,
+            b,
+            tolerance,
+            MOST_BACK_SUBSTITUTIONS,
+        )
 
     def solve_general(self, matrix: GeneralMatrix, b: Array, *, transposed: bool = False) -> Array:
         """Solution with an unsymmetric matrix, or its transpose, for b (n,) or (n, k).

@@ -2,7 +2,8 @@
 
 Directions of negative curvature, counted by the factorisation's inertia, are flipped
 (`fe.negative_curvature`), so the iteration goes down to a stable equilibrium instead of to the
-nearest stationary point.
+nearest stationary point.  Of the iterates of one step the first is factorised; later ones go on
+with that factor by conjugate gradients, until these see negative curvature or get slow.
 """
 
 from __future__ import annotations
@@ -45,6 +46,8 @@ class NewtonOptions:
     """of the residual by such a step, at least"""
     inexact: float = 1e-4
     """relative residual to which directions with friction's coupling are solved for"""
+    lagged: float = 1e-2
+    """the same without friction, by the factor of an iterate before"""
 
     def __post_init__(self) -> None:
         positive_numbers(self)
@@ -116,7 +119,10 @@ def equilibrate(
         if norm <= options.tolerance * assembly.force_scale:
             return Equilibrium(u, p, assembly, True, "", iteration)
         near = potential.has_friction and norm <= options.near * assembly.force_scale
-        if not (near and negative == 0):  # else it was 0 at the iterate before
+        along = None
+        if negative == 0 and not potential.has_friction:
+            along = solver.solve_positive(assembly.data, -assembly.gradient, options.lagged)
+        if along is None and not (near and negative == 0):  # else it was 0 at the iterate before
             negative = solver.factorise(assembly.data)
         if near and negative == 0:
             nearer = _nearer(potential, solver, u, p, assembly, travel, memory, options)
@@ -125,8 +131,10 @@ def equilibrate(
                 recent.clear()
                 continue
             negative = solver.factorise(assembly.data)
+        if along is None:
+            along = descent_direction(potential, solver, assembly.gradient, options, negative)
         here = u, p, assembly
-        moved = _descend(potential, solver, here, travel, memory, recent, negative, options)
+        moved = _descend(potential, along, here, travel, memory, recent, negative, options)
         if isinstance(moved, str):
             return Equilibrium(u, p, assembly, False, moved, iteration)
         u, p, assembly = moved
@@ -137,7 +145,7 @@ def equilibrate(
 
 def _descend(
     potential: NewtonProblem[Memory],
-    solver: SymmetricSolver,
+    along: Array,
     here: tuple[Array, Array, Assembly],
     travel: float,
     memory: Memory,
@@ -147,12 +155,11 @@ def _descend(
 ) -> tuple[Array, Array, Assembly] | str:
     """One step with a line search from (u, p, assembly) to the next, or why there is none.
 
-    `recent` are the energies looked back on, to which that of here is added.
+    `along` (n_free,) mm is its direction, `negative` the negative pivots behind it, `recent`
+    the energies looked back on, to which that of here is added.
     """
     u, p, assembly = here
-    du = potential.expand(
-        descent_direction(potential, solver, assembly.gradient, options, negative)
-    )
+    du = potential.expand(along)
     if not np.isfinite(du).all():
         return "the tangent is singular"
     recent.append(assembly.energy)

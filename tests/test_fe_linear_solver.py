@@ -126,6 +126,31 @@ def test_a_matrix_too_far_from_the_symmetric_one_is_factorised(library):
     solver.close()
 
 
+@pytest.mark.parametrize("library", LIBRARIES)
+def test_a_positive_matrix_near_the_factorised_one_is_solved_without_a_factorisation(library):
+    first, change = indefinite(60, 0, 7), indefinite(60, 0, 8)
+    solver, _ = solver_of(first, library)
+    second, b = first + 0.02 * change, np.random.default_rng(7).standard_normal(60)
+    for tolerance in (1e-2, 1e-4, 1e-9):
+        x = solver.solve_positive(upper(second).data, b, tolerance)
+        assert np.linalg.norm(second @ x - b) <= 1.01 * tolerance * np.linalg.norm(b)
+    assert solver.n_factorisations == 1
+    solver.close()
+
+
+@pytest.mark.parametrize("library", LIBRARIES)
+def test_a_matrix_that_curves_down_is_left_to_a_factorisation(library):
+    """So is one that is about an indefinite factor, and one that is too far from the factor."""
+    b = np.random.default_rng(9).standard_normal(60)
+    positive, far = indefinite(60, 0, 9), indefinite(60, 0, 10)
+    solver, _ = solver_of(positive, library)
+    assert solver.solve_positive(upper(indefinite(60, 1, 9)).data, b, 1e-6) is None
+    assert solver.solve_positive(upper(far).data, b, 1e-9) is None
+    solver.factorise(upper(indefinite(60, 1, 9)).data)
+    assert solver.solve_positive(upper(positive).data, b, 1e-2) is None
+    solver.close()
+
+
 def test_a_factor_that_is_there_changes_no_bit():
     rng = np.random.default_rng(6)
     symmetric = indefinite(60, 0)
