@@ -109,7 +109,22 @@ def test_refinement_reaches_the_maximum_of_a_direct_model_that_differs(field: bo
     assert np.abs((result.direct.x - expected) / SD).max() < 0.1
     assert np.abs((start.x - expected) / SD).max() > 0.1  # the emulator alone is off
     assert result.n_solves == direct.n_solves <= 12
-    assert result.difference_sd == pytest.approx((result.direct.x - start.x) / SD)
+    assert result.maximum is not None
+    assert result.difference_sd == pytest.approx((result.maximum - start.x) / SD)
+
+
+@pytest.mark.parametrize("field", [False, True])
+def test_a_difference_too_small_for_a_step_is_told(field: bool) -> None:
+    """The search ends at the emulator's maximum, which the direct slopes there say is off."""
+    post = posterior(INFORMED, field=field)
+    start = emulator_map(post, SD, np.random.default_rng(0))
+    block = AnalyticBlock(0.001, points=POINTS)
+    result = refine_map(post, DirectForward(block, with_field=field), start, SD)
+    expected = (optimum(post, DirectForward(block, with_field=field), start.x) - start.x) / SD
+    assert result.status is MapStatus.CONVERGED and result.n_solves == 1
+    assert result.direct is not None and np.array_equal(result.direct.x, start.x)
+    assert np.abs(expected).max() > 0.01
+    assert result.difference_sd == pytest.approx(expected, abs=0.1 * np.abs(expected).max())
 
 
 def test_maximum_on_a_bound_has_zero_projected_gradient() -> None:

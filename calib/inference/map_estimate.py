@@ -73,9 +73,12 @@ class MapResult:
 
     emulator: MapPoint
     direct: MapPoint | None
-    """None when no direct solve succeeded"""
+    """the best point that was solved; None when no direct solve succeeded"""
+    maximum: Array | None
+    """(n,) x of the maximum that the direct values and slopes at `direct` foretell where the search
+    converged, at most a gain of 0.01 from it; else that of `direct`"""
     difference_sd: Array
-    """(n,) (direct - emulator) in posterior SDs; NaN without a direct maximum"""
+    """(n,) (maximum - emulator) in posterior SDs; NaN without a direct maximum"""
     sd: Array
     """(n,) posterior SD of x used as the unit"""
     n_solves: int
@@ -124,7 +127,8 @@ def refine_map(
     The same prior, data and errors: the emulator's stated covariance stays in the likelihood.
 
     Converged when the corrected posterior's maximum lies within 0.02 posterior SDs (largest over
-    coordinates) or promises a gain of log posterior below 0.01, the region not in the way. A failed
+    coordinates) or promises a gain of log posterior below 0.01, the region not in the way: that
+    maximum, not the point solved last, is compared with the emulator's. A failed
     or worse direct solve shrinks the region; shrinking below the tolerance ends as `blocked`. At
     most `max_solves` simulations.
     Raises ValueError where an accepted point has forces that are not positive (see `correct`).
@@ -138,10 +142,11 @@ def refine_map(
     if search.x is not None:
         gradient = projected_gradient(search.model.log_prob, search.x, posterior.prior.bounds, sd)
         point = MapPoint(search.x, search.value, gradient)
-        difference = (search.x - start.x) / sd
+        difference = (search.maximum - start.x) / sd
     return MapResult(
         emulator=start,
         direct=point,
+        maximum=search.maximum,
         difference_sd=difference,
         sd=sd,
         n_solves=search.solves,
@@ -175,7 +180,7 @@ def _point(posterior: Posterior, x: Array, sd: Array) -> MapPoint:
 
 
 class _Search:
-    """State of one refinement: best point so far, model there, trust region, solves used."""
+    """State of one refinement: best point so far, model there, its maximum, solves used."""
 
     def __init__(
         self,
@@ -196,11 +201,15 @@ class _Search:
         self.solves = 0
         self.rough = False
         self.x: Array | None = None
+        self.maximum: Array | None = None
         self.value = -np.inf
         self.model = posterior
 
     def run(self, start: Array) -> MapStatus:
-        """Search from `start`; leaves the best point in `x`, `value`, `model`."""
+        """Search from `start`; leaves the best point in `x`, `value`, `model`.
+
+        And in `maximum` what these foretell.
+        """
         status = self._first(start)
         radius = FIRST_RADIUS
         while status is None:
@@ -217,6 +226,7 @@ class _Search:
                 status = MapStatus.MAX_SOLVES
             else:
                 radius = self._step(candidate, promised, length, radius)
+            self.maximum = candidate if status is MapStatus.CONVERGED else self.x
         return status
 
     def _first(self, start: Array) -> MapStatus | None:

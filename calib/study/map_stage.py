@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from calib.inference.coordinates import theta_of
 from calib.inference.fisher import laplace_covariance
 from calib.inference.forward import DirectForward
 from calib.inference.map_estimate import MapPoint, MapResult, MapStatus, emulator_map, refine_map
@@ -106,9 +107,10 @@ def describe(result: MapResult, samples: StoredSamples) -> dict[str, object]:
     names = space.law.constants
     emulator = _named(names, space.constants(result.emulator.theta))
     direct, difference = None, None
-    if result.direct is not None:
+    if result.direct is not None and result.maximum is not None:
         direct = _named(names, space.constants(result.direct.theta))
-        off = space.constants(result.direct.theta) - space.constants(result.emulator.theta)
+        foretold = space.constants(theta_of(result.maximum))
+        off = foretold - space.constants(result.emulator.theta)
         # A constant that the law fixes has no SD and no difference.
         sd = samples.constants_sd
         difference = _named(names, np.divide(off, sd, out=np.zeros_like(off), where=sd > 0))
@@ -120,6 +122,7 @@ def describe(result: MapResult, samples: StoredSamples) -> dict[str, object]:
         "x": space.x_names,
         "emulator_x": result.emulator.x,
         "fe_x": None if result.direct is None else result.direct.x,
+        "maximum_x": result.maximum,
         "difference_sd_x": result.difference_sd,
         "log_prob_emulator": result.emulator.log_prob,
         "log_prob_fe": None if result.direct is None else result.direct.log_prob,
