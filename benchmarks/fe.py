@@ -32,7 +32,7 @@ from benchmarks.timing import median_seconds, peak_memory_gb, peak_memory_of
 from fe import BlockPin, BlockPinModel, Contact
 
 BAR_CELLS = ((8, 4, 2), (12, 6, 2), (14, 8, 3), (20, 14, 5))
-"""coarse to fine: a design sample of a stuck bar is the second, its fitting mesh the last"""
+"""coarse to fine: a study's of a stuck bar is the second, its fitting mesh the last"""
 TABLE_N = 20
 CONTACTS = {
     "frictionless": Contact("slide", "slide"),

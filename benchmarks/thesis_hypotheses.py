@@ -13,7 +13,7 @@ from typing import Literal
 
 import numpy as np
 
-from benchmarks.meshes import SAMPLING_CELLS, Cells
+from benchmarks.meshes import EARLIER_SAMPLING_CELLS, Cells
 from calib.data import thesis_forces
 from calib.inference import (
     EmulatorForward,
@@ -147,7 +147,7 @@ def train(reading: Reading, store: Path, tell: Callable[[str], None]) -> Trained
 
     Raises `fe.CampaignFailed` where more than a third of the design's runs stop early.
     """
-    model = reading.model(SAMPLING_CELLS[reading.mesh])
+    model = reading.model(EARLIER_SAMPLING_CELLS[reading.mesh])
     folder = store / reading.folder
 
     def progress(done: int, total: int) -> None:
@@ -168,7 +168,7 @@ def train(reading: Reading, store: Path, tell: Callable[[str], None]) -> Trained
 def _measured(
     reading: Reading, folder: Path, place: Array, tell: Callable[[str], None]
 ) -> MeshError | None:
-    coarse_cells, fine_cells = SAMPLING_CELLS[reading.mesh], CHECK_CELLS[reading.mesh]
+    coarse_cells, fine_cells = EARLIER_SAMPLING_CELLS[reading.mesh], CHECK_CELLS[reading.mesh]
     coarse, fine = (
         run_campaign(reading.model(cells), place[None], folder / name, max_failure_rate=1.0)
         for name, cells in (("coarse", coarse_cells), ("fine", fine_cells))

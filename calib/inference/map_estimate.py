@@ -139,7 +139,7 @@ def refine_map(
     status = search.run(start.x)
     point = None
     difference = np.full(sd.size, np.nan)
-    if search.x is not None:
+    if search.x is not None and search.maximum is not None:
         gradient = projected_gradient(search.model.log_prob, search.x, posterior.prior.bounds, sd)
         point = MapPoint(search.x, search.value, gradient)
         difference = (search.maximum - start.x) / sd
