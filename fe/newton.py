@@ -3,7 +3,8 @@
 Directions of negative curvature, counted by the factorisation's inertia, are flipped
 (`fe.negative_curvature`), so the iteration goes down to a stable equilibrium instead of to the
 nearest stationary point.  Of the iterates of one step the first is factorised; later ones go on
-with that factor by conjugate gradients, until these see negative curvature or get slow.
+with that factor by conjugate gradients, until these see negative curvature or get slow.  Modes that
+they do not meet are counted where the iteration would end, and left if there are any.
 """
 
 from __future__ import annotations
@@ -47,7 +48,7 @@ class NewtonOptions:
     inexact: float = 1e-4
     """relative residual to which directions with friction's coupling are solved for"""
     lagged: float = 1e-2
-    """the same without friction, by the factor of an iterate before"""
+    """the same without friction, by the factor of an iterate before; less near the equilibrium"""
 
     def __post_init__(self) -> None:
         positive_numbers(self)
@@ -110,18 +111,21 @@ def equilibrate(
 ) -> Equilibrium:
     """Find the equilibrium at `travel` (mm) from the start (u, p)."""
     recent: deque[float] = deque(maxlen=options.memory)
-    negative = -1  # not counted yet
+    negative, lagged = -1, False  # not counted yet
     assembly = potential.assemble(u, p, travel, memory)
     for iteration in range(options.max_iterations):
         if not (assembly.smallest_J > 0.0 and np.isfinite(assembly.energy)):
             return Equilibrium(u, p, assembly, False, "an element turned inside out", iteration)
         norm = float(np.linalg.norm(assembly.gradient))
-        if norm <= options.tolerance * assembly.force_scale:
+        settled = norm <= options.tolerance * assembly.force_scale
+        if settled and not (lagged and norm > 0.0 and solver.factorise(assembly.data) > 0):
             return Equilibrium(u, p, assembly, True, "", iteration)
         near = potential.has_friction and norm <= options.near * assembly.force_scale
         along = None
-        if negative == 0 and not potential.has_friction:
-            along = solver.solve_positive(assembly.data, -assembly.gradient, options.lagged)
+        if negative == 0 and not potential.has_friction and not settled:
+            enough = min(options.lagged, norm / assembly.force_scale)  # else the end is slow
+            along = solver.solve_positive(assembly.data, -assembly.gradient, enough)
+        lagged = along is not None
         if along is None and not (near and negative == 0):  # else it was 0 at the iterate before
             negative = solver.factorise(assembly.data)
         if near and negative == 0:
@@ -136,7 +140,7 @@ def equilibrate(
         here = u, p, assembly
         moved = _descend(potential, along, here, travel, memory, recent, negative, options)
         if isinstance(moved, str):
-            return Equilibrium(u, p, assembly, False, moved, iteration)
+            return Equilibrium(u, p, assembly, settled, "" if settled else moved, iteration)
         u, p, assembly = moved
     return Equilibrium(
         u, p, assembly, False, "the iteration did not settle", options.max_iterations

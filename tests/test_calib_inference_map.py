@@ -111,6 +111,8 @@ def test_refinement_reaches_the_maximum_of_a_direct_model_that_differs(field: bo
     assert result.n_solves == direct.n_solves <= 12
     assert result.maximum is not None
     assert result.difference_sd == pytest.approx((result.maximum - start.x) / SD)
+    off, solved_off = (np.abs((x - expected) / SD).max() for x in (result.maximum, result.direct.x))
+    assert off < max(0.02, solved_off)
 
 
 @pytest.mark.parametrize("field", [False, True])
@@ -158,6 +160,7 @@ def test_failing_solves_shrink_the_step_and_never_raise() -> None:
     assert result.status in (MapStatus.BLOCKED, MapStatus.MAX_SOLVES)
     assert result.direct is not None
     assert result.direct.x[1] <= edge
+    assert np.array_equal(result.maximum, result.direct.x)  # nothing is foretold
     exact = post.with_forward(DirectWithErrors(direct, post.likelihood.forward))
     assert result.direct.log_prob >= float(exact.log_prob(start.x[None])[0])
 
@@ -176,7 +179,7 @@ def test_model_that_never_solves_is_reported_not_raised() -> None:
     start = emulator_map(post, SD, np.random.default_rng(0))
     result = refine_map(post, DirectForward(AnalyticBlock(r_fails=-1)), start, SD, max_solves=4)
     assert result.status is MapStatus.NO_SOLVE
-    assert result.direct is None
+    assert result.direct is None and result.maximum is None
     assert result.n_solves == 4
     assert np.all(np.isnan(result.difference_sd))
 

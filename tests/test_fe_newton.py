@@ -37,3 +37,82 @@ def test_an_older_factor_ends_where_new_ones_do(monkeypatch, contact):
     np.testing.assert_allclose(lagged.force, factorised.force, rtol=1e-8)
     np.testing.assert_allclose(lagged.displacement, factorised.displacement, atol=1e-8)
     assert lagged.n_factorisations < 0.7 * factorised.n_factorisations
+
+
+def test_a_march_over_negative_curvature_ends_where_new_factors_do(monkeypatch):
+    """Rows snap past the pin's edge: tangents turn indefinite within steps."""
+    newton, steps = NewtonOptions(tolerance=1e-9), StepOptions(first=0.05)
+    model = BlockPinModel(
+        BlockPin(), Contact("slide", "slide"), (8, 3, 1), (0.8, 1.2), newton=newton, steps=steps
+    )
+    counted: list[int] = []
+    factorise = SymmetricSolver.factorise
+
+    def count(self: SymmetricSolver, data: np.ndarray) -> int:
+        counted.append(factorise(self, data))
+        return counted[-1]
+
+    monkeypatch.setattr(SymmetricSolver, "factorise", count)
+    lagged = model([0.5, 0.05])
+    assert max(counted) > 0
+    monkeypatch.setattr(SymmetricSolver, "solve_positive", lambda *_: None)
+    factorised = model([0.5, 0.05])
+    np.testing.assert_allclose(lagged.force, factorised.force, rtol=1e-6)
+    np.testing.assert_array_equal(lagged.negative_pivots, 0)
+
+
+class Saddle:
+    """Energy x^2 / 2 + y^4 / 4 - y^2 / 2: a saddle at (0, 0), minima at (0, 1) and (0, -1)."""
+
+    has_friction, n_unknowns = False, 3
+
+    def __init__(self) -> None:
+        self.problem = SimpleNamespace(pattern=SimpleNamespace(number=np.arange(3)))
+
+    def energy(self, u, *_):
+        x, y, z = u[0]
+        return 0.5 * (x * x + z * z) + 0.25 * y**4 - 0.5 * y * y
+
+    def assemble(self, u, p, *_):
+        x, y, z = u[0]
+        return SimpleNamespace(
+            energy=self.energy(u),
+            smallest_J=1.0,
+            gradient=np.array([x, y**3 - y, z]),
+            data=np.array([1.0, 0.0, 0.0, 3.0 * y * y - 1.0, 0.0, 1.0]),
+            force_scale=1.0,
+            frame=None,
+        )
+
+    def expand(self, free):
+        return free[None]
+
+    def pressure_step(self, du):
+        return np.zeros((1, 1))
+
+    consistent_pressure = pressure_step
+
+
+def test_a_saddle_that_an_older_factor_leads_to_is_left():
+    """Its negative mode is hardly in the residual, so conjugate gradients never meet it."""
+    solver = SymmetricSolver(
+        np.array([0, 3, 5, 6], np.int32), np.array([0, 1, 2, 1, 2, 2], np.int32)
+    )
+    jump = Saddle()
+    whole = jump.assemble
+
+    def assemble(u, p, *rest):
+        at = whole(u, p, *rest)
+        if abs(u[0, 0]) > 0.05:  # far off along x: another, positive, curvature along y
+            at.data[3] = 2.0
+            at.gradient[1] = 0.0
+        return at
+
+    jump.assemble = assemble
+    start = np.array([[0.2, 1e-7, 0.0]])
+    found = equilibrate(
+        jump, solver, start, np.zeros((1, 1)), 0.1, None, NewtonOptions(max_move=0.14)
+    )
+    assert found.converged
+    assert abs(found.u[0, 1]) == pytest.approx(1.0, abs=1e-3)
+    solver.close()

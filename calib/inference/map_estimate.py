@@ -75,8 +75,8 @@ class MapResult:
     direct: MapPoint | None
     """the best point that was solved; None when no direct solve succeeded"""
     maximum: Array | None
-    """(n,) x of the maximum that the direct values and slopes at `direct` foretell where the search
-    converged, at most a gain of 0.01 from it; else that of `direct`"""
+    """(n,) x of the maximum that values and slopes (or secants, see `by_secants`) at `direct`
+    foretell where the search converged, at most a gain of 0.01 from it; else that of `direct`"""
     difference_sd: Array
     """(n,) (maximum - emulator) in posterior SDs; NaN without a direct maximum"""
     sd: Array

@@ -108,9 +108,9 @@ def describe(result: MapResult, samples: StoredSamples) -> dict[str, object]:
     emulator = _named(names, space.constants(result.emulator.theta))
     direct, difference = None, None
     if result.direct is not None and result.maximum is not None:
-        direct = _named(names, space.constants(result.direct.theta))
-        foretold = space.constants(theta_of(result.maximum))
-        off = foretold - space.constants(result.emulator.theta)
+        maximum = space.constants(theta_of(result.maximum))
+        direct = _named(names, maximum)
+        off = maximum - space.constants(result.emulator.theta)
         # A constant that the law fixes has no SD and no difference.
         sd = samples.constants_sd
         difference = _named(names, np.divide(off, sd, out=np.zeros_like(off), where=sd > 0))

@@ -64,10 +64,10 @@ def map_table(maps: Mapping[str, Any]) -> Table:
         ),
         tuple(rows),
         f"Same density in ({', '.join(columns)}): same prior, data and errors, the emulator's "
-        "included. The maximum by direct FE is the one that its values and slopes at the best "
-        "point solved foretell. It has the mesh of the emulator's runs, so the difference holds no "
-        "discretisation error. A search that did not converge leaves its best point, not a "
-        "maximum. "
+        "included. Where a search converged, the maximum by direct FE is the one that its values "
+        "and the slopes used foretell at the best point solved. Direct FE has the mesh of the "
+        "emulator's runs, so the difference holds no discretisation error. A search that did not "
+        "converge leaves its best point, not a maximum. "
         + " ".join(f"{name}: {found['message']}." for name, found in maps.items())
         + "".join(confirmation(name, found) for name, found in maps.items())
         + "".join(
