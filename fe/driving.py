@@ -182,7 +182,7 @@ def _predict(
     if assembly is None:
         return start.u, start.p
     load = assembly.gradient + assembly.by_travel * advance
-    free = descent_direction(potential, solver, load, newton, start.negative)
+    free = descent_direction(potential, solver, load, newton, start.negative, predicts=True)
     du = potential.expand(free) + advance * potential.problem.motion
     return start.u + du, start.p + potential.pressure_step(du)
 

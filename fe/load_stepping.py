@@ -224,7 +224,8 @@ def _predict(
     if assembly is None:
         return u, p
     load = assembly.gradient + assembly.by_travel * (travel - start.travel)
-    du = potential.expand(descent_direction(potential, solver, load, newton, start.negative))
+    free = descent_direction(potential, solver, load, newton, start.negative, predicts=True)
+    du = potential.expand(free)
     dp = potential.pressure_step(du)
     fraction = 1.0
     for _ in range(6):

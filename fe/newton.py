@@ -75,13 +75,20 @@ def descent_direction(
     gradient: Array,
     options: NewtonOptions,
     negative: int,
+    *,
+    predicts: bool = False,
 ) -> Array:
     """Newton direction (n_free,) mm of the factorised tangent, negative modes flipped.
 
     At a stable state with friction it is that of the whole tangent, if that is found and goes down.
+    One that `predicts` the next step is solved for by a factor, which derivatives have made.
     """
     if negative == 0 and potential.has_friction:
-        coupled = solver.solve_near(potential.coupled_tangent(), -gradient, options.inexact)
+        whole = potential.coupled_tangent()
+        if predicts:
+            coupled = solver.solve_general(whole, -gradient)
+        else:
+            coupled = solver.solve_near(whole, -gradient, options.inexact)
         if gradient @ coupled < 0.0:
             return coupled
     x = solver.solve(-gradient)
