@@ -176,6 +176,13 @@ def _descend(
     recent.append(assembly.energy)
     slope = float(np.sum(du.ravel()[potential.problem.pattern.number >= 0] * assembly.gradient))
     reference = max(recent) if negative == 0 else assembly.energy
+    dp = potential.pressure_step(du)
+    if assembly.frame is None and negative == 0 and np.abs(du).max() <= options.max_move:
+        # nearly every such step is accepted whole: its energy comes with the next tangent
+        whole = potential.assemble(u + du, p + dp, travel, memory)
+        if _goes_down(whole.energy, reference, 1.0, slope):
+            return u + du, p + dp, whole
+        potential.assemble(u, p, travel, memory)  # what pressure steps are of
     fraction = _line_search(
         potential,
         u,
@@ -190,7 +197,6 @@ def _descend(
     )
     if fraction == 0.0:
         return "no descent along the step"
-    dp = potential.pressure_step(du)
     u = u + fraction * du
     ordinary = 0.2 <= fraction <= 1.0
     p = p + fraction * dp if ordinary else potential.consistent_pressure(u)
@@ -201,6 +207,11 @@ def _descend(
         for i, energy in enumerate(recent):
             recent[i] = energy + shift
     return u, p, assembly
+
+
+def _goes_down(energy: float, reference: float, fraction: float, slope: float) -> bool:
+    """Whether the energy (N mm) at a fraction of a step is low enough, to rounding."""
+    return energy <= reference + 1e-4 * fraction * slope + 1e-12 * abs(reference)
 
 
 def _nearer(
@@ -246,11 +257,10 @@ def _line_search(
     """Accepted fraction of du, 0 when none is; longer than 1 only along negative curvature."""
     largest = float(np.abs(du).max())
     fraction = min(1.0, options.max_move / max(largest, 1e-300))
-    slack = 1e-12 * abs(reference)
     shortened = False
     for _ in range(12):
         energy = potential.energy(u + fraction * du, travel, memory, frame)
-        if energy <= reference + 1e-4 * fraction * slope + slack:
+        if _goes_down(energy, reference, fraction, slope):
             break
         fraction *= 0.5
         shortened = True
