@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from fe import BlockPin, BlockPinModel, Contact
+from fe import BlockPin, BlockPinModel, Contact, newton
 from fe.linear_solver import SymmetricSolver
 from fe.newton import NewtonOptions, equilibrate
 from fe.steps import StepOptions
@@ -29,8 +29,8 @@ def test_a_state_without_finite_energy_does_not_converge(energy, smallest_J):
 @pytest.mark.parametrize("contact", [Contact("stick", "stick"), Contact("slide", "slide")])
 def test_an_older_factor_ends_where_new_ones_do(monkeypatch, contact):
     """And needs fewer factorisations than where each iterate is factorised."""
-    newton, steps = NewtonOptions(tolerance=1e-9), StepOptions(first=0.05)  # all of one length
-    model = BlockPinModel(BlockPin(), contact, (6, 3, 2), (0.3, 0.5), newton=newton, steps=steps)
+    options, steps = NewtonOptions(tolerance=1e-9), StepOptions(first=0.05)  # all of one length
+    model = BlockPinModel(BlockPin(), contact, (6, 3, 2), (0.3, 0.5), newton=options, steps=steps)
     lagged = model([0.5, 0.05])
     monkeypatch.setattr(SymmetricSolver, "solve_positive", lambda *_: None)
     factorised = model([0.5, 0.05])
@@ -41,9 +41,9 @@ def test_an_older_factor_ends_where_new_ones_do(monkeypatch, contact):
 
 def test_a_march_over_negative_curvature_ends_where_new_factors_do(monkeypatch):
     """Rows snap past the pin's edge: tangents turn indefinite within steps."""
-    newton, steps = NewtonOptions(tolerance=1e-9), StepOptions(first=0.05)
+    options, steps = NewtonOptions(tolerance=1e-9), StepOptions(first=0.05)
     model = BlockPinModel(
-        BlockPin(), Contact("slide", "slide"), (8, 3, 1), (0.8, 1.2), newton=newton, steps=steps
+        BlockPin(), Contact("slide", "slide"), (8, 3, 1), (0.8, 1.2), newton=options, steps=steps
     )
     counted: list[int] = []
     factorise = SymmetricSolver.factorise
@@ -116,3 +116,91 @@ def test_a_saddle_that_an_older_factor_leads_to_is_left():
     assert found.converged
     assert abs(found.u[0, 1]) == pytest.approx(1.0, abs=1e-3)
     solver.close()
+
+
+class Valley:
+    """Energy sqrt(1 + x^2) + (y^2 + z^2) / 2, whose whole Newton step from x goes to -x^3."""
+
+    has_friction, n_unknowns = False, 3
+
+    def __init__(self) -> None:
+        self.problem = SimpleNamespace(pattern=SimpleNamespace(number=np.arange(3)))
+        self.assembled: list[float] = []
+        self.pressed: list[float] = []
+
+    def energy(self, u, *_):
+        x, y, z = u[0]
+        return np.sqrt(1.0 + x * x) + 0.5 * (y * y + z * z)
+
+    def assemble(self, u, p, *_):
+        x, y, z = u[0]
+        self.assembled.append(float(x))
+        root = np.sqrt(1.0 + x * x)
+        return SimpleNamespace(
+            energy=self.energy(u),
+            smallest_J=1.0,
+            gradient=np.array([x / root, y, z]),
+            data=np.array([1.0 / root**3, 0.0, 0.0, 1.0, 0.0, 1.0]),
+            force_scale=1.0,
+            frame=None,
+        )
+
+    def expand(self, free):
+        return free[None]
+
+    def pressure_step(self, du):
+        self.pressed.append(self.assembled[-1])
+        return np.zeros((1, 1))
+
+    consistent_pressure = pressure_step
+
+
+def test_a_whole_step_that_goes_up_is_taken_back_and_shortened():
+    valley = Valley()
+    solver = SymmetricSolver(
+        np.array([0, 3, 5, 6], np.int32), np.array([0, 1, 2, 1, 2, 2], np.int32)
+    )
+    start = np.array([[2.0, 0.0, 0.0]])
+    found = equilibrate(
+        valley, solver, start, np.zeros((1, 1)), 0.1, None, NewtonOptions(max_move=20.0, memory=1)
+    )
+    assert found.converged
+    np.testing.assert_allclose(found.u, 0.0, atol=1e-6)
+    assert valley.assembled[:3] == pytest.approx(
+        [2.0, -8.0, 2.0]
+    )  # and what was assembled there is renewed
+    assert valley.pressed[0] == 2.0
+    solver.close()
+
+
+def test_a_step_accepted_whole_needs_no_search(monkeypatch):
+    searches, search = 0, newton._line_search
+
+    def count(*arguments):
+        nonlocal searches
+        searches += 1
+        return search(*arguments)
+
+    monkeypatch.setattr(newton, "_line_search", count)
+    run = BlockPinModel(BlockPin(), Contact("stick", "stick"), (4, 2, 1), (0.3,))([0.5, 0.05])
+    assert searches < 0.2 * run.n_factorisations
+
+
+def test_derivatives_leave_the_factor_that_predicts_with_friction(monkeypatch):
+    """So a prediction costs a back-substitution."""
+    held: list[np.ndarray] = []  # kept, so that no identity is given twice
+    predicted = 0
+    solve = SymmetricSolver.solve_general
+
+    def see(self, matrix, b, *, transposed=False):
+        nonlocal predicted
+        if b.ndim == 1:
+            assert any(matrix.data is data for data in held)
+            predicted += 1
+        else:
+            held.append(matrix.data)
+        return solve(self, matrix, b, transposed=transposed)
+
+    monkeypatch.setattr(SymmetricSolver, "solve_general", see)
+    BlockPinModel(BlockPin(), Contact(0.3, 0.3), (5, 2, 1), (0.3,))([0.5, 0.05])
+    assert predicted == len(held) - 1  # none after the last step
