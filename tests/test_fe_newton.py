@@ -166,9 +166,7 @@ def test_a_whole_step_that_goes_up_is_taken_back_and_shortened():
     )
     assert found.converged
     np.testing.assert_allclose(found.u, 0.0, atol=1e-6)
-    assert valley.assembled[:3] == pytest.approx(
-        [2.0, -8.0, 2.0]
-    )  # the last anew
+    assert valley.assembled[:3] == pytest.approx([2.0, -8.0, 2.0])  # the last anew
     assert valley.pressed[0] == 2.0
     solver.close()
 
