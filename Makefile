@@ -25,7 +25,7 @@ help:  ## list the targets
 $(INSTALLED): pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "softcal needs Python 3.11 or newer; name it, e.g.: make PYTHON=python3.12")'
 	@$(BIN)/python -m pip --version > /dev/null 2>&1 || $(PYTHON) -m venv --clear $(VENV)
-	$(BIN)/python -m pip install --disable-pip-version-check --no-compile --editable '.[dev]'
+	$(BIN)/python -m pip install --disable-pip-version-check --no-compile --editable '.[dev,dask]'
 	@touch $@
 
 study: $(INSTALLED)  ## calibrate on the real forces of the thesis (study thesis-forces)

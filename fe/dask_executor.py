@@ -77,7 +77,7 @@ def dask_workers(scheduler: str | None = None, n_workers: int = 0) -> Iterator[M
     except ImportError as error:
         raise ValueError(
             "executor: found no package `distributed`, expected the extra dask: "
-            "pip install 'softcal[dask]'"
+            "in softcal's folder, .venv/bin/pip install -e '.[dask]'"
         ) from error
     with contextlib.ExitStack() as stack:
         if scheduler is None:

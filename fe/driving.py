@@ -146,6 +146,7 @@ def drive(
         return equilibrate(potential, solver, *start, travel, memory, newton)
 
     def accept(found: Found) -> Start:
+        """Keep a converged step; the start of the next one, anchors renewed where it rubs."""
         nonlocal memory, state
         before = 0.0 if state is None else state.pin_force
         if found.equilibrium.assembly.pin_force < FALL * before:
@@ -182,7 +183,7 @@ def _predict(
     if assembly is None:
         return start.u, start.p
     load = assembly.gradient + assembly.by_travel * advance
-    free = descent_direction(potential, solver, load, newton, start.negative, predicts=True)
+    free = descent_direction(potential, solver, load, newton, start.negative)
     du = potential.expand(free) + advance * potential.problem.motion
     return start.u + du, start.p + potential.pressure_step(du)
 

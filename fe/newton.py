@@ -81,13 +81,14 @@ def descent_direction(
     """Newton direction (n_free,) mm of the factorised tangent, negative modes flipped.
 
     At a stable state with friction it is that of the whole tangent, if that is found and goes down.
-    One that `predicts` the next step is solved for by a factor, which derivatives have made.
+    One that `predicts` the step after an equilibrium is by the factor that its derivatives made;
+    without derivatives that factor is made here, so that a march has the same bits.
     """
     if negative == 0 and potential.has_friction:
-        whole = potential.coupled_tangent()
         if predicts:
-            coupled = solver.solve_general(whole, -gradient)
+            coupled = solve_coupled(potential, solver, -gradient)
         else:
+            whole = potential.coupled_tangent()
             coupled = solver.solve_near(whole, -gradient, options.inexact)
         if gradient @ coupled < 0.0:
             return coupled
@@ -178,7 +179,7 @@ def _descend(
     reference = max(recent) if negative == 0 else assembly.energy
     dp = potential.pressure_step(du)
     if assembly.frame is None and negative == 0 and np.abs(du).max() <= options.max_move:
-        # nearly every such step is accepted whole: its energy comes with the next tangent
+        # all but a few such steps are accepted whole: the energy comes with the next tangent
         whole = potential.assemble(u + du, p + dp, travel, memory)
         if _goes_down(whole.energy, reference, 1.0, slope):
             return u + du, p + dp, whole
@@ -210,7 +211,10 @@ def _descend(
 
 
 def _goes_down(energy: float, reference: float, fraction: float, slope: float) -> bool:
-    """Whether the energy (N mm) at a fraction of a step is low enough, to rounding."""
+    """Whether the energy (N mm) at a fraction of a step is low enough (Armijo), to rounding.
+
+    `slope` (N mm) is the derivative of the energy by the fraction, `reference` what it starts from.
+    """
     return energy <= reference + 1e-4 * fraction * slope + 1e-12 * abs(reference)
 
 

@@ -171,7 +171,7 @@ def test_a_whole_step_that_goes_up_is_taken_back_and_shortened():
     solver.close()
 
 
-def test_a_step_accepted_whole_needs_no_search(monkeypatch):
+def test_steps_of_a_stuck_block_are_accepted_whole_without_a_search(monkeypatch):
     searches, search = 0, newton._line_search
 
     def count(*arguments):
@@ -180,8 +180,8 @@ def test_a_step_accepted_whole_needs_no_search(monkeypatch):
         return search(*arguments)
 
     monkeypatch.setattr(newton, "_line_search", count)
-    run = BlockPinModel(BlockPin(), Contact("stick", "stick"), (4, 2, 1), (0.3,))([0.5, 0.05])
-    assert searches < 0.2 * run.n_factorisations
+    BlockPinModel(BlockPin(), Contact("stick", "stick"), (4, 2, 1), (0.3,))([0.5, 0.05])
+    assert searches == 0
 
 
 def test_derivatives_leave_the_factor_that_predicts_with_friction(monkeypatch):
