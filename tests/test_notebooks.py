@@ -36,8 +36,12 @@ EXPECTED = {
 """pictures that a notebook shows, and words that it prints"""
 
 
-def shown_and_printed(name: str) -> tuple[int, str]:
-    """Run a notebook from first to last cell: (number of its pictures, what it prints)."""
+def shown_and_printed(name: str, monkeypatch: pytest.MonkeyPatch) -> tuple[int, str]:
+    """Run a notebook from first to last cell: (number of its pictures, what it prints).
+
+    A backend named in the environment would take the place of the notebook's own, which shows.
+    """
+    monkeypatch.delenv("MPLBACKEND", raising=False)
     notebook = nbformat.read(FOLDER / f"{name}.ipynb", as_version=4)
     NotebookClient(notebook, timeout=1200).execute()
     outputs = [output for cell in notebook.cells for output in cell.get("outputs", [])]
@@ -51,7 +55,7 @@ def test_the_notebook_of_the_thesis_study_runs(
 ) -> None:
     monkeypatch.setenv("SOFTCAL_RUNS", str(thesis_study.out.parent))
     monkeypatch.setenv("SOFTCAL_STUDY", str(thesis_file))
-    n_pictures, printed = shown_and_printed(THESIS_STUDY)
+    n_pictures, printed = shown_and_printed(THESIS_STUDY, monkeypatch)
     assert n_pictures == EXPECTED[THESIS_STUDY][0]
     assert EXPECTED[THESIS_STUDY][1] in printed
 
@@ -62,6 +66,6 @@ def test_the_notebook_of_the_thesis_study_runs(
 )
 def test_notebooks_run(path: Path, finished_studies: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("SOFTCAL_RUNS", str(finished_studies))
-    n_pictures, printed = shown_and_printed(path.stem)
+    n_pictures, printed = shown_and_printed(path.stem, monkeypatch)
     assert n_pictures == EXPECTED[path.stem][0]
     assert EXPECTED[path.stem][1] in printed
