@@ -25,7 +25,7 @@ import json
 import time
 import timeit
 from dataclasses import asdict
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -36,6 +36,8 @@ from fe.campaign_result import Campaign
 from surrogate import Emulator, TrainingSet, held_out_residuals, named_gradient
 
 N_THETA = 1000
+DERIVATIVE_COST = {"stick": 0.18, "slide": 0.08, "friction": 0.19}
+"""share of a run's time that all derivatives take: the largest seen by benchmarks/fe.py"""
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -101,6 +103,10 @@ def _design(design: Design, contact: str, options: argparse.Namespace) -> dict[s
         "gradient_enhanced": _figures(training, held_out),
         "plain": _figures(training.without_gradients, held_out),
     }
+    # As many runs with derivatives as take the time of all without.
+    n_equal = int(design.n_runs / (1.0 + DERIVATIVE_COST[contact]))
+    at_equal_time = _figures(training.subset(slice(0, n_equal)), held_out)
+    fe_seconds = float(np.mean([run.seconds for run in campaign.responses]))
     table: dict[str, Any] = {
         "design": list(design.names),
         "contact": contact,
@@ -112,15 +118,27 @@ def _design(design: Design, contact: str, options: argparse.Namespace) -> dict[s
         },
         **by_kind["gradient_enhanced"],
         **by_kind,
+        "at_equal_fe_time": {"n_runs": n_equal, **at_equal_time},
+        "fe_seconds_a_run": fe_seconds,
     }
     if not options.no_peers:
         peers = peer_figures(training, held_out)
         table["peers"] = {name: asdict(figures) for name, figures in peers.items()}
-        table["fe_seconds_a_run"] = float(np.mean([run.seconds for run in campaign.responses]))
-        table["runs_at_error_of"] = _runs_at_error(training, held_out, peers)
+        without = fe_seconds / (1.0 + DERIVATIVE_COST[contact])
+        table["at_error_of"] = {
+            name: {
+                "n_runs": found.n_runs,
+                "seconds": found.n_runs * fe_seconds + found.train_seconds,
+                "peer_seconds": design.n_runs * without + peers[name].train_seconds,
+            }
+            for name, found in _at_error_of(training, held_out, peers).items()
+        }
     _print(table)
-    if "runs_at_error_of" in table:
-        print("runs for the field error of each peer:", table["runs_at_error_of"])
+    for name, row in table.get("at_error_of", {}).items():
+        print(
+            f"the field error of {name}: {row['n_runs']} runs, {row['seconds']:.0f} s in all, its "
+            f"own {row['peer_seconds']:.0f} s: {row['peer_seconds'] / row['seconds']:.1f} times"
+        )
     return table
 
 
@@ -174,23 +192,32 @@ def _figures(training: TrainingSet, held_out: TrainingSet) -> dict[str, Any]:
     }
 
 
-def _runs_at_error(
+class Enough(NamedTuple):
+    """Runs with which our field is no worse than a peer's, and what their fit takes."""
+
+    n_runs: int
+    train_seconds: float
+
+
+def _at_error_of(
     training: TrainingSet, held_out: TrainingSet, peers: dict[str, PeerFigures]
-) -> dict[str, int | None]:
+) -> dict[str, Enough]:
     """Fewest runs with which our field is no worse than that of a peer with all of them.
 
-    In eighths of the design, from its start (it is nested); None where not even all are enough.
+    In eighths of the design, from its start (it is nested); not there where all are not enough.
     """
-    n, found = len(training.ratios), dict[str, int | None].fromkeys(peers)
+    n, found = len(training.ratios), dict[str, Enough]()
     for eighths in range(2, 9):
         part = n * eighths // 8
+        start = time.process_time()
         emulator = Emulator.fit(training.subset(slice(0, part)), 1)
+        seconds = time.process_time() - start
         error = emulator.displacement(held_out.ratios) - held_out.displacement
         rmse = float(np.sqrt(np.mean(error**2)))
         for name, peer in peers.items():
-            if found[name] is None and rmse <= peer.field_rmse_mm:
-                found[name] = part
-        if None not in found.values():
+            if name not in found and rmse <= peer.field_rmse_mm:
+                found[name] = Enough(part, seconds)
+        if len(found) == len(peers):
             break
     return found
 
@@ -219,7 +246,13 @@ def _microseconds(emulator: Emulator, training: TrainingSet) -> float:
 
 def _print(table: dict[str, Any]) -> None:
     peers = table.get("peers", {})
-    rows = {"gradient-enhanced": table["gradient_enhanced"], "plain": table["plain"], **peers}
+    equal = table["at_equal_fe_time"]
+    rows = {
+        "gradient-enhanced": table["gradient_enhanced"],
+        f"gradient-enhanced, {equal['n_runs']} runs: the FE time of plain": equal,
+        "plain": table["plain"],
+        **peers,
+    }
     print("| emulator | field mm | force max % | covers 95 % (force, field) | train s | us |")
     print("|---|---|---|---|---|---|")
     for name, row in rows.items():

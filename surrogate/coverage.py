@@ -22,16 +22,22 @@ class Coverage:
     by_step: tuple[tuple[float, ...], ...]
     """(n_step, n_level)"""
     joint: tuple[float, ...] | None
-    """(n_level,) share of runs within the joint region of all steps, their correlations included;
-    None where the covariance of the whole is not formed"""
+    """(n_level,) share of runs within the joint region of all steps (and points), their
+    correlations included; None where it is not asked for"""
 
 
-def coverage(z: Array, error: Array | None = None, covariance: Array | None = None) -> Coverage:
+def coverage(
+    z: Array,
+    error: Array | None = None,
+    covariance: Array | None = None,
+    rank: Array | None = None,
+) -> Coverage:
     """Coverage of standardised residuals z (n, n_step, ...), in size or signed.
 
     With errors (n, n_step) and their covariances (n, n_step, n_step) also jointly over the steps,
     by the chi-square distribution of the Mahalanobis distance (Bastos & O'Hagan 2009,
-    Technometrics 51, 425).
+    Technometrics 51, 425); with ranks (n,) of `surrogate.simultaneous_band` by the band that holds
+    all values at once.
     """
     size = np.abs(z).reshape(len(z), z.shape[1], -1)
     inside = size[..., None] <= norm.ppf(0.5 + 0.5 * np.array(LEVELS))
@@ -41,6 +47,8 @@ def coverage(z: Array, error: Array | None = None, covariance: Array | None = No
         distance = np.einsum("ni,ni->n", error, solved)
         limits = chi2.ppf(LEVELS, error.shape[1])
         joint = tuple(np.mean(distance[:, None] <= limits, axis=0).tolist())
+    elif rank is not None:
+        joint = tuple(np.mean(rank[:, None] <= np.array(LEVELS), axis=0).tolist())
     return Coverage(
         overall=tuple(inside.mean(axis=(0, 1, 2)).tolist()),
         by_step=tuple(tuple(row) for row in inside.mean(axis=(0, 2)).tolist()),

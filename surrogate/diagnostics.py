@@ -10,6 +10,7 @@ from surrogate.coverage import Coverage, coverage
 from surrogate.emulator import Emulator
 from surrogate.field_prediction import FieldPrediction
 from surrogate.gp import Array
+from surrogate.simultaneous_band import rank_of_largest
 from surrogate.training_set import TrainingSet
 
 NORMAL_68 = 0.994457883209753
@@ -152,6 +153,8 @@ class Residuals:
     """(n, n_step, n_point, 3) mm"""
     field_std: Array | None
     """(n, n_step, n_point, 3) mm, truncation included"""
+    field_rank: Array | None
+    """(n,) place of each field's largest z among those drawn, see `surrogate.simultaneous_band`"""
 
     @property
     def force_z(self) -> Array:
@@ -186,7 +189,8 @@ class Residuals:
             largest = float(np.abs(error).max())
             ratio = float(np.sqrt(np.mean(error**2) / np.mean(std**2)))
             # A value that is the same in all runs has no error and no SD: it is covered.
-            covered = coverage(np.abs(error) / np.maximum(std, np.finfo(float).tiny))
+            z_field = np.abs(error) / np.maximum(std, np.finfo(float).tiny)
+            covered = coverage(z_field, rank=self.field_rank)
             worst = _worst(error)
         return Errors(
             n_runs=len(relative),
@@ -207,7 +211,7 @@ class Residuals:
 def leave_one_out_residuals(emulator: Emulator, runs: TrainingSet) -> Residuals:
     """Of the emulator's own training runs, each left out in turn, in closed form."""
     force, covariance = emulator.unit_force_leave_one_out()
-    error, std = None, None
+    error, std, rank = None, None, None
     if emulator.field is not None:
         pod = emulator.field.pod
         mean, variance = emulator.field.processes.leave_one_out()
@@ -216,17 +220,26 @@ def leave_one_out_residuals(emulator: Emulator, runs: TrainingSet) -> Residuals:
         weights = (mean - pod.weights(_field(runs).reshape(len(mean), -1))) @ pod.modes.T
         error = weights.reshape(left_out.shape) - left_out
         std = np.sqrt(variance @ (pod.modes**2).T + pod.left_out_variance).reshape(error.shape)
-    return Residuals(runs.force, force - runs.force, covariance, error, std)
+        factor = pod.truncation.T / np.sqrt(len(pod.truncation))
+        rank = _rank(error, std, pod.modes, variance, factor)
+    return Residuals(runs.force, force - runs.force, covariance, error, std, rank)
 
 
 def held_out_residuals(emulator: Emulator, runs: TrainingSet) -> Residuals:
     """Of runs that the emulator was not trained on."""
     force, covariance = emulator.unit_force(runs.ratios)
-    error, std = None, None
+    error, std, rank = None, None, None
     if emulator.field is not None:
         field: FieldPrediction = emulator.predict_field(runs.ratios, n_truncation=0)
         error, std = field.mean - _field(runs), field.std
-    return Residuals(runs.force, force - runs.force, covariance, error, std)
+        factor = emulator.field_truncation_factor
+        rank = _rank(error, std, field.modes, field.weight_variance, factor)
+    return Residuals(runs.force, force - runs.force, covariance, error, std, rank)
+
+
+def _rank(error: Array, std: Array, modes: Array, weight_variance: Array, factor: Array) -> Array:
+    flat = (len(error), -1)
+    return rank_of_largest(error.reshape(flat), std.reshape(flat), modes, weight_variance, factor)
 
 
 def _worst(error: Array) -> tuple[WorstPoint, ...]:

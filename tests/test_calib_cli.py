@@ -250,7 +250,7 @@ def test_what_init_writes_runs_to_a_report(tmp_path, capsys):
     text = path.read_text()  # as written but for cost: coarse meshes, few runs, short chains
     for old, new in {
         "[12, 4, 2]": "[3, 2, 3]",
-        "[12, 6, 2]": "[3, 2, 3]",
+        "[12, 5, 3]": "[3, 2, 3]",
         "[18, 6, 4]": "[5, 3, 4]",
         "[20, 14, 5]": "[5, 3, 4]",
         "n_runs = 20": "n_runs = 8",

@@ -63,7 +63,7 @@ def residuals(places: Array, forward: Forces) -> Residuals:
     theta = np.column_stack([np.ones(len(places)), places])
     force = Forces().predict(theta).force
     error = forward.predict(theta).force - force
-    return Residuals(force, error, np.zeros((len(places), 5, 5)), None, None)
+    return Residuals(force, error, np.zeros((len(places), 5, 5)), None, None, None)
 
 
 @pytest.mark.parametrize("error", [(0.001, 0.0), (0.001, 0.02)])

@@ -146,7 +146,7 @@ def check_law(key: str, law: str) -> None:
 class Mesh:
     """[mesh] Elements of the quarter model in x, y, z; or rings about a round pin."""
 
-    sampling: BlockCells = (12, 6, 2)
+    sampling: BlockCells = (12, 5, 3)
     """three numbers of elements (x, y, z) for the runs that train the emulator, or of a mesh whose
     lines follow a round pin { rings, layers, sectors }"""
     check: BlockCells = (20, 8, 3)
