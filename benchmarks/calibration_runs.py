@@ -46,7 +46,7 @@ OTHER_LAW = (
 """Ogden's exponent, and the bulk modulus over the shear modulus mu"""
 OTHER_BOUNDS = np.array([[1.5, 4.0], [5.0, 20.0]])
 CONTACTS = {"sliding": "slide", "stuck": "stick"}
-"""what benchmarks/emulator.py calls the hypotheses, whose sampling meshes are the study's"""
+"""what benchmarks/emulator.py calls the hypotheses"""
 N_PLACED = 8
 """corners and centres of faces that come first in a design of (r, s)"""
 N_FINER, N_STUCK, N_OTHER, N_RUBBING = 24, 288, 100, 100
@@ -187,7 +187,7 @@ def further_training(store: Path, name: str, progress: Progress | None = None) -
 
 def _benchmark_runs(store: Path, name: str, points: Array, progress: Progress | None) -> Campaign:
     contact = CONTACTS[name]
-    model = family(EVEN.names, contact, CELLS[contact])
+    model = family(EVEN.names, contact, study().sampling_cells(hypothesis(name)))
     return simulate(points, model, store / contact, progress or _quiet)
 
 
