@@ -11,6 +11,7 @@ from fe.campaign_parameters import RATIOS, Parameter
 from fe.campaign_result import Campaign
 from fe.dask_executor import dask_map, dask_workers
 from fe.executors import process_map, serial_map
+from fe.labelled_response import labelled
 from fe.progress import StepReport
 from fe.response import Response, Status, load_response, save_response
 from fe.simulate import Specimen, simulate
@@ -49,6 +50,7 @@ __all__ = [
     "dask_map",
     "dask_workers",
     "export_vtk",
+    "labelled",
     "load_campaign",
     "load_response",
     "process_map",

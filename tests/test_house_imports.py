@@ -16,7 +16,11 @@ LABELLED = {
     "calib/inference/inference_data.py",
     "calib/inference/population_data.py",
 }
-EDGE_FILES = {"pandas": {"calib/study/summary_files.py"}, "xarray": LABELLED, "arviz": LABELLED}
+EDGE_FILES = {
+    "pandas": {"calib/study/summary_files.py"},
+    "xarray": LABELLED | {"fe/labelled_response.py"},
+    "arviz": LABELLED,
+}
 FILES = sorted(path for package in PACKAGES for path in (ROOT / package).rglob("*.py"))
 
 
