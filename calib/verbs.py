@@ -129,7 +129,7 @@ def dic_verb(arguments: argparse.Namespace) -> int:
     from functools import partial
 
     from calib.dic_study import run
-    from calib.study.progress import progress_bar
+    from fe.progress_bar import progress_bar
 
     bars = partial(progress_bar, unit="point", shown=sys.stderr.isatty(), leave=False)
     run(arguments.study, arguments.out, _say, bars)

@@ -13,6 +13,7 @@ from fe.dask_executor import dask_map, dask_workers
 from fe.executors import process_map, serial_map
 from fe.labelled_response import labelled
 from fe.progress import StepReport
+from fe.progress_bar import progress_bar
 from fe.response import Response, Status, load_response, save_response
 from fe.simulate import Specimen, simulate
 from fe.specimens.block_pin import BlockPin, BlockPinModel, Contact, Rings
@@ -54,6 +55,7 @@ __all__ = [
     "load_campaign",
     "load_response",
     "process_map",
+    "progress_bar",
     "run_campaign",
     "run_campaigns",
     "save_response",

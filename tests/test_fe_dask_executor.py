@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from toy_simulation import FINGERPRINT, RATIOS, Raises, Toy, assert_same, files, run
 
-from fe import Response, dask_map, dask_workers, process_map, run_campaign
+from fe import Response, dask_map, dask_workers, process_map, progress_bar, run_campaign
 from fe.executors import SINGLE_THREAD, WorkerDied
 
 distributed = pytest.importorskip("distributed")
@@ -44,6 +44,21 @@ def test_a_campaign_has_the_bits_of_one_in_worker_processes(client: Any, tmp_pat
     ]
     assert found[0].force.tobytes() == found[1].force.tobytes()
     assert found[0].displacement.tobytes() == found[1].displacement.tobytes()
+
+
+def test_the_bar_of_a_campaign_ends_with_all_runs(
+    client: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with progress_bar("simulate", "run") as progress:
+        run_campaign(
+            Toy(),
+            RATIOS,
+            tmp_path,
+            fingerprint=FINGERPRINT,
+            map_fn=dask_map(client),
+            progress=progress,
+        )
+    assert f"{len(RATIOS)}/{len(RATIOS)} [" in capsys.readouterr().err.split("\r")[-1]
 
 
 def test_results_come_as_they_are_ready(client: Any) -> None:

@@ -11,12 +11,12 @@ from pathlib import Path
 
 from calib.study.context import Context
 from calib.study.mesh_error import check_folder, save_mesh_error
-from calib.study.progress import progress_bar
 from calib.study.refine_outlook import measured_mesh_error
 from calib.study.refine_stage import check_sets, checked_runs, load_refinement
 from calib.study.simulate_stage import manifest_files
 from calib.study.training_runs import rows
 from fe.campaign import run_campaigns
+from fe.progress_bar import progress_bar
 
 
 def run(context: Context) -> list[Path]:

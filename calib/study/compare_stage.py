@@ -22,8 +22,8 @@ from calib.study.context import Context
 from calib.study.data_stage import StudyData, load_data
 from calib.study.nuisances import discrepancy_of, nuisances_of
 from calib.study.posterior_setup import emulator_posterior, noise_of
-from calib.study.progress import progress_bar
 from calib.study.sample_stage import StoredSamples, load_samples
+from fe.progress_bar import progress_bar
 
 
 def run(context: Context) -> list[Path]:

@@ -27,9 +27,9 @@ from calib.data.qc.statistics import (
 from calib.data.qc.table import table_text
 from calib.data.requirements import requirements_text
 from calib.study.figure_style import save_png
-from calib.study.progress import progress_bar
 from calib.study.sections import STRICT, DataSource
 from calib.toml_file import read_document, read_file
+from fe.progress_bar import progress_bar
 
 QC_FOLDER = "qc"
 """within the laboratory's folder: what was found, and the data set"""

@@ -26,11 +26,11 @@ from calib.study.mesh_error import load_mesh_error
 from calib.study.population_checks import SAMPLES
 from calib.study.population_summary import population_path
 from calib.study.posterior_setup import noise_of
-from calib.study.progress import progress_bar
 from calib.study.sample_stage import chains_folder, settings_of
 from calib.study.sections import Hypothesis
 from calib.study.train_stage import load_emulator
 from calib.study.unknowns import prior_of
+from fe.progress_bar import progress_bar
 from surrogate import ScaledEmulator
 
 

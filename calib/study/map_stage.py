@@ -20,7 +20,6 @@ from calib.study.context import Context, stream
 from calib.study.local_design import REFINEMENT
 from calib.study.mesh_error import load_mesh_error
 from calib.study.posterior_setup import emulator_posterior
-from calib.study.progress import progress_bar
 from calib.study.refine_outlook import refine_folder
 from calib.study.refine_stage import load_refinement
 from calib.study.sample_stage import StoredSamples, load_samples
@@ -29,6 +28,7 @@ from calib.study.simulate_stage import campaign_folder, load_design, manifest_fi
 from calib.study.simulations import StoredSimulate
 from calib.study.unknowns import parameters_of
 from calib.study.verification import MAP, added, map_folder
+from fe.progress_bar import progress_bar
 from fe.response import Array
 
 

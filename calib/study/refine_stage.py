@@ -22,7 +22,6 @@ from calib.study.context import Context, stream
 from calib.study.judgement import has_field, measurement_noise
 from calib.study.local_design import LOCAL, REFINEMENT, kept_box
 from calib.study.next_runs import Choice
-from calib.study.progress import progress_bar
 from calib.study.refine_outlook import check_plan, look, plan, refine_folder
 from calib.study.refine_rounds import Loop, described
 from calib.study.sections import Hypothesis
@@ -33,6 +32,7 @@ from calib.study.unknowns import by_constants, design_box, parameters_of
 from calib.study.verification import campaigns_added, n_rounds, refinement_is_kept
 from fe.campaign import CampaignFailed, CampaignPlan, load_campaign, run_campaigns
 from fe.campaign_result import Campaign
+from fe.progress_bar import progress_bar
 from surrogate.refine import STOP_BELOW
 
 

@@ -22,9 +22,9 @@ from calib.study.artifacts import read_json, write_json, write_npz
 from calib.study.config import Study
 from calib.study.context import Context, stream
 from calib.study.posterior_setup import emulator_posterior
-from calib.study.progress import progress_bar
 from calib.study.sections import Hypothesis
 from calib.study.train_report import refuse_bad_emulators
+from fe.progress_bar import progress_bar
 from fe.response import Array
 
 N_PREDICTIVE = 4000

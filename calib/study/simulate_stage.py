@@ -10,13 +10,13 @@ from calib.study.campaign_tables import campaign_table, design_figure, failures_
 from calib.study.config import Study
 from calib.study.context import Context
 from calib.study.figure_style import save_png
-from calib.study.progress import progress_bar
 from calib.study.sections import Hypothesis
 from calib.study.tables import Table
 from calib.study.unknowns import design_points, parameters_of
 from fe.campaign import CampaignFailed, CampaignPlan, load_campaign, run_campaigns
 from fe.campaign_result import Campaign
 from fe.manifest import MANIFEST
+from fe.progress_bar import progress_bar
 
 
 def run_design(context: Context) -> list[Path]:

@@ -13,12 +13,12 @@ from calib.study.config import Study, StudyError
 from calib.study.context import Context, Simulate, stream
 from calib.study.data_source import at_level
 from calib.study.data_stage import StudyData, load_data, measured, save_data, with_mu
-from calib.study.progress import progress_bar
 from calib.study.sections import Hypothesis, Virtual
 from calib.study.simulate_stage import manifest_files
 from calib.study.unknowns import fixed_values, law_of, parameters_of
 from calib.virtual import VirtualNoise, virtual_experiment
 from fe.campaign import CampaignPlan, run_campaigns
+from fe.progress_bar import progress_bar
 from fe.response import Array, Response
 
 FOLDER = "virtual"

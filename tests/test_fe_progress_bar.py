@@ -10,7 +10,8 @@ from typing import Any
 import pytest
 from toy_simulation import MANY, Toy, run
 
-from calib.study.progress import progress_bar
+from fe.executors import MapFn, process_map, serial_map
+from fe.progress_bar import progress_bar
 from fe.response import Response
 
 
@@ -76,3 +77,13 @@ def test_a_hidden_bar_says_nothing(capsys: pytest.CaptureFixture[str]) -> None:
         report(0, 2)
         report(2, 2)
     assert capsys.readouterr().err == ""
+
+
+@pytest.mark.parametrize("map_fn", [serial_map, process_map(2)], ids=["serial", "processes"])
+def test_the_bar_of_a_campaign_ends_with_all_runs(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, map_fn: MapFn
+) -> None:
+    with progress_bar("simulate", "run") as progress:
+        run(tmp_path, theta=MANY[:5], progress=progress, map_fn=map_fn)
+    last = capsys.readouterr().err.split("\r")[-1]
+    assert "5/5" in last and _seconds_left(last) == [0]
