@@ -65,6 +65,21 @@ class Design:
     levels: tuple[tuple[str, ...], ...]
     """n combinations of the levels of the discrete factors"""
 
+    def theta(self, factors: Sequence[Factor | Levels]) -> Array:
+        """(n, d) columns of all factors in their order; of a discrete one the index of its level.
+
+        As campaigns take them. `factors` are those that the design was made of, in any order.
+        """
+        columns = []
+        for factor in factors:
+            if isinstance(factor, Factor):
+                columns.append(self.values[:, self.names.index(factor.name)])
+                continue
+            place = self.discrete_names.index(factor.name)
+            indices = [factor.levels.index(levels[place]) for levels in self.levels]
+            columns.append(np.array(indices, dtype=np.float64))
+        return np.column_stack(columns)
+
     def rows(self, combination: tuple[str, ...]) -> npt.NDArray[np.int64]:
         """Rows with a combination of levels."""
         return np.array([i for i, own in enumerate(self.levels) if own == combination], dtype=int)

@@ -112,3 +112,14 @@ def test_factors_that_are_none_are_refused() -> None:
         design((FACTORS[0], FACTORS[0]), 4, 1)
     with pytest.raises(ValueError, match="one continuous"):
         design(FACTORS[2:], 4, 1)
+
+
+def test_the_columns_of_a_campaign_hold_values_and_indices_of_levels() -> None:
+    height, pin = Factor("height", 2.5, 2.7), Levels("pin", ("bar", "round"))
+    contact = Levels("contact", ("stick", "slide"))
+    found = design([height, pin, contact], 9, seed=1)
+    theta = found.theta([pin, height, contact])
+    assert theta.shape == (9, 3)
+    np.testing.assert_array_equal(theta[:, 1], found.values[:, 0])
+    names = [(pin.levels[int(a)], contact.levels[int(b)]) for a, b in theta[:, [0, 2]]]
+    assert names == list(found.levels)

@@ -40,6 +40,12 @@ def _tell_failures(context: Context) -> None:
         context.echo(table.text())
 
 
+_KIND = {
+    "sobol": "corners, then scrambled Sobol",
+    "latin": "corners, then a nested maximin Latin hypercube",
+}
+
+
 def load_design(context: Context, hypothesis: Hypothesis) -> Campaign:
     """The runs of one hypothesis that `run_design` kept; runs nothing."""
     return load_campaign(design_plan(context, hypothesis))
@@ -54,7 +60,8 @@ def design_plan(context: Context, hypothesis: Hypothesis) -> CampaignPlan:
         campaign_folder(context.out, hypothesis),
         parameters=parameters_of(study, hypothesis),
         design={
-            "kind": "corners, then scrambled Sobol",
+            "kind": _KIND[study.design.sequence],
+            "shape": study.design.shape,
             "seed": study.seed,
             "n_train": study.design.n_runs,
             "n_held_out": study.design.n_held_out,

@@ -38,6 +38,9 @@ def check_unknowns(study: Study) -> None:
         check_inputs(study, index, hypothesis)
         check_errors(study, index, hypothesis)
         _check_size(study, index, hypothesis)
+        if study.design.shape == "prior" and by_constants(study, hypothesis):
+            expected = '"uniform": a design is over ratios, and the priors are of the constants'
+            raise Contradiction("design.shape", "prior", expected)
     _check_used(study)
     _check_truth(study)
     _check_field(study)

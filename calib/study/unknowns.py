@@ -12,7 +12,7 @@ from calib.inference.prior import Marginal, Prior, hull_of
 from calib.study.prior_sections import ParameterPrior
 from fe.campaign_parameters import RATIOS, Parameter
 from fe.response import Array
-from surrogate.design import sobol_design
+from surrogate.design import unit_design
 
 if TYPE_CHECKING:
     from calib.study.config import Study
@@ -159,20 +159,32 @@ def design_points(study: Study, hypothesis: Hypothesis) -> Array:
     """(n_runs + n_held_out, d) design over the box of the priors; training runs first.
 
     Corners come first, all of them up to three inputs, so that the emulator interpolates
-    everywhere; the runs held out are later points of the same low-discrepancy sequence, inside the
-    box. Points are denser at small s: there C11, which matters most at large strain, changes the
-    shape of the force curve fastest.
+    everywhere; the runs held out are later points of the same sequence, inside the box. Points of
+    a uniform design are denser at small s: there C11, which matters most at large strain, changes
+    the shape of the force curve fastest. Those of the prior's shape have its quantiles.
     """
-    n = study.design.n_runs + study.design.n_held_out
-    box = design_box(study, hypothesis)
+    n, box = study.design.n_runs + study.design.n_held_out, design_box(study, hypothesis)
     corners = None if len(box) <= 3 else LARGEST_CORNERS
-    unit = sobol_design(n, np.tile([0.0, 1.0], (len(box), 1)), study.seed, n_corners=corners)
+    unit = unit_design(n, len(box), study.seed, sequence=study.design.sequence, n_corners=corners)
+    if study.design.shape == "prior":
+        return _by_prior(unit, prior_of(study, hypothesis, with_field=False), box)
     names = [parameter.name for parameter in parameters_of(study, hypothesis)]
     if "s" in names:
         unit[:, names.index("s")] **= 2
     return np.column_stack(
         [low + (high - low) * unit[:, i] for i, (low, high) in enumerate(box.tolist())]
     )
+
+
+def _by_prior(unit: Array, prior: Prior, box: Array) -> Array:
+    """(n, d) quantiles of the prior at (n, d) places of the unit box, whose faces are the box'."""
+    probability = np.full((len(unit), prior.space.size), 0.5)
+    probability[:, 1 : prior.space.n_forward] = unit
+    points = np.clip(prior.quantile(probability)[:, 1 : prior.space.n_forward], *box.T)
+    # The box may be narrower than a prior without an end.
+    low, high = np.broadcast_to(box.T[:, None], (2, *unit.shape))
+    found: Array = np.where(unit == 0.0, low, np.where(unit == 1.0, high, points))
+    return found
 
 
 def fixed_values(study: Study, hypothesis: Hypothesis) -> Array:

@@ -5,7 +5,7 @@ The text under a field is also what a refusal says it expects.
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pydantic import Field
 from pydantic.dataclasses import dataclass
@@ -22,6 +22,12 @@ class Design:
     """number of runs that train the emulator"""
     n_held_out: Annotated[int, Field(ge=2)] = 4
     """number of further runs that only judge the emulator"""
+    sequence: Literal["sobol", "latin"] = "sobol"
+    """the points after the corners: "sobol" or "latin", a Latin hypercube whose points are far from
+    each other; designs with more runs keep the points of either"""
+    shape: Literal["uniform", "prior"] = "uniform"
+    """how they lie between the bounds: "uniform", denser at small s alone, or "prior", as dense as
+    the prior of each is"""
     n_refine: Annotated[int, Field(ge=3)] = 8
     """largest number of runs added where the posterior is, for each hypothesis; fewer when its mean
     will not move any more; those for further checks of the mesh not counted"""
