@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +15,7 @@ from surrogate.force_scale import ForceScale, choose_scale
 from surrogate.gp import Array
 from surrogate.gp_fit import Sharing, at_bounds
 from surrogate.modal import ModalEmulator, fit_modal, modal_from_arrays, modal_to_arrays
+from surrogate.partial_runs import PartialRuns, taught
 from surrogate.training_set import TrainingSet
 
 FIELD_TOLERANCE = 1e-4
@@ -89,6 +90,8 @@ class Emulator:
                     sharing=sharing,
                     n_step=displacement.shape[1],
                 )
+            if training_set.partial is not None:
+                force, field = _taught(training_set.partial, force, scale, field)
         header = Header(training_set.fingerprint, seed, len(x), training_set.n_excluded)
         return cls(force, scale, field, _field_shape(displacement), header)
 
@@ -122,6 +125,15 @@ class Emulator:
             return cls(force, scale, field, (n_step, n_point, n_dim), header)
         except (KeyError, ValueError) as error:
             raise ValueError(f"{path}: not a complete emulator ({error}); train again") from error
+
+    @property
+    def by_complete_runs(self) -> Emulator:
+        """The emulator as complete runs alone make it: those known in part can judge this one."""
+        force = replace(self.force, processes=self.force.processes.without_further)
+        field = self.field
+        if field is not None:
+            field = replace(field, processes=field.processes.without_further)
+        return replace(self, force=force, field=field)
 
     @property
     def n_step(self) -> int:
@@ -242,6 +254,16 @@ class Emulator:
         if ratios.ndim != 2 or ratios.shape[1] != d:
             raise ValueError(f"ratios: expected shape (m, {d}), got {ratios.shape}")
         return ratios
+
+
+def _taught(
+    runs: PartialRuns, force: ModalEmulator, scale: ForceScale, field: ModalEmulator | None
+) -> tuple[ModalEmulator, ModalEmulator | None]:
+    """Both conditioned on runs that are good up to some step."""
+    force = taught(force, runs.ratios, scale.values(runs.force))
+    if field is not None and runs.displacement is not None:
+        field = taught(field, runs.ratios, runs.displacement.reshape(len(runs.ratios), -1))
+    return force, field
 
 
 def _field_shape(displacement: Array | None) -> tuple[int, int, int] | None:

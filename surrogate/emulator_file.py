@@ -27,7 +27,7 @@ class Header:
     seed: int
     n_train: int
     n_excluded: int
-    """runs left out of the training because they did not reach every travel"""
+    """runs that did not reach every travel: they teach up to where they are good, if at all"""
 
 
 def write_arrays(path: Path, header: Header, arrays: dict[str, Array]) -> None:

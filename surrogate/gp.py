@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 
 import numpy as np
@@ -75,6 +75,12 @@ class GaussianProcesses:
     B diag(1 / (eigenvalues + nugget)) B.T"""
     eigenvalues: Array
     """(g, n_rows) ascending"""
+    further: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    """(q, d) further inputs that the mean is conditioned on, see `with_further`; scaled"""
+    further_alpha: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    """(k, q) their weights in the mean"""
+    further_shift: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    """(k, n_rows) what they change of alpha"""
 
     def __post_init__(self) -> None:
         n, d, k, g = *self.inputs.shape, len(self.offset), len(self.family)
@@ -89,6 +95,8 @@ class GaussianProcesses:
             "basis": (g, n_rows, n_rows),
             "eigenvalues": (g, n_rows),
         }
+        if q := len(self.further):
+            shapes |= {"further": (q, d), "further_alpha": (k, q), "further_shift": (k, n_rows)}
         for name, shape in shapes.items():
             found = getattr(self, name).shape
             if found != shape:
@@ -125,7 +133,7 @@ class GaussianProcesses:
             for first in range(0, len(x), _CHUNK):
                 part = slice(first, first + _CHUNK)
                 cross = self._cross(group, scaled[part])
-                mean[part, members] = (weights @ cross).T
+                mean[part, members] = (weights @ cross + self._further(group, scaled[part])).T
                 rest = 1.0 - share @ (directions @ cross) ** 2
                 # Rounding may take it below its least value, zero, near the training points.
                 variance[members, part] = np.maximum(rest, 0.0) + nugget
@@ -138,7 +146,8 @@ class GaussianProcesses:
         for group, (members, weights) in enumerate(self._weights):
             for first in range(0, len(x), _CHUNK):
                 part = slice(first, first + _CHUNK)
-                mean[part, members] = (weights @ self._cross(group, scaled[part])).T
+                cross = self._cross(group, scaled[part])
+                mean[part, members] = (weights @ cross + self._further(group, scaled[part])).T
         found: Array = self.offset + self.scale * mean
         return found
 
@@ -147,14 +156,21 @@ class GaussianProcesses:
         gradient = np.empty((len(x), len(self.offset), x.shape[1]))
         scaled = self.scaled(x)
         for group, (members, weights) in enumerate(self._weights):
-            gradient[:, members] = mean_gradient(
-                int(self.family[group]),
-                self.length[group],
-                scaled,
-                self.inputs,
-                self._rows,
-                np.ascontiguousarray(weights.T),
-            ).transpose(0, 2, 1)
+            known = [(self.inputs, self._rows, weights)]
+            if len(self.further):
+                own = self.further_alpha[members]
+                known.append((self.further, values_only(*self.further.shape), own))
+            gradient[:, members] = sum(
+                mean_gradient(
+                    int(self.family[group]),
+                    self.length[group],
+                    scaled,
+                    inputs,
+                    rows,
+                    np.ascontiguousarray(by_row.T),
+                ).transpose(0, 2, 1)
+                for inputs, rows, by_row in known
+            )
         by_unit = warp_slope((x - self.low) / self.span, self.strength)
         gradient *= by_unit[:, None, :] * (self.scale[:, None] / self.span)
         return gradient
@@ -196,6 +212,26 @@ class GaussianProcesses:
             self.scaled(other),
             _or_values(other_rows, other),
         )
+
+    def with_further(self, x: Array, weights: Array) -> GaussianProcesses:
+        """The same with C_j(., x) @ weights[j] added to the mean of process j, in output units.
+
+        C is `covariance` at x (q, d), weights (k, q): how the mean changes that further knowledge
+        of the processes at x makes. Variances, and what runs left out say, stay as they are.
+        """
+        alpha = weights * (self.variance_scale / self.scale)[:, None]
+        shift = np.empty_like(self.alpha)
+        for group in range(len(self.family)):
+            members, basis = self.members(group), self.basis[group]
+            here = basis.T @ self._cross(group, self.scaled(x))
+            shift[members] = -(self._shares(group) * (alpha[members] @ here.T)) @ basis.T
+        return replace(self, further=self.scaled(x), further_alpha=alpha, further_shift=shift)
+
+    @property
+    def without_further(self) -> GaussianProcesses:
+        """The same conditioned on the training rows alone."""
+        none = np.zeros((0, 0))
+        return replace(self, further=none, further_alpha=none, further_shift=none)
 
     def noise_of_run(self, rows: Rows) -> Array:
         """(k, n_rows) noise variance of values and derivatives of new runs, as in `covariance`."""
@@ -254,8 +290,19 @@ class GaussianProcesses:
     @cached_property
     def _weights(self) -> list[tuple[npt.NDArray[np.int64], Array]]:
         """Members of each group and their weights (k_g, n_rows)."""
+        alpha = self.alpha + self.further_shift if len(self.further) else self.alpha
         groups = [self.members(group) for group in range(len(self.family))]
-        return [(members, self.alpha[members]) for members in groups]
+        return [(members, alpha[members]) for members in groups]
+
+    def _further(self, group: int, scaled: Array) -> Array | float:
+        """(k_g, m) part of further inputs in the mean at scaled (m, d), scaled outputs."""
+        if not len(self.further):
+            return 0.0
+        family, length = int(self.family[group]), self.length[group]
+        rows = values_only(*self.further.shape)
+        cross = value_rows(family, length, scaled, self.further, rows)
+        part: Array = self.further_alpha[self.members(group)] @ cross
+        return part
 
     def _shares(self, group: int) -> Array:
         """(k_g, n_rows) 1 / (eigenvalues + nugget) of each member of a group."""

@@ -1,13 +1,15 @@
-"""What an emulator learns from: complete runs at kappa = 1 MPa, and how many were left out."""
+"""What an emulator learns from: runs at kappa = 1 MPa, complete or good up to some step."""
 
 from __future__ import annotations
 
 import hashlib
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
+
+from surrogate.partial_runs import PartialRuns
 
 Array = npt.NDArray[np.float64]
 
@@ -27,7 +29,7 @@ class TrainingSet:
     displacement: Array | None
     """(n, n_step, n_point, 3) front-face displacement, mm; None without fields"""
     n_excluded: int = 0
-    """runs of the design that are not here because they did not reach every travel"""
+    """runs of the design that did not reach every travel, those of `partial` among them"""
     force_gradient: Array | None = None
     """(n, n_step, d) derivative of the force by the ratios, N per unit; None without"""
     displacement_gradient: Array | None = None
@@ -36,6 +38,8 @@ class TrainingSet:
     In both, NaN marks what cannot be used: the derivative of a run by an input teaches nothing
     unless it is finite at all steps and points.
     """
+    partial: PartialRuns | None = None
+    """runs that are good up to some step"""
 
     def __post_init__(self) -> None:
         n = len(self.ratios)
@@ -84,20 +88,22 @@ class TrainingSet:
         force_gradient: Array | None = None,
         displacement_gradient: Array | None = None,
         smooth: npt.NDArray[np.bool_] | None = None,
+        good: npt.NDArray[np.bool_] | None = None,
     ) -> TrainingSet:
-        """Keep the runs that reached every travel and count the others.
+        """Keep the runs that reached every travel; count the others, or keep what is good of them.
 
         `ratios` (n, d), `force` (n, n_step) N at kappa = 1 MPa, `displacement` (n, n_step,
         n_point, 3) mm or None, `reached` (n,); gradients as in the class, see `named_gradient`.
         `smooth` (n,) tells runs with derivatives that hold along the design, not those of an
-        unstable equilibrium, from others, whose values alone are used. Raises ValueError as the
-        class does.
+        unstable equilibrium, from others, whose values alone are used. With `good` (n, n_step) the
+        steps at which it holds of runs that ended early are kept as `partial`. Raises ValueError as
+        the class does.
         """
         keep = np.asarray(reached, dtype=bool)
-        good = (
+        stable = (
             np.ones(len(ratios), dtype=bool) if smooth is None else np.asarray(smooth, dtype=bool)
         )
-        for name, mask in (("reached", keep), ("smooth", good)):
+        for name, mask in (("reached", keep), ("smooth", stable)):
             if mask.shape != (len(ratios),):
                 raise ValueError(f"{name}: expected {len(ratios)} values, got shape {mask.shape}")
 
@@ -106,8 +112,8 @@ class TrainingSet:
 
         def kept_smooth(gradient: Array | None) -> Array | None:
             slopes = kept(gradient)
-            if slopes is not None and not good[keep].all():
-                slopes[~good[keep]] = np.nan
+            if slopes is not None and not stable[keep].all():
+                slopes[~stable[keep]] = np.nan
             return slopes
 
         return cls(
@@ -117,10 +123,13 @@ class TrainingSet:
             n_excluded=int(np.count_nonzero(~keep)),
             force_gradient=kept_smooth(force_gradient),
             displacement_gradient=kept_smooth(displacement_gradient),
+            partial=None
+            if good is None
+            else _partial(ratios, force, displacement, good & ~keep[:, None]),
         )
 
     def subset(self, rows: npt.NDArray[np.int64] | slice) -> TrainingSet:
-        """The runs of these rows; the count of those left out is kept."""
+        """The complete runs of these rows; those known in part, and their count, are kept."""
 
         def part(values: Array | None) -> Array | None:
             return None if values is None else values[rows]
@@ -132,12 +141,13 @@ class TrainingSet:
             self.n_excluded,
             part(self.force_gradient),
             part(self.displacement_gradient),
+            self.partial,
         )
 
     @property
     def without_gradients(self) -> TrainingSet:
         """The same runs, values alone."""
-        return TrainingSet(self.ratios, self.force, self.displacement, self.n_excluded)
+        return replace(self, force_gradient=None, displacement_gradient=None)
 
     @property
     def fingerprint(self) -> str:
@@ -148,6 +158,9 @@ class TrainingSet:
         if self.force_gradient is not None or self.displacement_gradient is not None:
             _update(digest, self.force_gradient)
             _update(digest, self.displacement_gradient)
+        if self.partial is not None:
+            for value in (self.partial.ratios, self.partial.force, self.partial.displacement):
+                _update(digest, value)
         return digest.hexdigest()
 
 
@@ -166,6 +179,19 @@ def named_gradient(gradient: Array, found: Sequence[str], wanted: Sequence[str])
         if name in found:
             columns[..., place] = gradient[..., list(found).index(name)]
     return columns
+
+
+def _partial(
+    ratios: Array, force: Array, displacement: Array | None, good: npt.NDArray[np.bool_]
+) -> PartialRuns | None:
+    """What is good (n, n_step) of runs, NaN elsewhere; None where nothing is."""
+    kept = good.any(axis=1)
+    if not kept.any():
+        return None
+    field = None
+    if displacement is not None:
+        field = np.where(good[kept, :, None, None], displacement[kept], np.nan)
+    return PartialRuns(ratios[kept], np.where(good[kept], force[kept], np.nan), field)
 
 
 def _update(digest: hashlib._Hash, value: Array | None) -> None:

@@ -21,7 +21,7 @@ from calib.study.training_runs import SAME_POINT, held_out_set, partial_runs, ro
 from calib.study.unknowns import design_points
 from fe.campaign_result import Campaign
 from fe.executors import serial_map
-from fe.response import Array, Response
+from fe.response import Array, Response, Status
 from surrogate import Emulator
 
 STUDY = load_study("thesis-forces")
@@ -122,17 +122,47 @@ def test_runs_that_ended_early_are_counted_and_judge_as_far_as_they_went() -> No
     assert 0 < n_early < 12
     training = training_set([found], gradients=True)
     assert training.n_excluded == n_early and len(training.ratios) == 12 - n_early
+    assert training.partial is not None
+    np.testing.assert_array_equal(training.partial.force[:, 0], found.force[~found.reached, 0])
+    assert not np.isfinite(training.partial.force[:, 1:]).any()
     emulator = Emulator.fit(training, 1)
     early = partial_runs(emulator, [rows(found, slice(6)), rows(found, slice(6, None))])
     np.testing.assert_array_equal(early.ratios, found.theta[~found.reached])
     # They are good at the first of five travels.
     assert np.isfinite(early.relative).tolist() == [[True, *[False] * 4]] * n_early
-    mean, covariance = emulator.unit_force(early.ratios)
+    mean, covariance = emulator.by_complete_runs.unit_force(early.ratios)
     truth = np.array([block()(row).force[0] for row in early.ratios])
     np.testing.assert_allclose(early.relative[:, 0], mean[:, 0] / truth - 1.0, rtol=1e-9)
     z = (mean[:, 0] - truth) / np.sqrt(covariance[:, 0, 0])
     np.testing.assert_allclose(early.standardised[:, 0], z)
     assert (early.reached == STUDY.increments[0]).all()
+    assert early.field_rms is not None
+    field = emulator.by_complete_runs.displacement(early.ratios)[:, 0]
+    off = field - found.displacement[~found.reached, 0]
+    np.testing.assert_allclose(early.field_rms[:, 0], np.sqrt(np.mean(off**2, axis=(1, 2))))
+    assert not np.isfinite(early.field_rms[:, 1:]).any()
+
+
+def test_an_early_run_within_the_box_teaches_the_travels_that_it_reached() -> None:
+    found = campaign(ratios(12))
+    place = int(np.argmin(np.sum((ratios(12) - ratios(12).mean(axis=0)) ** 2, axis=1)))
+    early = replace(
+        found.responses[place],
+        force=np.where(np.arange(5) < 3, found.force[place], np.nan),
+        displacement=np.where(np.arange(5)[:, None, None] < 3, found.displacement[place], np.nan),
+        reached=1.0,
+        status=Status.STOPPED,
+    )
+    responses = list(found.responses)
+    responses[place] = early
+    runs = training_set([replace(found, responses=tuple(responses))], gradients=False)
+    emulator = Emulator.fit(runs, 1)
+    here = found.theta[[place]]
+    error, before = (
+        np.abs(each.unit_force(here)[0][0] / found.force[place] - 1.0)
+        for each in (emulator, emulator.by_complete_runs)
+    )
+    assert (error[:3] < 0.1 * before[:3]).all() and error[3] < before[3]
 
 
 def test_without_early_runs_there_is_nothing_to_tell() -> None:

@@ -66,7 +66,7 @@ def emulator_table(diagnostics: Mapping[str, Any], limits: Mapping[str, float]) 
             "field/noise",
         ),
         tuple(rows),
-        "trained: runs (those with derivatives, those excluded because they did not reach the last "
+        "trained: complete runs (those with derivatives, those besides that did not reach the last "
         "increment); force and field: RMS over runs at the worst increment; z: RMS of error over "
         "stated SD; force/noise: force error over the standard error of the measured mean; "
         "field/noise: over the SD of a displacement. Limits of the study, for held-out runs: force "
@@ -150,6 +150,8 @@ def partial_table(diagnostics: Mapping[str, Any]) -> Table | None:
         for index, ratios in enumerate(runs["ratios"]):
             relative = [value for value in runs["relative"][index] if value is not None]
             z = [abs(value) for value in runs["standardised"][index] if value is not None]
+            by_step = runs.get("field_rms") or [[]] * len(runs["ratios"])
+            field = [value for value in by_step[index] if value is not None]
             rows.append(
                 (
                     name,
@@ -158,16 +160,18 @@ def partial_table(diagnostics: Mapping[str, Any]) -> Table | None:
                     str(len(relative)),
                     percent(max(relative, key=abs), 3) if relative else "-",
                     number(max(z), 3) if z else "-",
+                    number(max(field), 2) if field else "-",
                 )
             )
     if not rows:
         return None
     return Table(
         "Runs that ended before the last increment, against the emulator up to where they are good",
-        ("hypothesis", "at", "good to [mm]", "increments", "force [%]", "largest z"),
+        ("hypothesis", "at", "good to [mm]", "increments", "force [%]", "largest z", "field [mm]"),
         tuple(rows),
-        "The emulator was trained on complete runs alone; force: largest error up to the travel "
-        "reached, beyond the complete runs an extrapolation. At: "
+        "By the emulator of the complete runs alone, to which these are an extrapolation; that in "
+        "use has learnt from those that trained it up to the travel reached. Force, field (RMS): "
+        "largest errors up to there. At: "
         + "; ".join(
             f"{name}: {', '.join(found.get('inputs', INPUTS))}"
             for name, found in diagnostics.items()

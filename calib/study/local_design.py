@@ -8,9 +8,11 @@ posterior that this cuts off is held below `MOST_CUT`.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 
 from calib.inference.quadrature import Quadrature
 from calib.study.artifacts import read_json
@@ -107,13 +109,18 @@ def within(runs: TrainingSet, box: Array | None) -> TrainingSet:
     """The runs inside a box, its edges included; all where there is none."""
     if box is None:
         return runs
-    return runs.subset(np.flatnonzero(inside(runs.ratios, box)))
+    kept, partial = runs.subset(np.flatnonzero(inside(runs.ratios, box))), runs.partial
+    if partial is None:
+        return kept
+    return replace(kept, partial=partial.subset(inside(partial.ratios, box)))
 
 
-def inside(points: Array, box: Array) -> Array:
+def inside(points: Array, box: Array) -> npt.NDArray[np.bool_]:
     """(n,) whether points (n, d) are in a box (d, 2), up to rounding."""
     slack = 1e-9 * np.ptp(box, axis=1)
-    kept: Array = ((points >= box[:, 0] - slack) & (points <= box[:, 1] + slack)).all(axis=1)
+    kept: npt.NDArray[np.bool_] = (
+        (points >= box[:, 0] - slack) & (points <= box[:, 1] + slack)
+    ).all(axis=1)
     return kept
 
 

@@ -65,7 +65,8 @@ def plan(context: Context, hypothesis: Hypothesis, ratios: Array) -> CampaignPla
 
 def forces_of(runs: TrainingSet) -> TrainingSet:
     """The same runs without their fields."""
-    return replace(runs, displacement=None, displacement_gradient=None)
+    partial = None if runs.partial is None else replace(runs.partial, displacement=None)
+    return replace(runs, displacement=None, displacement_gradient=None, partial=partial)
 
 
 def look(context: Context, hypothesis: Hypothesis, loop: Loop) -> Outlook:

@@ -29,6 +29,8 @@ class PartialRuns:
     """(n, n_step) emulator over FE force minus one; NaN where the run is not good"""
     standardised: Array
     """(n, n_step) error of the force over its stated SD; NaN likewise"""
+    field_rms: Array | None
+    """(n, n_step) root mean square error of the field, mm; NaN likewise; None without fields"""
 
 
 def rows(campaign: Campaign, chosen: slice | Sequence[int] | npt.NDArray[np.int64]) -> Campaign:
@@ -43,12 +45,12 @@ def rows(campaign: Campaign, chosen: slice | Sequence[int] | npt.NDArray[np.int6
 
 
 def training_set(campaigns: Sequence[Campaign], *, gradients: bool) -> TrainingSet:
-    """Complete runs of all campaigns at kappa = 1 MPa, with their derivatives by the ratios.
+    """Runs of all campaigns at kappa = 1 MPa, the complete ones with derivatives by the ratios.
 
     Derivatives are taken from runs whose equilibria are stable at every travel: those of an
     unstable one need not be those along the design. Of runs closer than `SAME_POINT` the first is
     kept: to a Gaussian process they are the same point, and would make its matrix singular. Runs
-    that ended early are counted as excluded; see `partial_runs`.
+    that ended early teach by their values at the travels at which they are good.
     """
     theta, reached = (
         np.concatenate([getattr(c, name) for c in campaigns]) for name in ("theta", "reached")
@@ -73,6 +75,7 @@ def training_set(campaigns: Sequence[Campaign], *, gradients: bool) -> TrainingS
         force_gradient=slopes["force_gradient"],
         displacement_gradient=slopes["displacement_gradient"],
         smooth=np.concatenate([c.stable.all(axis=1) for c in chosen]),
+        good=np.concatenate([c.good for c in chosen]),
     )
 
 
@@ -87,9 +90,10 @@ def held_out_set(campaign: Campaign) -> TrainingSet | None:
 def partial_runs(emulator: Emulator, campaigns: Sequence[Campaign]) -> PartialRuns:
     """Runs that ended early, with the emulator's error at the travels at which they are good.
 
-    The emulator has not seen them: its modes couple all increments, so that only a complete run
-    says what their weights are. Up to the travel reached they judge it, where it must extrapolate.
+    By the emulator as it is without them: up to the travel reached they judge it where complete
+    runs leave it to extrapolate.
     """
+    emulator = emulator.by_complete_runs
     theta, force, good, reached, travel = (
         np.concatenate(found)
         for found in zip(
@@ -109,7 +113,22 @@ def partial_runs(emulator: Emulator, campaigns: Sequence[Campaign]) -> PartialRu
         standardised = np.where(
             good[early], error / np.sqrt(np.einsum("nii->ni", covariance)), np.nan
         )
-    return PartialRuns(theta[early], travel[early], relative, standardised)
+    return PartialRuns(
+        theta[early], travel[early], relative, standardised, _field_rms(emulator, campaigns, early)
+    )
+
+
+def _field_rms(
+    emulator: Emulator, campaigns: Sequence[Campaign], early: npt.NDArray[np.bool_]
+) -> Array | None:
+    if emulator.field is None or not early.any():
+        return None
+    theta = np.concatenate([c.theta for c in campaigns])[early]
+    # NaN where a run is not good
+    field = np.concatenate([c.displacement for c in campaigns])[early]
+    error = emulator.displacement(theta) - field
+    rms: Array = np.sqrt(np.mean(error**2, axis=(2, 3)))
+    return rms
 
 
 def _distinct(theta: Array, reached: npt.NDArray[np.bool_], design: Campaign) -> list[int]:

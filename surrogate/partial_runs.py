@@ -1,0 +1,102 @@
+"""Runs that ended before the last step teach an emulator up to where they are good."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from surrogate.gp import GaussianProcesses
+from surrogate.modal import ModalEmulator
+
+Array = npt.NDArray[np.float64]
+
+EXACT = 1e-10
+"""least variance of what modes leave out of a value, as a share of what is not known of it"""
+
+
+@dataclass(frozen=True)
+class PartialRuns:
+    """Runs that are good at their first steps only; NaN at the others.
+
+    Raises ValueError for arrays of different lengths and runs that are good nowhere or everywhere.
+    """
+
+    ratios: Array
+    """(q, d) design points"""
+    force: Array
+    """(q, n_step) force at kappa = 1 MPa, N"""
+    displacement: Array | None
+    """(q, n_step, n_point, 3) front-face displacement, mm; None without fields"""
+
+    def __post_init__(self) -> None:
+        good = np.isfinite(self.force)
+        if len(self.ratios) != len(good) or not (good.any(axis=1) & ~good.all(axis=1)).all():
+            raise ValueError("partial runs: expected forces at some steps of every run, not at all")
+        if self.displacement is not None:
+            seen = np.isfinite(self.displacement).all(axis=(2, 3))
+            if seen.shape != good.shape or (seen != good).any():
+                raise ValueError("partial runs: expected displacements at the steps with a force")
+
+    def subset(self, rows: npt.NDArray[np.bool_]) -> PartialRuns | None:
+        """The runs of these rows (q,); None where there are none."""
+        if not rows.any():
+            return None
+        field = None if self.displacement is None else self.displacement[rows]
+        return PartialRuns(self.ratios[rows], self.force[rows], field)
+
+
+def inside(x: Array, processes: GaussianProcesses) -> npt.NDArray[np.bool_]:
+    """(q,) which points (q, d) lie in the box of the complete runs: beyond, nothing is known."""
+    unit = (x - processes.low) / processes.span
+    within: npt.NDArray[np.bool_] = np.all((unit >= 0.0) & (unit <= 1.0), axis=1)
+    return within
+
+
+def taught(modal: ModalEmulator, x: Array, y: Array) -> ModalEmulator:
+    """The emulator with its mean conditioned on runs y (q, n_obs) at x (q, d), NaN where not good.
+
+    The weights of all modes and runs are normal, given the complete runs; what is known of a run is
+    a linear observation of its weights, with the truncation as noise. Late steps follow as far as
+    modes tie them to early ones. The variance stays that of the complete runs: it is one of
+    independent modes, and a run that is known in part leaves its modes dependent, so that a smaller
+    variance of each would claim to know the steps that were not reached.
+    """
+    processes, pod = modal.processes, modal.pod
+    kept = inside(x, processes)
+    x, y = x[kept], y[kept]
+    if not len(x):
+        return modal
+    k, q = len(processes.offset), len(x)
+    noise = (processes.nugget * processes.variance_scale)[:, None, None] * np.eye(q)
+    joint = processes.covariance(x, x) + noise  # (k, q, q)
+    expected = processes.mean(x)
+    information, pull = np.zeros((k, q, k, q)), np.empty((k, q))
+    for run in range(q):
+        good = np.isfinite(y[run])
+        modes = pod.modes[good]
+        off = y[run, good] - pod.offset[good] - modes @ expected[run]
+        floor = EXACT * float(np.mean(modes**2 @ joint[:, run, run]))
+        weighed = _by_truncation(modes, pod.truncation_factor[good], floor)
+        information[:, run, :, run] = weighed.T @ modes
+        pull[:, run] = weighed.T @ off
+    prior = np.zeros((k, q, k, q))
+    prior[np.arange(k), :, np.arange(k), :] = joint
+    size = k * q
+    # With P the prior's and J the information's matrix the mean is P (1 + J P)^-1 of the pull.
+    matrix = np.eye(size) + information.reshape(size, size) @ prior.reshape(size, size)
+    own: Array = np.asarray(np.linalg.solve(matrix, pull.ravel()), dtype=np.float64)
+    return replace(modal, processes=processes.with_further(x, own.reshape(k, q)))
+
+
+def _by_truncation(modes: Array, factor: Array, floor: float) -> Array:
+    """(n_obs, k) inverse covariance of what modes leave out, times modes (n_obs, k).
+
+    The covariance is factor @ factor.T and its mean diagonal, or the floor, once more for each
+    value by itself: that of a few runs has few directions, and errors in the others are not zero.
+    """
+    white = max(float(np.mean(np.sum(factor**2, axis=1))), floor)
+    small = white * np.eye(factor.shape[1]) + factor.T @ factor
+    found: Array = (modes - factor @ np.linalg.solve(small, factor.T @ modes)) / white
+    return found

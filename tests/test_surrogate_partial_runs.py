@@ -1,0 +1,184 @@
+"""Runs that ended early teach an emulator at the steps they reached, and claim nothing beyond."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from surrogate import Emulator, TrainingSet, sobol_design
+from surrogate.gp import GaussianProcesses
+from surrogate.gp_fit import fit_processes
+from surrogate.modal import ModalEmulator, fit_modal
+from surrogate.partial_runs import PartialRuns, taught
+from surrogate.pod import Pod
+
+TRAVEL = np.array([0.6, 0.8, 1.0, 1.2, 1.4])
+PLACE = np.random.default_rng(4).random((30, 2))
+BOX = np.array([[0.0, 1.0], [0.0, 1.0]])
+
+
+def truth(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Forces (n, 5) N and fields (n, 5, 30, 3) mm: a hill at high r that complete runs miss."""
+    hill = np.exp(-12.0 * ((x[:, 0] - 0.85) ** 2 + (x[:, 1] - 0.5) ** 2))
+    bent = TRAVEL * (1.0 + x[:, :1] + 0.5 * x[:, 1:] * TRAVEL) + 0.6 * hill[:, None] * TRAVEL**2
+    shape = np.stack([np.sin(3.0 * PLACE[:, 0]), PLACE[:, 1], np.cos(2.0 * PLACE[:, 1])], axis=1)
+    field = 0.1 * bent[:, :, None, None] * shape + 0.02 * (hill[:, None] * TRAVEL)[
+        :, :, None, None
+    ] * np.roll(shape, 1, axis=1)
+    return 20.0 * bent, field
+
+
+def training(n_good: int | None, n: int = 40) -> TrainingSet:
+    """A design whose runs within 0.25 of the hill end after `n_good` steps; None: they do not."""
+    x = sobol_design(n, BOX, 3)
+    force, field = truth(x)
+    good = np.ones(force.shape, dtype=bool)
+    if n_good is not None:
+        early = np.hypot(x[:, 0] - 0.85, x[:, 1] - 0.5) < 0.25
+        good[early, n_good:] = False
+    return TrainingSet.from_runs(x, force, field, good.all(axis=1), good=good)
+
+
+NEW = np.column_stack([np.linspace(0.72, 0.95, 12), np.linspace(0.4, 0.6, 12)])
+
+
+def errors(emulator: Emulator) -> tuple[np.ndarray, np.ndarray]:
+    """RMS relative force errors (5,) and field errors (5,) mm about the hill."""
+    force, field = truth(NEW)
+    found, _ = emulator.unit_force(NEW)
+    off = emulator.displacement(NEW) - field
+    by_step = np.sqrt(np.mean((found / force - 1.0) ** 2, axis=0))
+    return by_step, np.sqrt(np.mean(off**2, axis=(0, 2, 3)))
+
+
+def test_early_steps_gain_by_runs_that_ended_late_steps_by_what_ties_them() -> None:
+    runs = training(3)
+    assert runs.partial is not None and 3 <= len(runs.partial.ratios) == runs.n_excluded
+    emulator = Emulator.fit(runs, 1)
+    without, known = errors(emulator.by_complete_runs), errors(emulator)
+    for before, after in zip(without, known, strict=True):
+        assert (after[:3] < 0.35 * before[:3]).all()
+        assert (after[3:] < 1.05 * before[3:]).all()
+
+
+def test_stated_errors_are_those_of_the_complete_runs_and_still_hold() -> None:
+    emulator = Emulator.fit(training(3), 1)
+    bare = emulator.by_complete_runs
+    force, covariance = emulator.unit_force(NEW)
+    weights, variance = emulator.field_weights(NEW)
+    np.testing.assert_array_equal(variance, bare.field_weights(NEW)[1])
+    z = (force - truth(NEW)[0]) / np.sqrt(np.einsum("nii->ni", covariance))
+    assert np.sqrt(np.mean(z**2)) < 1.0 and not np.array_equal(weights, bare.field_weights(NEW)[0])
+
+
+def test_complete_runs_left_out_say_what_they_said() -> None:
+    emulator = Emulator.fit(training(3), 1)
+    for one, other in zip(
+        emulator.unit_force_leave_one_out(),
+        emulator.by_complete_runs.unit_force_leave_one_out(),
+        strict=True,
+    ):
+        np.testing.assert_allclose(one, other, rtol=1e-9)
+
+
+def test_without_such_runs_every_bit_stays() -> None:
+    runs = training(None)
+    assert runs.partial is None
+    kept = replace(training(3), partial=None)
+    with_none, never = Emulator.fit(kept, 1), Emulator.fit(training(3), 1).by_complete_runs
+    np.testing.assert_array_equal(with_none.displacement(NEW), never.displacement(NEW))
+    assert kept.fingerprint != training(3).fingerprint
+
+
+def test_the_gradient_is_the_limit_of_differences() -> None:
+    emulator, step = Emulator.fit(training(3), 1), 1e-6
+    force, field = emulator.unit_force_gradient(NEW), emulator.field_weights_gradient(NEW)
+    for axis, change in enumerate(step * np.eye(2)):
+        high, low = (emulator.unit_force(NEW + sign * change)[0] for sign in (1.0, -1.0))
+        difference = (high - low) / (2.0 * step)
+        np.testing.assert_allclose(force[:, :, axis], difference, rtol=1e-5, atol=1e-5)
+        high, low = (emulator.field_weights(NEW + sign * change)[0] for sign in (1.0, -1.0))
+        difference = (high - low) / (2.0 * step)
+        np.testing.assert_allclose(field[:, :, axis], difference, rtol=1e-4, atol=1e-6)
+
+
+def test_a_saved_emulator_predicts_the_same_bits(tmp_path: Path) -> None:
+    runs = training(3)
+    emulator = Emulator.fit(runs, 1)
+    emulator.save(tmp_path / "emulator.npz")
+    again = Emulator.load(tmp_path / "emulator.npz", runs.fingerprint)
+    np.testing.assert_array_equal(again.displacement(NEW), emulator.displacement(NEW))
+    np.testing.assert_array_equal(again.unit_force(NEW)[0], emulator.unit_force(NEW)[0])
+
+
+def _one_mode(x: np.ndarray, y: np.ndarray) -> ModalEmulator:
+    """Values y (n,) over x as an emulator of one output, which its mode holds whole."""
+    processes = fit_processes(x, y[:, None], 0, families=("rbf",))
+    pod = Pod(
+        np.zeros(1),
+        np.ones((1, 1)),
+        np.ones(1),
+        np.zeros((len(x), 1)),
+        np.full(len(x), 1.0 / len(x)),
+    )
+    return ModalEmulator(pod, processes)
+
+
+def conditioned(processes: GaussianProcesses, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Mean at NEW given y (q,) at x (q, 2) too, from the covariance: the textbook's formula."""
+    noise = (processes.nugget * processes.variance_scale)[0] * np.eye(len(x))
+    cross, own = processes.covariance(NEW, x)[0], processes.covariance(x, x)[0] + noise
+    off = y - processes.mean(x)[:, 0]
+    found: np.ndarray = processes.mean(NEW)[:, 0] + cross @ np.linalg.solve(own, off)
+    return found
+
+
+def test_what_is_known_whole_conditions_as_a_gaussian_process_does() -> None:
+    rng = np.random.default_rng(2)
+    x, more = rng.random((14, 2)), 0.2 + 0.6 * rng.random((3, 2))
+    y = np.sin(4.0 * x[:, 0]) + x[:, 1] ** 2
+    known = np.sin(4.0 * more[:, 0]) + more[:, 1] ** 2
+    modal = _one_mode(x, y)
+    found = taught(modal, more, known[:, None]).processes.mean(NEW)[:, 0]
+    np.testing.assert_allclose(found, conditioned(modal.processes, more, known), rtol=1e-6)
+
+
+def test_a_gradient_enhanced_emulator_is_conditioned_alike() -> None:
+    rng = np.random.default_rng(2)
+    x, more = rng.random((14, 2)), 0.2 + 0.6 * rng.random((3, 2))
+    y = np.sin(4.0 * x[:, :1]) + x[:, 1:] ** 2
+    slopes = np.stack([4.0 * np.cos(4.0 * x[:, :1]), 2.0 * x[:, 1:]], axis=2)
+    modal = fit_modal(
+        x,
+        np.hstack([y, y**2]),
+        0,
+        slopes=np.concatenate([slopes, 2.0 * y[:, :, None] * slopes], axis=1),
+    )
+    known = np.sin(4.0 * more[:, :1]) + more[:, 1:] ** 2
+    found = taught(modal, more, np.hstack([known, known**2]))
+    for mode in range(found.pod.modes.shape[1]):
+        processes = modal.processes
+        weights = found.pod.weights(np.hstack([known, known**2]))[:, mode]
+        noise = (processes.nugget * processes.variance_scale)[mode] * np.eye(3)
+        own = processes.covariance(more, more)[mode] + noise
+        cross = processes.covariance(NEW, more)[mode]
+        expected = processes.mean(NEW)[:, mode] + cross @ np.linalg.solve(
+            own, weights - processes.mean(more)[:, mode]
+        )
+        np.testing.assert_allclose(
+            found.processes.mean(NEW)[:, mode], expected, rtol=1e-5, atol=1e-7
+        )
+
+
+def test_a_run_outside_the_box_of_the_complete_ones_teaches_nothing() -> None:
+    modal = _one_mode(np.random.default_rng(1).random((12, 2)), np.arange(12.0))
+    assert taught(modal, np.array([[1.5, 0.5]]), np.array([[3.0]])) is modal
+
+
+def test_runs_that_are_good_nowhere_or_everywhere_are_refused() -> None:
+    for force in (np.full((1, 5), np.nan), np.ones((1, 5))):
+        with pytest.raises(ValueError, match="at some steps of every run"):
+            PartialRuns(np.zeros((1, 2)), force, None)
