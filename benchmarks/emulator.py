@@ -163,6 +163,7 @@ def _runs(design: Design, campaign: Campaign, rows: slice) -> TrainingSet:
         force_gradient=design.by_coordinates(gradients["force"], factors),
         displacement_gradient=design.by_coordinates(gradients["displacement"], factors),
         smooth=np.array([(run.negative_pivots <= 0).all() for run in responses]),
+        good=campaign.good[rows],
     )
 
 

@@ -41,6 +41,12 @@ LAW = (0.5, 0.4, 0.1, 400.0)
 """C10, C01, C11, bulk modulus, MPa"""
 
 
+TURNED = BlockPin(pin_shift=(0.3, 0.2), pin_rotation=10.0)
+TURNED_CELLS = (4, 2, 3)
+PLACE = ("pin_shift_x", "pin_shift_z", "pin_rotation")
+"""parameters that only a pin out of place has"""
+
+
 def rubber(numbers: tuple[float, ...] = LAW) -> Material:
     """Mooney-Rivlin with three constants and, last, the bulk modulus, MPa."""
     return material("mooney-rivlin-3", numbers[:-1], numbers[-1])
@@ -57,6 +63,13 @@ def model(contact: Contact, cells: tuple[int, int, int] = CELLS) -> BlockPinMode
         newton=replace(NewtonOptions(), tolerance=1e-11, inexact=1e-6),
         steps=StepOptions(first=0.18, largest=0.18),
     )
+
+
+def turned(contact: Contact) -> BlockPinModel:
+    """The whole of a small block under a bar that is shifted and turned; its base holds it."""
+    if contact == CONTACTS["slide"]:
+        contact = Contact("slide", "stick")
+    return replace(model(contact, TURNED_CELLS), specimen=TURNED, travel=TRAVEL[:2])
 
 
 def names(block: BlockPinModel) -> tuple[str, ...]:
@@ -76,7 +89,8 @@ def size(block: BlockPinModel, name: str) -> float:
         return float(getattr(block.penalty, PENALTY[name]))
     if name.startswith("friction"):
         return float(getattr(block.contact, name.removeprefix("friction_")))
-    return 0.1 if name == "travel_zero" else float(getattr(block.specimen, name))
+    lengths = {"travel_zero": 0.1, "pin_shift_x": 0.3, "pin_shift_z": 0.3}
+    return lengths.get(name) or float(getattr(block.specimen, name))
 
 
 def moved(block: BlockPinModel, name: str, h: float) -> tuple[BlockPinModel, Material]:
@@ -95,6 +109,10 @@ def moved(block: BlockPinModel, name: str, h: float) -> tuple[BlockPinModel, Mat
         side = name.removeprefix("friction_")
         value = getattr(block.contact, side) + h
         block = replace(block, contact=replace(block.contact, **{side: value}))
+    elif name.startswith("pin_shift"):
+        x, z = block.specimen.pin_shift
+        place = (x + h, z) if name.endswith("x") else (x, z + h)
+        block = replace(block, specimen=replace(block.specimen, pin_shift=place))
     else:
         value = getattr(block.specimen, name) + h
         block = replace(block, specimen=replace(block.specimen, **{name: value}))
@@ -103,6 +121,8 @@ def moved(block: BlockPinModel, name: str, h: float) -> tuple[BlockPinModel, Mat
 
 def steps_of(block: BlockPinModel, name: str) -> Array:
     """(4,) changes of a parameter, relative to its size."""
+    if name in PLACE:  # forces hardly change with them: more, to stay above what is left to solve
+        return 4.0 * FINE * STEPS
     return STEPS * FINE if hasattr(block.specimen, name) else STEPS
 
 
@@ -169,7 +189,7 @@ def cost_percent(contact: Contact, repeats: int = 3) -> float:
 
 def figures() -> dict[str, Any]:
     """`taylor_order` by contact, the worst over the parameters, and what each of them gives."""
-    order, detail, difference, cost = {}, {}, {}, {}
+    order, detail, difference, cost, place = {}, {}, {}, {}, {}
     for case, contact in CONTACTS.items():
         block = model(contact)
         found = {name: order_of(block, name) for name in names(block)}
@@ -178,9 +198,13 @@ def figures() -> dict[str, Any]:
         detail[case] = {name: value.tolist() for name, value in found.items()}
         difference[case] = direct_adjoint_difference(block)
         cost[case] = cost_percent(contact)
+        out_of_place = turned(contact)
+        place[case] = {name: order_of(out_of_place, name).tolist() for name in PLACE}
+        place[case]["direct_adjoint_difference"] = direct_adjoint_difference(out_of_place)
     return {
         "taylor_order": order,
         "taylor_orders": detail,
+        "taylor_orders_turned_bar": place,
         "direct_adjoint_difference": difference,
         "sensitivity_cost_percent": cost,
     }

@@ -14,7 +14,7 @@ from numba import njit
 
 from fe.contact import Faces
 from fe.friction import slip_potential
-from fe.pin_surface import RigidPin, pin_point
+from fe.pin_surface import ROUND, RigidPin, pin_point
 from fe.slip_anchors import SlipAnchors, place_slopes
 from fe.surface_slopes import SurfaceSlopes, penalty_slope, relative_motion
 from fe.touch import PIN, Chart, FrictionLaw, empty_chart, touch
@@ -128,6 +128,12 @@ def _slip_pull(
             if bend != 0.0:
                 for j in range(dw.size):
                     pull[i, j] += bend * seen[k, j]
+    if pin.shape != ROUND:  # the tangents turn with a bar, as its normal does
+        across = traction * (s0 * chart.tangent[0, 0] + s1 * chart.tangent[1, 0])
+        along = traction * (s0 * chart.tangent[0, 2] + s1 * chart.tangent[1, 2])
+        for j in range(dw.size):
+            pull[0, j] += slopes.angle[j] * along
+            pull[2, j] -= slopes.angle[j] * across
 
 
 @njit(cache=True, inline="always")

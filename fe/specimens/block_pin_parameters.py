@@ -3,7 +3,7 @@
 Besides the material's: "friction_pin", "friction_base" where friction is; "contact_stiffness",
 "contact_ramp", "contact_base", "contact_slip" of the penalty law; "width", "depth", "height",
 "pin_width", "pin_fillet" of the specimen, mm; "pin_shift_x", "pin_shift_z", mm, and "pin_rotation",
-degrees, where the modelled part has room for them, the rotation only of a bar without friction;
+degrees, where the modelled part has room for them, the rotation of a bar only;
 "travel_zero", mm, by which the pin starts above the block.  Mesh lines and field points go with the
 geometry.
 """
@@ -43,7 +43,7 @@ def known_names(specimen: BlockPin, contact: Contact, part: Symmetry) -> tuple[s
     names += [*PENALTY, *SPECIMEN, TRAVEL_ZERO]
     names += ["pin_shift_x"] if part != "quarter" else []
     names += ["pin_shift_z"] if part == "full" else []
-    turns = part == "full" and specimen.pin == "bar" and law.pin == 0.0
+    turns = part == "full" and specimen.pin == "bar"
     return (*names, *(["pin_rotation"] if turns else []))
 
 
