@@ -185,7 +185,7 @@ def _partial(
     ratios: Array, force: Array, displacement: Array | None, good: npt.NDArray[np.bool_]
 ) -> PartialRuns | None:
     """What is good (n, n_step) of runs, NaN elsewhere; None where nothing is."""
-    kept = good.any(axis=1)
+    kept = good.any(axis=1) & ~good.all(axis=1)
     if not kept.any():
         return None
     field = None

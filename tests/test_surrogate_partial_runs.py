@@ -182,3 +182,11 @@ def test_runs_that_are_good_nowhere_or_everywhere_are_refused() -> None:
     for force in (np.full((1, 5), np.nan), np.ones((1, 5))):
         with pytest.raises(ValueError, match="at some steps of every run"):
             PartialRuns(np.zeros((1, 2)), force, None)
+
+
+def test_a_run_that_ended_early_though_all_its_steps_are_good_is_left_out() -> None:
+    x = sobol_design(6, BOX, 3)
+    force, field = truth(x)
+    reached = np.arange(6) > 0
+    runs = TrainingSet.from_runs(x, force, field, reached, good=np.ones(force.shape, dtype=bool))
+    assert runs.partial is None and runs.n_excluded == 1
