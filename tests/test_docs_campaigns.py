@@ -7,6 +7,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 from fe.run_files import load_run
 
 RECIPE = re.compile(r"```python\n(.*?)```", re.DOTALL)
@@ -25,6 +27,7 @@ def run(number: int, changes: dict[str, str], folder: Path) -> subprocess.Comple
     )
 
 
+@pytest.mark.lasting
 def test_a_bar_and_a_round_pin_run_and_show_the_time_left(tmp_path: Path) -> None:
     ran = run(0, {"(12, 6, 2)": "(3, 2, 3)", "(0.6, 1.0, 1.4)": "(0.05, 0.1)"}, tmp_path)
     assert ran.returncode == 0, ran.stderr
@@ -33,6 +36,7 @@ def test_a_bar_and_a_round_pin_run_and_show_the_time_left(tmp_path: Path) -> Non
     assert len(list((tmp_path / "runs" / "blocks").glob("run_*.npz"))) == 2
 
 
+@pytest.mark.lasting
 def test_a_design_over_pins_and_contacts_runs(tmp_path: Path) -> None:
     ran = run(1, {"(12, 4, 2)": "(3, 2, 3)", "(0.6, 1.0, 1.4)": "(0.05, 0.1)"}, tmp_path)
     assert ran.returncode == 0, ran.stderr

@@ -207,6 +207,7 @@ def test_so_they_are_in_the_law_of_friction(name):
     assert_derivatives(block, name, 1e-5)
 
 
+@pytest.mark.lasting
 @CONTACTS
 @pytest.mark.parametrize("name", PLACE)
 def test_derivatives_in_the_place_of_a_turned_bar_leave_remainders_of_second_order(contact, name):
