@@ -42,7 +42,9 @@ LAW = (0.5, 0.4, 0.1, 400.0)
 
 
 TURNED = BlockPin(pin_shift=(0.3, 0.2), pin_rotation=10.0)
+"""lengths in mm, angle in degrees"""
 TURNED_CELLS = (4, 2, 3)
+"""elements of the whole block"""
 PLACE = ("pin_shift_x", "pin_shift_z", "pin_rotation")
 """parameters that only a pin out of place has"""
 

@@ -10,7 +10,7 @@ from surrogate.coverage import Coverage, coverage
 from surrogate.emulator import Emulator
 from surrogate.field_prediction import FieldPrediction
 from surrogate.gp import Array
-from surrogate.simultaneous_band import rank_of_largest
+from surrogate.simultaneous_band import Spread, rank_of_largest
 from surrogate.training_set import TrainingSet
 
 NORMAL_68 = 0.994457883209753
@@ -153,14 +153,23 @@ class Residuals:
     """(n, n_step, n_point, 3) mm"""
     field_std: Array | None
     """(n, n_step, n_point, 3) mm, truncation included"""
-    field_rank: Array | None
-    """(n,) place of each field's largest z among those drawn, see `surrogate.simultaneous_band`"""
+    field_spread: Spread | None
+    """of which `field_std` is the diagonal"""
 
     @property
     def force_z(self) -> Array:
         """(n, n_step) standardised errors of the force."""
         z: Array = self.force_error / np.sqrt(np.einsum("nii->ni", self.force_covariance))
         return z
+
+    @property
+    def field_rank(self) -> Array | None:
+        """(n,) place of each field's largest z among those drawn from its prediction."""
+        if self.field_error is None or self.field_std is None or self.field_spread is None:
+            return None
+        flat = (len(self.field_error), -1)
+        error, std = self.field_error.reshape(flat), self.field_std.reshape(flat)
+        return rank_of_largest(error, std, self.field_spread)
 
     @property
     def field_rms_by_point(self) -> Array | None:
@@ -211,7 +220,7 @@ class Residuals:
 def leave_one_out_residuals(emulator: Emulator, runs: TrainingSet) -> Residuals:
     """Of the emulator's own training runs, each left out in turn, in closed form."""
     force, covariance = emulator.unit_force_leave_one_out()
-    error, std, rank = None, None, None
+    error, std, spread = None, None, None
     if emulator.field is not None:
         pod = emulator.field.pod
         mean, variance = emulator.field.processes.leave_one_out()
@@ -221,25 +230,20 @@ def leave_one_out_residuals(emulator: Emulator, runs: TrainingSet) -> Residuals:
         error = weights.reshape(left_out.shape) - left_out
         std = np.sqrt(variance @ (pod.modes**2).T + pod.left_out_variance).reshape(error.shape)
         factor = pod.truncation.T / np.sqrt(len(pod.truncation))
-        rank = _rank(error, std, pod.modes, variance, factor)
-    return Residuals(runs.force, force - runs.force, covariance, error, std, rank)
+        spread = Spread(pod.modes, variance, factor)
+    return Residuals(runs.force, force - runs.force, covariance, error, std, spread)
 
 
 def held_out_residuals(emulator: Emulator, runs: TrainingSet) -> Residuals:
     """Of runs that the emulator was not trained on."""
     force, covariance = emulator.unit_force(runs.ratios)
-    error, std, rank = None, None, None
+    error, std, spread = None, None, None
     if emulator.field is not None:
         field: FieldPrediction = emulator.predict_field(runs.ratios, n_truncation=0)
         error, std = field.mean - _field(runs), field.std
-        factor = emulator.field_truncation_factor
-        rank = _rank(error, std, field.modes, field.weight_variance, factor)
-    return Residuals(runs.force, force - runs.force, covariance, error, std, rank)
-
-
-def _rank(error: Array, std: Array, modes: Array, weight_variance: Array, factor: Array) -> Array:
-    flat = (len(error), -1)
-    return rank_of_largest(error.reshape(flat), std.reshape(flat), modes, weight_variance, factor)
+        truncation = emulator.field_truncation_factor
+        spread = Spread(field.modes, field.weight_variance, truncation)
+    return Residuals(runs.force, force - runs.force, covariance, error, std, spread)
 
 
 def _worst(error: Array) -> tuple[WorstPoint, ...]:

@@ -216,8 +216,9 @@ class GaussianProcesses:
     def with_further(self, x: Array, weights: Array) -> GaussianProcesses:
         """The same with C_j(., x) @ weights[j] added to the mean of process j, in output units.
 
-        C is `covariance` at x (q, d), weights (k, q): how the mean changes that further knowledge
-        of the processes at x makes. Variances, and what runs left out say, stay as they are.
+        C is `covariance` at x (q, d), weights (k, q): the change of the mean that knowing more of
+        the processes at x makes, in place of any made so before. Variances, and what runs left out
+        say, stay as they are.
         """
         alpha = weights * (self.variance_scale / self.scale)[:, None]
         shift = np.empty_like(self.alpha)

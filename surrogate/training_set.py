@@ -103,6 +103,8 @@ class TrainingSet:
         stable = (
             np.ones(len(ratios), dtype=bool) if smooth is None else np.asarray(smooth, dtype=bool)
         )
+        if good is not None and good.shape != np.shape(force):
+            raise ValueError(f"good: expected shape {np.shape(force)}, got {good.shape}")
         for name, mask in (("reached", keep), ("smooth", stable)):
             if mask.shape != (len(ratios),):
                 raise ValueError(f"{name}: expected {len(ratios)} values, got shape {mask.shape}")

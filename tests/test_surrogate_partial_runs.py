@@ -190,3 +190,10 @@ def test_a_run_that_ended_early_though_all_its_steps_are_good_is_left_out() -> N
     reached = np.arange(6) > 0
     runs = TrainingSet.from_runs(x, force, field, reached, good=np.ones(force.shape, dtype=bool))
     assert runs.partial is None and runs.n_excluded == 1
+
+
+def test_good_steps_of_another_shape_are_refused() -> None:
+    x = sobol_design(6, BOX, 3)
+    force, field = truth(x)
+    with pytest.raises(ValueError, match=r"good: expected shape \(6, 5\), got \(6, 4\)"):
+        TrainingSet.from_runs(x, force, field, np.arange(6) > 0, good=np.ones((6, 4), dtype=bool))

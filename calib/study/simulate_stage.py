@@ -18,6 +18,12 @@ from fe.campaign_result import Campaign
 from fe.manifest import MANIFEST
 from fe.progress_bar import progress_bar
 
+_KIND = {
+    "sobol": "corners, then scrambled Sobol",
+    "latin": "corners, then a nested maximin Latin hypercube",
+}
+"""what the manifest says of `design.sequence`"""
+
 
 def run_design(context: Context) -> list[Path]:
     """All hypotheses' runs in one map; returns the files kept.
@@ -38,12 +44,6 @@ def run_design(context: Context) -> list[Path]:
 def _tell_failures(context: Context) -> None:
     for table in failure_tables(context.out, context.study):
         context.echo(table.text())
-
-
-_KIND = {
-    "sobol": "corners, then scrambled Sobol",
-    "latin": "corners, then a nested maximin Latin hypercube",
-}
 
 
 def load_design(context: Context, hypothesis: Hypothesis) -> Campaign:
