@@ -3,8 +3,9 @@
 Through everything but the displacement: faces that move with the geometry, the pin, stiffness,
 friction, and the anchors that the memory carries from step to step.
 
-What is done at each point is inlined: handing over the many arrays, whose references are counted,
-took as long as the sums.
+The force of a point is linear in what changes at it (`Share`): how much it takes of each is found
+once a point, whatever the number of parameters, and put together a face at a time by products of
+matrices.
 """
 
 from __future__ import annotations
@@ -14,24 +15,35 @@ import numpy.typing as npt
 from numba import njit
 
 from fe.contact import FREE, TIED_TO_PIN, Faces, penalty, position
-from fe.friction_slopes import SlopeWork, empty_work, friction_pull
+from fe.friction_slopes import add_friction
 from fe.pin_surface import RigidPin, pin_point
-from fe.slip_anchors import SlipAnchors
-from fe.surface_slopes import (
-    SurfaceSlopes,
-    gap_slope,
-    normal_slope,
-    penalty_slope,
-    relative_motion,
+from fe.point_shares import (
+    AREA,
+    BASE_STIFFNESS,
+    FILLET,
+    HOLD,
+    MOTION,
+    N_OWN,
+    N_SINGLE,
+    RAMP,
+    REMEMBERED,
+    STIFFNESS,
+    Share,
+    add_normal_turn,
+    add_seen,
 )
+from fe.slip_anchors import SlipAnchors
+from fe.surface_slopes import SurfaceSlopes, penalty_slope
 from fe.ties import Ties
-from fe.touch import FrictionLaw
+from fe.touch import FLOOR, PIN, Chart, FrictionLaw, empty_chart, touch
 
 Array = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 
+_NOTHING, _TIED = -2, -1
+"""what a point remembers that touches nothing, or is tied; else the surface it slides on"""
 
-@njit(cache=True)
+
 def contact_pull(
     u: Array,
     faces: Faces,
@@ -41,196 +53,224 @@ def contact_pull(
     pin: RigidPin,
     law: FrictionLaw,
     slopes: SurfaceSlopes,
-    pull: Array,
-) -> Array:
-    """Fill `pull` (n_face, n_q, 3, n_p) with the derivative of each point's force, N.
+) -> tuple[Array, Array]:
+    """Derivatives of the nodal forces (n_node, 3, n_p) and of the pin force (n_p,), N per unit.
 
-    Returns that of the pin force (n_p,) N.  u (n_node, 3) and travel in mm.
+    u (n_node, 3) and travel in mm.
     """
-    n_p = pull.shape[3]
-    on_pin = np.zeros(n_p)
-    x = np.empty(3)
-    work = empty_work(n_p)
-    pull[...] = 0.0
-    rubs = law.pin > 0.0 or law.base > 0.0
-    for c in range(faces.weights.shape[0]):
-        for q in range(faces.weights.shape[1]):
+    single = np.array(slopes[2:])
+    total, on_pin = np.zeros((*u.shape, single.shape[1])), np.zeros(single.shape[1])
+    if on_pin.size:
+        _pull_faces(u, faces, ties, slip, travel, pin, law, slopes, single, total, on_pin)
+    return total, on_pin
+
+
+@njit(cache=True)
+def _pull_faces(
+    u: Array,
+    faces: Faces,
+    ties: Ties,
+    slip: SlipAnchors,
+    travel: float,
+    pin: RigidPin,
+    law: FrictionLaw,
+    slopes: SurfaceSlopes,
+    single: Array,
+    total: Array,
+    on_pin: Array,
+) -> None:
+    """Add to `total` and `on_pin`; `single` (N_SINGLE, n_p) are the slopes but points and areas."""
+    n_face, n_quad = faces.weights.shape
+    n_p = single.shape[1]
+    share = Share(np.empty((n_quad, 4, N_OWN)), np.empty((n_quad, 4, N_SINGLE)))
+    remembers = np.empty(n_quad, dtype=np.int64)
+    x, chart = np.empty(3), empty_chart()
+    for c in range(n_face):
+        share.own[...] = 0.0
+        share.single[...] = 0.0
+        touched = False
+        for q in range(n_quad):
             position(u, faces, c, q, x)
-            if ties.kind[c, q] != FREE and not faces.base[c]:
-                at = pull[c, q]
-                _held_pull(x, ties, c, q, faces, travel, pin, slopes, work, at, on_pin)
-                continue
-            if faces.base[c]:
-                _base_pull(x, c, q, faces, pin, slopes, pull)
-            elif _touches(x, faces.floor[c], travel, pin):
-                at = pull[c, q]
-                _free_pull(x, c, q, faces, travel, pin, slopes, work.seen, at, on_pin)
-            else:
-                continue
-            if rubs:
-                at = pull[c, q]
-                friction_pull(x, c, q, faces, slip, travel, pin, law, slopes, work, at, on_pin)
-    return on_pin
-
-
-@njit(cache=True)
-def add_to_nodes(faces: Faces, pull: Array, total: Array) -> None:
-    """Add the forces of the points (n_face, n_q, 3, n_p) to those of the nodes (n_node, 3, n_p)."""
-    n_p = pull.shape[3]
-    for c in range(pull.shape[0]):
-        for q in range(pull.shape[1]):
-            touched = False
-            for i in range(3):
-                for j in range(n_p):
-                    touched |= pull[c, q, i, j] != 0.0
-            if not touched:
-                continue
-            for a in range(faces.nodes.shape[1]):
-                node, share = faces.nodes[c, a], faces.shape[c, q, a]
+            remembers[q] = _add_point(x, c, q, faces, ties, slip, travel, pin, law, chart, share)
+            touched |= remembers[q] != _NOTHING
+        if not touched:
+            continue
+        pull = np.dot(share.single.reshape(4 * n_quad, N_SINGLE), single).reshape(n_quad, 4, n_p)
+        for q in range(n_quad):
+            if remembers[q] != _NOTHING:
+                _add_own(c, q, remembers[q], share.own, ties, slip, slopes, pull)
+        nodal = np.dot(faces.shape[c].T, pull.reshape(n_quad, 4 * n_p))
+        for a in range(faces.nodes.shape[1]):
+            node = faces.nodes[c, a]
+            for j in range(n_p):
                 for i in range(3):
-                    for j in range(n_p):
-                        total[node, i, j] += share * pull[c, q, i, j]
-
-
-@njit(cache=True)
-def _touches(x: Array, on_side: bool, travel: float, pin: RigidPin) -> bool:
-    """Whether the point x (3,) mm presses on the pin or, on a side face, on the floor."""
-    return (on_side and x[1] < 0.0) or pin_point(x, travel, pin).gap < 0.0
+                    total[node, i, j] += nodal[a, i * n_p + j]
+                on_pin[j] += nodal[a, 3 * n_p + j]  # shape functions add up to one
 
 
 @njit(cache=True, inline="always")
-def _base_pull(
-    x: Array, c: int, q: int, faces: Faces, pin: RigidPin, slopes: SurfaceSlopes, pull: Array
+def _add_own(
+    c: int,
+    q: int,
+    remembers: int,
+    own: Array,
+    ties: Ties,
+    slip: SlipAnchors,
+    slopes: SurfaceSlopes,
+    pull: Array,
 ) -> None:
-    """What the spring under a base point adds."""
-    w, k = faces.weights[c, q], pin.base_stiffness
-    for j in range(pull.shape[3]):
-        dw, dk, moved = slopes.weights[c, q, j], slopes.base_stiffness[j], slopes.points[c, q, 1, j]
-        pull[c, q, 1, j] += w * (k * moved + dk * x[1]) + dw * k * x[1]
+    """Add to `pull` (n_q, 4, n_p) what comes of the point's own motion, area and memory."""
+    n_p = pull.shape[2]
+    for i in range(4):
+        a0, a1, a2 = own[q, i, MOTION], own[q, i, MOTION + 1], own[q, i, MOTION + 2]
+        by_area = own[q, i, AREA]
+        for j in range(n_p):
+            pull[q, i, j] += (
+                a0 * slopes.points[c, q, 0, j]
+                + a1 * slopes.points[c, q, 1, j]
+                + a2 * slopes.points[c, q, 2, j]
+                + by_area * slopes.weights[c, q, j]
+            )
+        b0, b1, b2 = own[q, i, REMEMBERED], own[q, i, REMEMBERED + 1], own[q, i, REMEMBERED + 2]
+        if remembers == _TIED:
+            by_hold = own[q, i, HOLD]
+            for j in range(n_p):
+                pull[q, i, j] += (
+                    b0 * ties.anchor_gradient[c, q, 0, j]
+                    + b1 * ties.anchor_gradient[c, q, 1, j]
+                    + b2 * ties.anchor_gradient[c, q, 2, j]
+                    + by_hold * ties.hold_gradient[c, q, j]
+                )
+        elif b0 != 0.0 or b1 != 0.0:
+            for j in range(n_p):
+                pull[q, i, j] += (
+                    b0 * slip.gradient[c, q, remembers, 0, j]
+                    + b1 * slip.gradient[c, q, remembers, 1, j]
+                )
 
 
 @njit(cache=True, inline="always")
-def _free_pull(
+def _add_point(
     x: Array,
     c: int,
     q: int,
     faces: Faces,
+    ties: Ties,
+    slip: SlipAnchors,
     travel: float,
     pin: RigidPin,
-    slopes: SurfaceSlopes,
-    seen: Array,
-    pull: Array,
-    on_pin: Array,
-) -> None:
-    """Frictionless penalty of pin and floor; adds what of it is the pin's to `on_pin` (n_p,)."""
-    motion, w, dw = slopes.points[c, q], faces.weights[c, q], slopes.weights[c, q]
-    _pin_pull(x, motion, travel, w, dw, pin, slopes, seen, pull)
-    for j in range(dw.size):
-        on_pin[j] += pull[1, j]
-    if faces.floor[c] and x[1] < 0.0:
-        _floor_pull(x, motion, w, dw, pin, slopes, pull)
+    law: FrictionLaw,
+    chart: Chart,
+    share: Share,
+) -> int:
+    """Shares of the point at x (3,) mm; returns what it remembers.
+
+    First what is the pin's, then what is the floor's or the base's.
+    """
+    w, on_base = faces.weights[c, q], faces.base[c]
+    tied = ties.kind[c, q] != FREE and not on_base
+    free = 1.0 - ties.hold[c, q] if tied else 1.0
+    on_floor = faces.floor[c] and x[1] < 0.0
+    on_pin = not on_base and pin_point(x, travel, pin).gap < 0.0
+    if not (tied or on_base or on_floor or on_pin):
+        return _NOTHING
+    surface, limit, steep = FLOOR, 0.0, 0.0
+    if not tied and (law.pin > 0.0 or law.base > 0.0):
+        surface, limit, steep = touch(x, on_base, faces.floor[c], travel, pin, law, chart)
+    with_pin = ties.kind[c, q] == TIED_TO_PIN if tied else surface == PIN
+    if on_pin and free > 0.0:
+        _add_pin(x, q, travel, w, free, pin, share)
+    if not with_pin:
+        _copy_to_pin(q, share)
+    if tied:
+        _add_spring(x, c, q, travel if with_pin else 0.0, w, ties, pin, share)
+    elif limit > 0.0:
+        place = slip.place[c, q, surface]
+        add_friction(x, q, on_base, surface, limit, steep, place, travel, w, pin, law, chart, share)
+    if with_pin:
+        _copy_to_pin(q, share)
+    if on_base:
+        _add_base(x, q, w, pin, share)
+    elif on_floor and free > 0.0:
+        _add_floor(x, q, w, free, pin, share)
+    return _TIED if tied else int(surface)
 
 
 @njit(cache=True, inline="always")
-def _held_pull(
-    x: Array,
-    ties: Ties,
-    c: int,
-    q: int,
-    faces: Faces,
-    travel: float,
-    pin: RigidPin,
-    slopes: SurfaceSlopes,
-    work: SlopeWork,
-    pull: Array,
-    on_pin: Array,
-) -> None:
-    """What holds a tied point: spring and penalty; adds what of it is the pin's to `on_pin`."""
-    motion, w, dw = slopes.points[c, q], faces.weights[c, q], slopes.weights[c, q]
-    held, d_held = ties.hold[c, q], ties.hold_gradient[c, q]
-    if held < 1.0:
-        free, d_free = w * (1.0 - held), dw * (1.0 - held) - w * d_held
-        _pin_pull(x, motion, travel, free, d_free, pin, slopes, work.seen, pull)
-        for j in range(dw.size):
-            on_pin[j] += pull[1, j]
-        if faces.floor[c] and x[1] < 0.0:
-            _floor_pull(x, motion, free, d_free, pin, slopes, pull)
-    tied_to_pin = ties.kind[c, q] == TIED_TO_PIN
-    if tied_to_pin:
-        x[1] += travel
-    work.before[:] = pull[1]
-    _tied_pull(x, ties, c, q, motion, w, dw, pin, slopes, pull)
-    if tied_to_pin:
-        for j in range(dw.size):
-            on_pin[j] += pull[1, j] - work.before[j]
+def _copy_to_pin(q: int, share: Share) -> None:
+    """Take the vertical force that there is so far for the pin's."""
+    for k in range(N_OWN):
+        share.own[q, 3, k] = share.own[q, 1, k]
+    for k in range(N_SINGLE):
+        share.single[q, 3, k] = share.single[q, 1, k]
 
 
 @njit(cache=True, inline="always")
-def _tied_pull(
+def _add_base(x: Array, q: int, w: float, pin: RigidPin, share: Share) -> None:
+    """The spring under a base point."""
+    share.own[q, 1, MOTION + 1] += w * pin.base_stiffness
+    share.own[q, 1, AREA] += pin.base_stiffness * x[1]
+    share.single[q, 1, BASE_STIFFNESS] += w * x[1]
+
+
+@njit(cache=True, inline="always")
+def _add_spring(
     x: Array,
-    ties: Ties,
     c: int,
     q: int,
-    motion: Array,
+    travel: float,
     w: float,
-    dw: Array,
+    ties: Ties,
     pin: RigidPin,
-    slopes: SurfaceSlopes,
-    pull: Array,
+    share: Share,
 ) -> None:
-    """Spring to an anchor; x is seen from what the anchor moves with."""
-    held, d_held, d_anchor = ties.hold[c, q], ties.hold_gradient[c, q], ties.anchor_gradient[c, q]
-    rate = w * held * pin.stiffness
+    """Spring to an anchor that has gone down by `travel`, mm."""
+    held, k = ties.hold[c, q], pin.stiffness
     for i in range(3):
         stretch = x[i] - ties.anchor[c, q, i]
-        by_stiffness, by_area = w * held * stretch, pin.stiffness * stretch
-        for j in range(dw.size):
-            d_area = dw[j] * held + w * d_held[j]
-            pull[i, j] += rate * (motion[i, j] - d_anchor[i, j])
-            pull[i, j] += by_stiffness * slopes.stiffness[j] + by_area * d_area
+        if i == 1:
+            stretch += travel
+        share.own[q, i, MOTION + i] += w * held * k
+        share.own[q, i, REMEMBERED + i] -= w * held * k
+        share.own[q, i, HOLD] += w * k * stretch
+        share.own[q, i, AREA] += held * k * stretch
+        share.single[q, i, STIFFNESS] += w * held * stretch
 
 
 @njit(cache=True, inline="always")
-def _pin_pull(
-    x: Array,
-    motion: Array,
-    travel: float,
-    w: float,
-    dw: Array,
-    pin: RigidPin,
-    slopes: SurfaceSlopes,
-    seen: Array,
-    pull: Array,
+def _add_pin(
+    x: Array, q: int, travel: float, w: float, part: float, pin: RigidPin, share: Share
 ) -> None:
-    """Frictionless penalty of the pin; `seen` (3, n_p) is work space."""
+    """Frictionless penalty of the pin, of the `part` of the area w (mm2) that no spring holds."""
     s = pin_point(x, travel, pin)
     if s.gap >= 0.0:
         return
     _, slope, curvature = penalty(s.gap, pin.stiffness, pin.ramp)
-    relative_motion(x, motion, pin, slopes, seen)
-    for j in range(dw.size):
-        d0, d1, d2 = normal_slope(s, seen, pin, slopes, j)
-        change = curvature * gap_slope(s, seen, slopes, j)
-        change += penalty_slope(s.gap, pin.stiffness, pin.ramp, slopes.stiffness[j], slopes.ramp[j])
-        along = w * change + dw[j] * slope
-        pull[0, j] += along * s.nx + w * slope * d0
-        pull[1, j] += along * s.ny + w * slope * d1
-        pull[2, j] += along * s.nz + w * slope * d2
+    by_stiffness = penalty_slope(s.gap, pin.stiffness, pin.ramp, 1.0, 0.0)
+    by_ramp = penalty_slope(s.gap, pin.stiffness, pin.ramp, 0.0, 1.0)
+    area, n = w * part, (s.nx, s.ny, s.nz)
+    hessian = ((s.hxx, s.hxy, s.hxz), (s.hxy, s.hyy, s.hyz), (s.hxz, s.hyz, s.hzz))
+    for i in range(3):
+        h, rate = hessian[i], area * curvature * n[i]
+        v0 = rate * n[0] + area * slope * h[0]
+        v1 = rate * n[1] + area * slope * h[1]
+        v2 = rate * n[2] + area * slope * h[2]
+        add_seen(x, q, i, v0, v1, v2, pin, share)
+        share.single[q, i, FILLET] -= rate
+        share.single[q, i, STIFFNESS] += area * by_stiffness * n[i]
+        share.single[q, i, RAMP] += area * by_ramp * n[i]
+        share.own[q, i, AREA] += part * slope * n[i]
+        share.own[q, i, HOLD] -= w * slope * n[i]
+    add_normal_turn(q, area * slope * s.nx, area * slope * s.nz, pin, share)
 
 
 @njit(cache=True, inline="always")
-def _floor_pull(
-    x: Array,
-    motion: Array,
-    w: float,
-    dw: Array,
-    pin: RigidPin,
-    slopes: SurfaceSlopes,
-    pull: Array,
-) -> None:
-    """Frictionless penalty of the floor."""
+def _add_floor(x: Array, q: int, w: float, part: float, pin: RigidPin, share: Share) -> None:
+    """Frictionless penalty of the floor, as `_add_pin`."""
     _, slope, curvature = penalty(x[1], pin.stiffness, pin.ramp)
-    for j in range(dw.size):
-        change = curvature * motion[1, j]
-        change += penalty_slope(x[1], pin.stiffness, pin.ramp, slopes.stiffness[j], slopes.ramp[j])
-        pull[1, j] += w * change + dw[j] * slope
+    area = w * part
+    share.own[q, 1, MOTION + 1] += area * curvature
+    share.single[q, 1, STIFFNESS] += area * penalty_slope(x[1], pin.stiffness, pin.ramp, 1.0, 0.0)
+    share.single[q, 1, RAMP] += area * penalty_slope(x[1], pin.stiffness, pin.ramp, 0.0, 1.0)
+    share.own[q, 1, AREA] += part * slope
+    share.own[q, 1, HOLD] -= w * slope

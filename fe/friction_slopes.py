@@ -6,165 +6,121 @@ and the slip over which that is reached (`fe.friction`).
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from fe.contact import Faces
 from fe.friction import slip_potential
-from fe.pin_surface import ROUND, RigidPin, pin_point
-from fe.slip_anchors import SlipAnchors, place_slopes
-from fe.surface_slopes import SurfaceSlopes, penalty_slope, relative_motion
-from fe.touch import PIN, Chart, FrictionLaw, empty_chart, touch
+from fe.pin_surface import RigidPin, pin_point
+from fe.point_shares import (
+    AREA,
+    BASE_STIFFNESS,
+    FILLET,
+    FRICTION_BASE,
+    FRICTION_PIN,
+    HALF_WIDTH,
+    MOTION,
+    RAMP,
+    REMEMBERED,
+    SLIP,
+    STIFFNESS,
+    Share,
+    add_normal_turn,
+    add_seen,
+)
+from fe.slip_anchors import arc_growth
+from fe.surface_slopes import penalty_slope
+from fe.touch import PIN, Chart, FrictionLaw
 
 Array = npt.NDArray[np.float64]
 
 
-class SlopeWork(NamedTuple):
-    """Work arrays of one point."""
-
-    seen: Array
-    """(3, n_p) motion of the point as the surface sees it, mm"""
-    there: Array
-    """(2, n_p) that of its slip, mm"""
-    before: Array
-    """(n_p,) its vertical force without friction, N"""
-    limit: Array
-    """(n_p,) the largest traction, MPa"""
-    chart: Chart
-
-
-@njit(cache=True)
-def empty_work(n_p: int) -> SlopeWork:
-    """Work arrays for n_p parameters."""
-    return SlopeWork(
-        np.empty((3, n_p)), np.empty((2, n_p)), np.empty(n_p), np.empty(n_p), empty_chart()
-    )
-
-
 @njit(cache=True, inline="always")
-def friction_pull(
+def add_friction(
     x: Array,
-    c: int,
     q: int,
-    faces: Faces,
-    slip: SlipAnchors,
-    travel: float,
-    pin: RigidPin,
-    law: FrictionLaw,
-    slopes: SurfaceSlopes,
-    work: SlopeWork,
-    pull: Array,
-    on_pin: Array,
-) -> None:
-    """Add friction of point q of face c, at x (3,) mm, to `pull` (3, n_p) N; `work` is filled.
-
-    What of its vertical force is the pin's is added to `on_pin` (n_p,) N.
-    """
-    motion, w, dw = slopes.points[c, q], faces.weights[c, q], slopes.weights[c, q]
-    chart, on_base = work.chart, faces.base[c]
-    surface, limit, steep = touch(x, on_base, faces.floor[c], travel, pin, law, chart)
-    if limit <= 0.0:
-        return
-    if surface == PIN:
-        relative_motion(x, motion, pin, slopes, work.seen)
-    else:
-        work.seen[:, :] = motion
-    place_slopes(x, work.seen, chart, surface, pin, slopes, work.there)
-    for k in range(2):
-        for j in range(dw.size):
-            work.there[k, j] -= slip.gradient[c, q, surface, k, j]
-    work.before[:] = pull[1]
-    place = slip.place[c, q, surface]
-    _slip_pull(
-        x, on_base, surface, limit, steep, place, travel, w, dw, pin, law, slopes, work, pull
-    )
-    if surface == PIN:
-        for j in range(dw.size):
-            on_pin[j] += pull[1, j] - work.before[j]
-
-
-@njit(cache=True, inline="always")
-def _slip_pull(
-    x: Array,
     on_base: bool,
     surface: int,
     limit: float,
     steep: float,
-    place: Array,
+    anchor: Array,
     travel: float,
     w: float,
-    dw: Array,
     pin: RigidPin,
     law: FrictionLaw,
-    slopes: SurfaceSlopes,
-    work: SlopeWork,
-    pull: Array,
+    chart: Chart,
+    share: Share,
 ) -> None:
-    """Friction where the limit (MPa, `steep` its slope in the distance) is above 0."""
-    seen, slides, chart = work.seen, work.there, work.chart
-    s0, s1 = chart.place[0] - place[0], chart.place[1] - place[1]
-    size2 = s0 * s0 + s1 * s1
-    _, secant, fall = slip_potential(s0, s1, law.slip)
-    a = law.slip
+    """Add the shares of friction where its limit (MPa, `steep` its slope in the gap) is above 0.
+
+    x (3,) mm is the point, `anchor` (2,) mm the place on the surface from which it slides.
+    """
+    s0, s1 = chart.place[0] - anchor[0], chart.place[1] - anchor[1]
+    size2, a = s0 * s0 + s1 * s1, law.slip
+    _, secant, fall = slip_potential(s0, s1, a)
     by_slip = 1.5 * (size2 / a**4 - 1.0 / a**2) if size2 < a * a else 0.0
-    _fill_limit_slopes(x, on_base, surface, limit, steep, travel, pin, law, slopes, work)
+    on_pin = surface == PIN
+    e0, e1, turned = 0.0, 0.0, 0.0
+    if on_pin:
+        e0, e1, turned = arc_growth(x, chart, pin)
     traction = w * limit * secant
-    for j in range(dw.size):
-        d0, d1 = slides[0, j], slides[1, j]
-        d_secant = by_slip * slopes.slip[j] - fall * (s0 * d0 + s1 * d1)
-        g = w * (limit * d_secant + work.limit[j] * secant) + dw[j] * limit * secant
-        g0 = g * s0 + traction * d0
-        g1 = g * s1 + traction * d1
-        for i in range(3):
-            pull[i, j] += g0 * chart.tangent[0, i] + g1 * chart.tangent[1, i]
-    if surface != PIN:  # the floor is flat
-        return
+    T, slope, n = chart.tangent, chart.slope, chart.normal
     for i in range(3):
-        for k in range(3):
-            bend = traction * (s0 * chart.bend[0, i, k] + s1 * chart.bend[1, i, k])
-            if bend != 0.0:
-                for j in range(dw.size):
-                    pull[i, j] += bend * seen[k, j]
-    if pin.shape != ROUND:  # the tangents turn with a bar, as its normal does
-        across = traction * (s0 * chart.tangent[0, 0] + s1 * chart.tangent[1, 0])
-        along = traction * (s0 * chart.tangent[0, 2] + s1 * chart.tangent[1, 2])
-        for j in range(dw.size):
-            pull[0, j] += slopes.angle[j] * along
-            pull[2, j] -= slopes.angle[j] * across
+        along = s0 * T[0, i] + s1 * T[1, i]
+        d0 = traction * T[0, i] - w * limit * fall * along * s0  # by the slip
+        d1 = traction * T[1, i] - w * limit * fall * along * s1
+        by_limit = w * secant * along
+        rate = by_limit * steep
+        v0 = d0 * slope[0, 0] + d1 * slope[1, 0] + rate * n[0]
+        v1 = d0 * slope[0, 1] + d1 * slope[1, 1] + rate * n[1]
+        v2 = d0 * slope[0, 2] + d1 * slope[1, 2] + rate * n[2]
+        if on_pin:
+            v0 += traction * (s0 * chart.bend[0, i, 0] + s1 * chart.bend[1, i, 0])
+            v1 += traction * (s0 * chart.bend[0, i, 1] + s1 * chart.bend[1, i, 1])
+            v2 += traction * (s0 * chart.bend[0, i, 2] + s1 * chart.bend[1, i, 2])
+            add_seen(x, q, i, v0, v1, v2, pin, share)
+            longer = d0 * e0 + d1 * e1
+            share.single[q, i, HALF_WIDTH] += longer
+            share.single[q, i, FILLET] += turned * longer - rate
+        else:
+            share.own[q, i, MOTION] += v0
+            share.own[q, i, MOTION + 1] += v1
+            share.own[q, i, MOTION + 2] += v2
+        share.own[q, i, REMEMBERED] -= d0
+        share.own[q, i, REMEMBERED + 1] -= d1
+        share.own[q, i, AREA] += limit * secant * along
+        share.single[q, i, SLIP] += w * limit * by_slip * along
+        _add_limit(x, q, i, on_base, on_pin, limit, travel, by_limit, pin, law, share)
+    if on_pin:  # the tangents turn with a bar, as its normal does
+        along_x = traction * (s0 * T[0, 0] + s1 * T[1, 0])
+        along_z = traction * (s0 * T[0, 2] + s1 * T[1, 2])
+        add_normal_turn(q, along_x, along_z, pin, share)
 
 
 @njit(cache=True, inline="always")
-def _fill_limit_slopes(
+def _add_limit(
     x: Array,
+    q: int,
+    i: int,
     on_base: bool,
-    surface: int,
+    on_pin: bool,
     limit: float,
-    steep: float,
     travel: float,
+    by_limit: float,
     pin: RigidPin,
     law: FrictionLaw,
-    slopes: SurfaceSlopes,
-    work: SlopeWork,
+    share: Share,
 ) -> None:
-    """Derivative of the largest traction mu p of the point x (3,) mm, MPa."""
-    seen, n = work.seen, work.chart.normal
-    on_pin = surface == PIN
+    """What row i takes of what changes the largest traction mu p at a fixed distance.
+
+    `by_limit` is its derivative in that, mm2.
+    """
     coefficient = law.pin if on_pin else law.base
-    d_coefficient = slopes.friction_pin if on_pin else slopes.friction_base
+    share.single[q, i, FRICTION_PIN if on_pin else FRICTION_BASE] += by_limit * limit / coefficient
+    if on_base:
+        share.single[q, i, BASE_STIFFNESS] += by_limit * limit / pin.base_stiffness
+        return
     gap = pin_point(x, travel, pin).gap if on_pin else x[1]
-    by_stiffness = -coefficient * penalty_slope(gap, pin.stiffness, pin.ramp, 1.0, 0.0)
-    by_ramp = -coefficient * penalty_slope(gap, pin.stiffness, pin.ramp, 0.0, 1.0)
-    by_base = limit / pin.base_stiffness
-    for j in range(work.limit.size):
-        d_gap = n[0] * seen[0, j] + n[1] * seen[1, j] + n[2] * seen[2, j]
-        if on_pin:
-            d_gap -= slopes.fillet[j]
-        change = steep * d_gap + limit * d_coefficient[j] / coefficient
-        if on_base:
-            change += by_base * slopes.base_stiffness[j]
-        else:
-            change += by_stiffness * slopes.stiffness[j] + by_ramp * slopes.ramp[j]
-        work.limit[j] = change
+    rate = by_limit * coefficient
+    share.single[q, i, STIFFNESS] -= rate * penalty_slope(gap, pin.stiffness, pin.ramp, 1.0, 0.0)
+    share.single[q, i, RAMP] -= rate * penalty_slope(gap, pin.stiffness, pin.ramp, 0.0, 1.0)

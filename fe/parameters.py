@@ -103,7 +103,7 @@ def carry_faces(surface: SurfaceSlopes, faces: Faces, nodes: Array, motion: Arra
     the axes and stay so.
     """
     moved = motion[:, faces.nodes].transpose(1, 2, 3, 0)
-    points = np.einsum("cqa,caij->cqij", faces.shape, moved)
+    points = np.ascontiguousarray(np.einsum("cqa,caij->cqij", faces.shape, moved))
     at = nodes[faces.nodes]
     first, last = at.argmin(axis=1), at.argmax(axis=1)
     rows, axes = np.arange(len(at))[:, None], np.arange(3)
@@ -111,6 +111,5 @@ def carry_faces(surface: SurfaceSlopes, faces: Faces, nodes: Array, motion: Arra
     growth = moved[rows, last, axes] - moved[rows, first, axes]
     flat = sides < 1e-9 * sides.max(axis=1, keepdims=True)
     stretch = np.where(flat[..., None], 0.0, growth) / np.where(flat, 1.0, sides)[..., None]
-    return surface._replace(
-        points=points, weights=faces.weights[..., None] * stretch.sum(axis=1)[:, None]
-    )
+    weights = np.ascontiguousarray(faces.weights[..., None] * stretch.sum(axis=1)[:, None])
+    return surface._replace(points=points, weights=weights)

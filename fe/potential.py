@@ -11,7 +11,7 @@ import numpy.typing as npt
 from fe import contact, friction
 from fe.contact import Faces
 from fe.contact_memory import ContactMemory
-from fe.contact_slopes import add_to_nodes, contact_pull
+from fe.contact_slopes import contact_pull
 from fe.coupled_tangent import CoupledTangent
 from fe.directions import Directions
 from fe.discretisation import Pattern, add_entries, sum_to_nodes
@@ -79,7 +79,6 @@ class Potential:
         self._coupled: CoupledTangent | None = None
         if self.has_friction:
             self._coupled = CoupledTangent(problem.pattern, problem.faces.nodes)
-        self._pull = np.zeros((0, 0, 3, 0))
         self._upper = np.zeros(0)
         self._whole: GeneralMatrix | None = None
         self.n_unknowns = problem.pattern.n_free
@@ -164,23 +163,16 @@ class Potential:
         Returns (gradient (n_free, n_p) N, pin force (n_p,) N).
         """
         problem = self.problem
-        faces = problem.faces
-        if self._pull.shape != slopes.points.shape:
-            self._pull = np.empty(slopes.points.shape)
-        pull = self._pull
-        on_pin = contact_pull(
+        total, on_pin = contact_pull(
             u,
-            faces,
+            problem.faces,
             memory.ties,
             memory.slip,
             travel,
             problem.pin,
             problem.friction,
             slopes,
-            pull,
         )
-        total = np.zeros((len(u), *pull.shape[2:]))
-        add_to_nodes(faces, pull, total)
         return self.restrict(total), on_pin
 
     def restrict(self, full: Array) -> Array:

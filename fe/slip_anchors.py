@@ -83,15 +83,25 @@ def place_slopes(
         there[1, j] = s1[0] * seen[0, j] + s1[1] * seen[1, j] + s1[2] * seen[2, j]
     if surface != PIN:
         return
+    e0, e1, turned = arc_growth(x, chart, pin)
+    for j in range(n_p):
+        longer = slopes.half_width[j] + turned * slopes.fillet[j]
+        there[0, j] += longer * e0
+        there[1, j] += longer * e1
+
+
+@njit(cache=True)
+def arc_growth(x: Array, chart: Chart, pin: RigidPin) -> tuple[float, float, float]:
+    """Where on the pin the place of x (3,) mm goes as half the width grows, and its share.
+
+    (its two numbers, how many times as far it goes as the fillet grows).
+    """
     n = np.sqrt(chart.normal[0] ** 2 + chart.normal[2] ** 2)
     turned = np.arctan2(n, -chart.normal[1]) - 1.0
     ex, ez, side = seen_from(x, pin)
     if pin.shape != ROUND:
         ex, ez = side, 0.0
-    for j in range(n_p):
-        longer = slopes.half_width[j] + turned * slopes.fillet[j]
-        there[0, j] += longer * ex
-        there[1, j] += longer * ez
+    return ex, ez, turned
 
 
 @njit(cache=True)

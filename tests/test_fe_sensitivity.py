@@ -22,7 +22,7 @@ from fe.contact import FREE, TIED_TO_FLOOR, TIED_TO_PIN, contact_system, empty_s
 from fe.contact_memory import initial_memory
 from fe.contact_slopes import contact_pull
 from fe.directions import directions
-from fe.discretisation import elements
+from fe.discretisation import elements, sum_to_nodes
 from fe.friction import freeze, friction_system
 from fe.pin_surface import BAR, ROUND, RigidPin
 from fe.shape_slopes import residual_slopes
@@ -102,7 +102,7 @@ def pressed(shape, rubs):
 
 
 def forces_of(faces, u, pin, memory, law):
-    """Forces of the face nodes and, last, that of the pin."""
+    """Forces of the nodes and, last, that of the pin."""
     system = empty_system(faces)
     ties = memory.ties
     tied = ties.kind, ties.hold, ties.anchor
@@ -110,7 +110,7 @@ def forces_of(faces, u, pin, memory, law):
     frame = freeze(u, faces, ties.kind, memory.slip.place, TRAVEL, pin, law)
     coupling = np.zeros_like(system.tangent)
     on_pin += friction_system(u, faces, frame, TRAVEL, pin, law, system, coupling)[1]
-    return np.append(system.force.ravel(), on_pin)
+    return np.append(sum_to_nodes(faces.nodes, system.force, len(u)), on_pin)
 
 
 OF_PIN = ("height", "half_width", "fillet", "x", "z", "stiffness", "ramp", "base_stiffness")
@@ -155,9 +155,8 @@ def test_contact_forces_follow_pin_law_and_points(shape, rubs):
         hold_gradient=np.zeros((*memory.ties.hold.shape, n_p)),
     )
     still = memory.slip._replace(gradient=np.zeros((*memory.slip.place.shape, n_p)))
-    pull = np.zeros((*faces.points.shape, n_p))
-    on_pin = contact_pull(u, faces, ties, still, TRAVEL, pin, law, slopes, pull)
-    nodal = np.einsum("cqa,cqij->caij", faces.shape, pull).reshape(-1, n_p)
+    total, on_pin = contact_pull(u, faces, ties, still, TRAVEL, pin, law, slopes)
+    nodal = total.reshape(-1, n_p)
     for j, change in enumerate(changes):
 
         def forces(h, change=change):
