@@ -37,7 +37,8 @@ from surrogate import Emulator, TrainingSet, held_out_residuals, named_gradient
 
 N_THETA = 1000
 DERIVATIVE_COST = {"stick": 0.18, "slide": 0.08, "friction": 0.19}
-"""share of a run's time that all derivatives take: largest of three `verify_fe --only taylor`"""
+"""share of a run's time that all derivatives take: largest of three measurements at commit 98d0db8,
+before those of contact took a face at a time"""
 
 
 def main(arguments: list[str] | None = None) -> None:
