@@ -112,7 +112,12 @@ def _along(covariance: Any, residual: Any, error: Any) -> tuple[Any, Any, Any]:
 
 
 def _processes(gp: GaussianProcesses) -> Callable[[Any], tuple[Any, Any]]:
-    """Mean (k,) and variance (k,) of a new run at inputs (d,)."""
+    """Mean (k,) and variance (k,) of a new run at inputs (d,).
+
+    Raises ValueError where runs that ended early have taught the emulator: that is not done here.
+    """
+    if len(gp.further):
+        raise ValueError("density_jax: expected an emulator of complete runs alone")
     index = gp.rows.of_point
     groups = []
     for group in range(len(gp.family)):

@@ -24,7 +24,7 @@ import argparse
 import json
 import time
 import timeit
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -106,7 +106,7 @@ def _design(design: Design, contact: str, options: argparse.Namespace) -> dict[s
     }
     # As many runs with derivatives as take the time of all without.
     n_equal = int(design.n_runs / (1.0 + DERIVATIVE_COST[contact]))
-    at_equal_time = _figures(training.subset(slice(0, n_equal)), held_out)
+    at_equal_time = _figures(_first(training, n_equal), held_out)
     fe_seconds = float(np.mean([run.seconds for run in campaign.responses]))
     table: dict[str, Any] = {
         "design": list(design.names),
@@ -219,7 +219,7 @@ def _at_error_of(
     for eighths in range(2, 9):
         part = n * eighths // 8
         start = time.process_time()
-        emulator = Emulator.fit(training.subset(slice(0, part)), 1)
+        emulator = Emulator.fit(_first(training, part), 1)
         seconds = time.process_time() - start
         error = emulator.displacement(held_out.ratios) - held_out.displacement
         rmse = float(np.sqrt(np.mean(error**2)))
@@ -229,6 +229,11 @@ def _at_error_of(
         if len(found) == len(peers):
             break
     return found
+
+
+def _first(training: TrainingSet, n: int) -> TrainingSet:
+    """The first n runs alone: no other, not one that ended early either, teaches or takes time."""
+    return replace(training.subset(slice(0, n)), partial=None)
 
 
 def _force_max(relative: np.ndarray) -> list[float]:

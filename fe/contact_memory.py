@@ -45,8 +45,11 @@ def initial_memory(
     """Memory at travel 0: points where `glued` (n_face, n_q) are tied to the pin in place.
 
     `slopes` are those of the parameters that sensitivities are taken in, none when not given;
-    `at_rest` those of the surfaces at travel 0, if they differ.
+    `at_rest` those of the surfaces at travel 0, if they differ.  Raises ValueError for glued points
+    of the base, which nothing ties.
     """
+    if glued[faces.base].any():
+        raise ValueError("glued: expected points of other faces than those of the base")
     slopes = no_slopes(faces, 0) if slopes is None else slopes
     start = slopes if at_rest is None else at_rest
     return ContactMemory(

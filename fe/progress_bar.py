@@ -1,4 +1,4 @@
-"""Progress bars with the time left, on the terminal only."""
+"""Progress bars with the time left, on the standard error stream."""
 
 from __future__ import annotations
 

@@ -10,7 +10,7 @@ from surrogate.coverage import Coverage, coverage
 from surrogate.emulator import Emulator
 from surrogate.field_prediction import FieldPrediction
 from surrogate.gp import Array
-from surrogate.simultaneous_band import Spread, rank_of_largest
+from surrogate.simultaneous_band import Spread, rank_of_largest, standardised
 from surrogate.training_set import TrainingSet
 
 NORMAL_68 = 0.994457883209753
@@ -197,9 +197,7 @@ class Residuals:
             rms = tuple(np.sqrt(np.mean(error**2, axis=(0, 2, 3))).tolist())
             largest = float(np.abs(error).max())
             ratio = float(np.sqrt(np.mean(error**2) / np.mean(std**2)))
-            # A value that is the same in all runs has no error and no SD: it is covered.
-            z_field = np.abs(error) / np.maximum(std, np.finfo(float).tiny)
-            covered = coverage(z_field, rank=self.field_rank)
+            covered = coverage(standardised(error, std), rank=self.field_rank)
             worst = _worst(error)
         return Errors(
             n_runs=len(relative),

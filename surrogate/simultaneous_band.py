@@ -11,6 +11,8 @@ Array = npt.NDArray[np.float64]
 
 N_DRAWS = 400
 """fields drawn: the share of them below a level of 95 % has a standard error of 1.1 %"""
+SAME = 1e-9
+"""SD, as a share of the largest, below which a value is the same in all runs but for rounding"""
 
 
 class Spread(NamedTuple):
@@ -27,6 +29,13 @@ class Spread(NamedTuple):
     """(n_obs, q)"""
 
 
+def standardised(error: Array, std: Array) -> Array:
+    """Errors over their SDs, of the same shape; next to 0 where a value is the same in all runs."""
+    least = max(SAME * float(np.max(std, initial=0.0)), np.finfo(np.float64).tiny)
+    z: Array = error / np.maximum(std, least)
+    return z
+
+
 def rank_of_largest(error: Array, std: Array, spread: Spread) -> Array:
     """(n,) share of drawn fields whose largest standardised error is below that of each run.
 
@@ -41,9 +50,8 @@ def rank_of_largest(error: Array, std: Array, spread: Spread) -> Array:
     shared = factor @ rng.standard_normal((factor.shape[1], N_DRAWS))
     rank = np.zeros(len(error))
     for run, (own, sd) in enumerate(zip(error, std, strict=True)):
-        varies = sd > 0.0  # what is the same in all runs has no error
         drawn = modes @ (np.sqrt(weight_variance[run])[:, None] * by_mode) + shared
-        sizes = np.abs(drawn[varies]) / sd[varies, None]
-        largest = np.max(np.abs(own[varies]) / sd[varies], initial=0.0)
+        sizes = np.abs(standardised(drawn, sd[:, None]))
+        largest = np.abs(standardised(own, sd)).max(initial=0.0)
         rank[run] = np.mean(sizes.max(axis=0, initial=0.0) < largest)
     return rank

@@ -19,7 +19,8 @@ class TrainingSet:
     """Runs that reached every travel; forces of the whole sample at kappa = 1 MPa.
 
     Raises ValueError for arrays of different lengths, values that are not finite, forces that
-    are not positive (errors are relative to them) and points that occur twice.
+    are not positive (errors are relative to them), points that occur twice and runs known in part
+    that have other steps, points or factors.
     """
 
     ratios: Array
@@ -65,6 +66,25 @@ class TrainingSet:
         if len(np.unique(self.ratios, axis=0)) != n:
             raise ValueError("ratios: must differ between runs, found a point twice")
         self._check_gradients()
+        self._check_partial()
+
+    def _check_partial(self) -> None:
+        if self.partial is None:
+            return
+        early = self.partial
+        if early.ratios.shape[1:] != self.ratios.shape[1:]:
+            raise ValueError(
+                f"partial: expected {self.ratios.shape[1]} ratios a run as of the complete runs, "
+                f"got {early.ratios.shape[1]}"
+            )
+        for name in ("force", "displacement"):
+            value, own = getattr(self, name), getattr(early, name)
+            shape, found = (None if of is None else of.shape[1:] for of in (value, own))
+            if shape != found:
+                raise ValueError(
+                    f"partial: expected a {name} of {shape} a run as of the complete runs, "
+                    f"got {found}"
+                )
 
     def _check_gradients(self) -> None:
         for name in ("force", "displacement"):
@@ -103,8 +123,8 @@ class TrainingSet:
         stable = (
             np.ones(len(ratios), dtype=bool) if smooth is None else np.asarray(smooth, dtype=bool)
         )
-        if good is not None and good.shape != np.shape(force):
-            raise ValueError(f"good: expected shape {np.shape(force)}, got {good.shape}")
+        if good is not None and np.shape(good) != np.shape(force):
+            raise ValueError(f"good: expected shape {np.shape(force)}, got {np.shape(good)}")
         for name, mask in (("reached", keep), ("smooth", stable)):
             if mask.shape != (len(ratios),):
                 raise ValueError(f"{name}: expected {len(ratios)} values, got shape {mask.shape}")
@@ -127,7 +147,12 @@ class TrainingSet:
             displacement_gradient=kept_smooth(displacement_gradient),
             partial=None
             if good is None
-            else _partial(ratios, force, displacement, good & ~keep[:, None]),
+            else _partial(
+                np.asarray(ratios, dtype=np.float64),
+                np.asarray(force, dtype=np.float64),
+                None if displacement is None else np.asarray(displacement, dtype=np.float64),
+                np.asarray(good, dtype=bool) & ~keep[:, None],
+            ),
         )
 
     def subset(self, rows: npt.NDArray[np.int64] | slice) -> TrainingSet:
@@ -186,7 +211,11 @@ def named_gradient(gradient: Array, found: Sequence[str], wanted: Sequence[str])
 def _partial(
     ratios: Array, force: Array, displacement: Array | None, good: npt.NDArray[np.bool_]
 ) -> PartialRuns | None:
-    """What is good (n, n_step) of runs, NaN elsewhere; None where nothing is."""
+    """What is good (n, n_step) of runs, NaN elsewhere; None where nothing is.
+
+    A step at which the force is not positive is not good, nor are those after it.
+    """
+    good = good & np.logical_and.accumulate(np.where(np.isfinite(force), force, 1.0) > 0.0, axis=1)
     kept = good.any(axis=1) & ~good.all(axis=1)
     if not kept.any():
         return None

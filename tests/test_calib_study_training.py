@@ -155,7 +155,8 @@ def test_an_early_run_within_the_box_teaches_the_travels_that_it_reached() -> No
     )
     responses = list(found.responses)
     responses[place] = early
-    runs = training_set([replace(found, responses=tuple(responses))], gradients=False)
+    stopped = replace(found, responses=tuple(responses))
+    runs = training_set([stopped], gradients=False)
     emulator = Emulator.fit(runs, 1)
     here = found.theta[[place]]
     error, before = (
@@ -163,6 +164,19 @@ def test_an_early_run_within_the_box_teaches_the_travels_that_it_reached() -> No
         for each in (emulator, emulator.by_complete_runs)
     )
     assert (error[:3] < 0.1 * before[:3]).all() and error[3] < before[3]
+    judged = partial_runs(emulator, [stopped])  # by the complete runs, not by what it taught
+    np.testing.assert_allclose(np.abs(judged.relative[0, :3]), before[:3], rtol=1e-9)
+
+
+def test_an_early_run_beside_a_complete_one_teaches_nothing() -> None:
+    first = campaign(ratios(12))
+    extent = np.ptp(first.theta, axis=0)
+    inside = first.theta[5]
+    again = campaign(np.array([inside, inside + 3.0 * SAME_POINT * extent]), block(stops_above=0.0))
+    assert not again.reached.any()
+    training = training_set([first, again], gradients=False)
+    assert training.n_excluded == 2 and training.partial is not None
+    np.testing.assert_array_equal(training.partial.ratios, again.theta[1:])
 
 
 def test_without_early_runs_there_is_nothing_to_tell() -> None:

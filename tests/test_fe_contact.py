@@ -115,3 +115,12 @@ def test_pin_force_is_the_derivative_of_the_energy_in_the_travel():
     assert evaluate(discrete, u, memory, 0.4)[1] == pytest.approx(
         (plus - minus) / (2 * h), rel=1e-6
     )
+
+
+def test_glued_points_of_the_base_are_refused():
+    model = BlockPinModel(BlockPin(), Contact(0.3, 0.3), (4, 2, 2), (0.5,))
+    faces = model.discretise().faces
+    assert faces.base.any()
+    initial_memory(faces, np.repeat(~faces.base[:, None], faces.weights.shape[1], axis=1), PIN)
+    with pytest.raises(ValueError, match="other faces than those of the base"):
+        initial_memory(faces, np.ones(faces.weights.shape, bool), PIN)

@@ -173,6 +173,42 @@ def test_a_gradient_enhanced_emulator_is_conditioned_alike() -> None:
         )
 
 
+def test_teaching_the_same_again_changes_nothing() -> None:
+    runs = training(3)
+    assert runs.partial is not None
+    emulator = Emulator.fit(runs, 1)
+    again = taught(
+        emulator.force, runs.partial.ratios, emulator.force_scale.values(runs.partial.force)
+    )
+    np.testing.assert_allclose(
+        again.processes.mean(NEW), emulator.force.processes.mean(NEW), rtol=1e-9
+    )
+
+
+@pytest.mark.parametrize("off", [0.02, 0.5])
+def test_a_run_on_another_branch_does_not_bend_the_mean(off: float) -> None:
+    """Its force lies off by 2 or 50 %, where the complete runs state 0.1 % or less."""
+    runs = training(None)
+    x = np.array([[0.41, 0.37]])
+    force, field = truth(x)
+    branch = np.arange(5) < 3
+    other = PartialRuns(
+        x,
+        np.where(branch, (1.0 + off) * force, np.nan),
+        np.where(branch[:, None, None], (1.0 + off) * field, np.nan),
+    )
+    bent, straight = Emulator.fit(replace(runs, partial=other), 1), Emulator.fit(runs, 1)
+    stated = np.sqrt(np.einsum("nii->ni", straight.unit_force(x)[1]))[0]
+    assert (stated < 1e-3 * force[0]).all()
+    moved = bent.unit_force(x)[0][0] - straight.unit_force(x)[0][0]
+    assert (np.abs(moved) < 2.6 * stated).all()  # 99 % of a normal are within 2.58
+    # A run that agrees counts whole.
+    agrees = replace(other, force=np.where(branch, force, np.nan), displacement=None)
+    near = Emulator.fit(replace(runs, displacement=None, partial=agrees), 1).unit_force(x)[0][0]
+    before = np.abs(straight.unit_force(x)[0][0] / force[0] - 1.0)
+    assert (np.abs(near / force[0] - 1.0)[:3] < 0.5 * before[:3]).all()
+
+
 def test_a_run_outside_the_box_of_the_complete_ones_teaches_nothing() -> None:
     modal = _one_mode(np.random.default_rng(1).random((12, 2)), np.arange(12.0))
     assert taught(modal, np.array([[1.5, 0.5]]), np.array([[3.0]])) is modal
@@ -197,3 +233,42 @@ def test_good_steps_of_another_shape_are_refused() -> None:
     force, field = truth(x)
     with pytest.raises(ValueError, match=r"good: expected shape \(6, 5\), got \(6, 4\)"):
         TrainingSet.from_runs(x, force, field, np.arange(6) > 0, good=np.ones((6, 4), dtype=bool))
+
+
+def test_steps_from_one_without_compression_on_are_not_good() -> None:
+    x = sobol_design(6, BOX, 3)
+    force, field = truth(x)
+    good = np.ones(force.shape, dtype=bool)
+    good[0, 3:] = False
+    force[0, 1] = -1.0
+    reached = np.arange(6) > 0
+    partial = TrainingSet.from_runs(x, force, field, reached, good=good).partial
+    assert partial is not None
+    assert np.isfinite(partial.force[0]).tolist() == [True, False, False, False, False]
+    with pytest.raises(ValueError, match="expected positive forces"):
+        PartialRuns(x[:1], np.where(np.arange(5) < 3, force[:1], np.nan), None)
+
+
+def test_runs_of_other_steps_or_factors_than_the_complete_ones_are_refused() -> None:
+    runs = training(3)
+    early = runs.partial
+    assert early is not None
+    with pytest.raises(ValueError, match="expected 2 ratios a run as of the complete runs, got 1"):
+        replace(runs, partial=replace(early, ratios=early.ratios[:, :1]))
+    shorter = replace(early, force=early.force[:, :4], displacement=None)
+    with pytest.raises(ValueError, match=r"a force of \(5,\) a run as of the complete runs"):
+        replace(runs, partial=shorter)
+    with pytest.raises(ValueError, match=r"a displacement of .* as of the complete runs, got None"):
+        replace(runs, partial=replace(early, displacement=None))
+
+
+def test_lists_are_taken_as_arrays() -> None:
+    x = sobol_design(8, BOX, 3)
+    force, field = truth(x)
+    good = np.ones(force.shape, dtype=bool)
+    good[0, 3:] = False
+    arrays = TrainingSet.from_runs(x, force, field, good.all(axis=1), good=good)
+    lists = TrainingSet.from_runs(
+        *(values.tolist() for values in (x, force, field, good.all(axis=1))), good=good.tolist()
+    )
+    assert lists.fingerprint == arrays.fingerprint

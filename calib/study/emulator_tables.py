@@ -170,8 +170,8 @@ def partial_table(diagnostics: Mapping[str, Any]) -> Table | None:
         ("hypothesis", "at", "good to [mm]", "increments", "force [%]", "largest z", "field [mm]"),
         tuple(rows),
         "By the emulator of the complete runs alone, to which these are an extrapolation; that in "
-        "use has learnt from those that trained it up to the travel reached. Force, field (RMS): "
-        "largest errors up to there. At: "
+        "use has learnt from those that trained it up to the travel reached, if they lie in the "
+        "box of the complete runs. Force, field (RMS): largest errors up to there. At: "
         + "; ".join(
             f"{name}: {', '.join(found.get('inputs', INPUTS))}"
             for name, found in diagnostics.items()

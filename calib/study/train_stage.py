@@ -42,7 +42,7 @@ class StudyRuns:
     """(d, 2) outside which runs count for nothing, see `calib.study.local_design`"""
 
     def training_set(self, study: Study) -> TrainingSet:
-        """The complete ones of those that train, with derivatives if the study wants them."""
+        """Those that train, complete ones with derivatives if the study wants them."""
         found = training_set(self.training, gradients=study.emulator.gradients)
         return within(found, self.box)
 

@@ -50,12 +50,14 @@ def training_set(campaigns: Sequence[Campaign], *, gradients: bool) -> TrainingS
     Derivatives are taken from runs whose equilibria are stable at every travel: those of an
     unstable one need not be those along the design. Of runs closer than `SAME_POINT` the first is
     kept: to a Gaussian process they are the same point, and would make its matrix singular. Runs
-    that ended early teach by their values at the travels at which they are good.
+    that ended early teach by their values at the travels at which they are good, unless a complete
+    run or one of them before is as near or they lie outside the box of the complete runs.
     """
     theta, reached = (
         np.concatenate([getattr(c, name) for c in campaigns]) for name in ("theta", "reached")
     )
-    kept = _distinct(theta, reached, campaigns[0])
+    extent = np.ptp(campaigns[0].theta[campaigns[0].reached], axis=0)
+    kept = _distinct(theta, reached, extent)
     parts = zip(campaigns, _split(kept, campaigns), strict=True)
     chosen = [rows(campaign, part) for campaign, part in parts if part]
     slopes: dict[str, Array | None] = {"force_gradient": None, "displacement_gradient": None}
@@ -75,7 +77,8 @@ def training_set(campaigns: Sequence[Campaign], *, gradients: bool) -> TrainingS
         force_gradient=slopes["force_gradient"],
         displacement_gradient=slopes["displacement_gradient"],
         smooth=np.concatenate([c.stable.all(axis=1) for c in chosen]),
-        good=np.concatenate([c.good for c in chosen]),
+        good=np.concatenate([c.good for c in chosen])
+        & _teaches(theta, reached, extent)[kept, None],
     )
 
 
@@ -131,16 +134,27 @@ def _field_rms(
     return rms
 
 
-def _distinct(theta: Array, reached: npt.NDArray[np.bool_], design: Campaign) -> list[int]:
+def _distinct(theta: Array, reached: npt.NDArray[np.bool_], extent: Array) -> list[int]:
     """Rows that are no repetition of a complete run before them."""
-    extent = np.ptp(design.theta[design.reached], axis=0)
     kept: list[int] = []
     for index, point in enumerate(theta):
         others = theta[[i for i in kept if reached[i]]]
-        near = (np.abs(others - point) <= SAME_POINT * extent).all(axis=1)
-        if not (reached[index] and near.any()):
+        if not (reached[index] and _near(point, others, extent)):
             kept.append(index)
     return kept
+
+
+def _teaches(theta: Array, reached: npt.NDArray[np.bool_], extent: Array) -> npt.NDArray[np.bool_]:
+    """(n,) complete runs, and early ones that repeat neither these nor an early one before."""
+    teaches = reached.copy()
+    for index in np.flatnonzero(~reached):
+        teaches[index] = not _near(theta[index], theta[teaches], extent)
+    return teaches
+
+
+def _near(point: Array, others: Array, extent: Array) -> bool:
+    """Whether one of the others (n, d) is the same point to a Gaussian process."""
+    return bool((np.abs(others - point) <= SAME_POINT * extent).all(axis=1).any())
 
 
 def _split(kept: Sequence[int], campaigns: Sequence[Campaign]) -> list[list[int]]:
