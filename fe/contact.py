@@ -18,6 +18,16 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
+from fe.face_rows import (
+    BY_TRAVEL,
+    FORCE,
+    PIN_FORCE_BY_U,
+    FaceRows,
+    add_matrices,
+    add_vectors,
+    empty_rows,
+    positions,
+)
 from fe.pin_surface import RigidPin, pin_point
 from fe.positive_numbers import positive_numbers
 
@@ -187,67 +197,70 @@ def contact_system(
     u (n_node, 3) mm; tied, hold (n_face, n_q) and anchor (n_face, n_q, 3) mm as kind, hold and
     anchor of `fe.ties.Ties`; travel in mm.  `system` is filled when `with_derivatives`.
     """
-    n_face, n_quad, _ = faces.shape.shape
-    x = np.empty(3)
+    n_face, n_quad, n_a = faces.shape.shape
     f = np.empty(3)
     h = np.empty((3, 3))
+    rows = empty_rows(2 * n_quad, n_a)  # a point that is held in part pushes back twice
     energy = 0.0
     pin_force = 0.0
     for c in range(n_face):
-        if with_derivatives:
-            system.force[c] = 0.0
-            system.tangent[c] = 0.0
-            system.by_travel[c] = 0.0
-            system.pin_force_by_u[c] = 0.0
+        n = 0
+        here = positions(u, faces.nodes[c], faces.shape[c], faces.points[c])
         for q in range(n_quad):
-            position(u, faces, c, q, x)
-            w = faces.weights[c, q]
+            x, w = here[q], faces.weights[c, q]
             if faces.base[c]:
                 e = _base_point(x, pin.base_stiffness, f, h)
                 energy += w * e
                 if with_derivatives and e != 0.0:
-                    _add_point(c, faces.shape[c, q], w, f, h, 0.0, 0.0, system)
+                    n = _put(rows, n, faces.shape[c, q], w, f, h, 0.0, 0.0)
                 continue
             held = 0.0 if tied[c, q] == FREE else hold[c, q]
             if held < 1.0:
+                free = w * (1.0 - held)
                 e, fy, on_floor = _free_point(x, faces.floor[c], travel, pin, f, h)
-                energy += w * (1.0 - held) * e
-                pin_force += w * (1.0 - held) * fy
+                energy += free * e
+                pin_force += free * fy
                 if with_derivatives and e != 0.0:
-                    free = w * (1.0 - held)
-                    _add_point(c, faces.shape[c, q], free, f, h, 1.0, on_floor, system)
+                    n = _put(rows, n, faces.shape[c, q], free, f, h, 1.0, on_floor)
             if held > 0.0:
                 moves = 1.0 if tied[c, q] == TIED_TO_PIN else 0.0
                 e = _tied_point(x, anchor[c, q], -moves * travel, pin.stiffness, f, h)
                 energy += w * held * e
                 pin_force += w * held * moves * f[1]
                 if with_derivatives and e != 0.0:
-                    _add_point(c, faces.shape[c, q], w * held, f, h, moves, 0.0, system)
+                    n = _put(rows, n, faces.shape[c, q], w * held, f, h, moves, 0.0)
+        if with_derivatives:
+            system.force[c] = 0.0
+            system.tangent[c] = 0.0
+            system.by_travel[c] = 0.0
+            system.pin_force_by_u[c] = 0.0
+            if n > 0:
+                add_vectors(rows, n, system.force[c], system.by_travel[c], system.pin_force_by_u[c])
+                add_matrices(rows, n, rows.matrix, system.tangent[c])
     return energy, pin_force
 
 
-@njit(cache=True)
-def _add_point(
-    c: int,
+@njit(cache=True, inline="always")
+def _put(
+    rows: FaceRows,
+    n: int,
     shape: Array,
     w: float,
     f: Array,
     h: Array,
     moves: float,
     on_floor: float,
-    system: ContactSystem,
-) -> None:
-    """Add one point's derivatives to face c; what moves with the pin depends on x_y + travel."""
-    n_a = shape.size
-    for a in range(n_a):
-        wa = w * shape[a]
-        for i in range(3):
-            system.force[c, a, i] += wa * f[i]
-            by_pin = h[i, 1] - (on_floor if i == 1 else 0.0)
-            system.by_travel[c, a, i] += wa * moves * by_pin
-            system.pin_force_by_u[c, a, i] += wa * moves * by_pin  # the potential is symmetric
-            for k in range(3):
-                wh = wa * h[i, k]
-                if wh != 0.0:
-                    for b in range(n_a):
-                        system.tangent[c, a, i, k, b] += wh * shape[b]
+) -> int:
+    """Put a point into row n; returns the next one.
+
+    What moves with the pin depends on x_y + travel.
+    """
+    rows.shape[n] = shape
+    for i in range(3):
+        by_pin = w * moves * (h[i, 1] - (on_floor if i == 1 else 0.0))
+        rows.vectors[n, FORCE + i] = w * f[i]
+        rows.vectors[n, BY_TRAVEL + i] = by_pin
+        rows.vectors[n, PIN_FORCE_BY_U + i] = by_pin  # the potential is symmetric
+        for k in range(3):
+            rows.matrix[n, 3 * i + k] = w * h[i, k]
+    return n + 1

@@ -23,7 +23,16 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from fe.contact import FREE, ContactSystem, Faces, position
+from fe.contact import FREE, ContactSystem, Faces
+from fe.face_rows import (
+    BY_TRAVEL,
+    FORCE,
+    PIN_FORCE_BY_U,
+    add_matrices,
+    add_vectors,
+    empty_rows,
+    positions,
+)
 from fe.pin_surface import RigidPin
 from fe.touch import PIN, Chart, FrictionLaw, empty_chart, touch
 
@@ -75,13 +84,13 @@ def freeze(
         np.zeros((n_face, n_quad, 2)),
         np.zeros((n_face, n_quad)),
     )
-    x = np.empty(3)
     chart = empty_chart()
     for c in range(n_face):
+        here = positions(u, faces.nodes[c], faces.shape[c], faces.points[c])
         for q in range(n_quad):
             if tied[c, q] != FREE:
                 continue
-            position(u, faces, c, q, x)
+            x = here[q]
             surface, limit, _ = touch(x, faces.base[c], faces.floor[c], travel, pin, law, chart)
             if limit <= 0.0:
                 continue
@@ -90,10 +99,11 @@ def freeze(
             frame.moves[c, q] = moves
             x[1] += moves * travel
             for a in range(2):
-                frame.tangent[c, q, a] = chart.tangent[a]
-                frame.offset[c, q, a] = chart.place[a] - place[c, q, surface, a]
+                offset = chart.place[a] - place[c, q, surface, a]
                 for i in range(3):
-                    frame.offset[c, q, a] -= chart.tangent[a, i] * x[i]
+                    frame.tangent[c, q, a, i] = chart.tangent[a, i]
+                    offset -= chart.tangent[a, i] * x[i]
+                frame.offset[c, q, a] = offset
     return frame
 
 
@@ -112,12 +122,11 @@ def _frozen_slip(frame: Frame, c: int, q: int, x: Array, travel: float) -> tuple
 def frozen_energy(u: Array, faces: Faces, frame: Frame, travel: float, slip: float) -> float:
     """Frozen friction potential at u (n_node, 3) mm, N mm."""
     energy = 0.0
-    x = np.empty(3)
     for c in range(frame.limit.shape[0]):
+        here = positions(u, faces.nodes[c], faces.shape[c], faces.points[c])
         for q in range(frame.limit.shape[1]):
             if frame.limit[c, q] > 0.0:
-                position(u, faces, c, q, x)
-                s0, s1 = _frozen_slip(frame, c, q, x, travel)
+                s0, s1 = _frozen_slip(frame, c, q, here[q], travel)
                 potential, _, _ = slip_potential(s0, s1, slip)
                 energy += faces.weights[c, q] * frame.limit[c, q] * potential
     return energy
@@ -142,24 +151,38 @@ def friction_system(
     """
     energy = 0.0
     pin_force = 0.0
-    x = np.empty(3)
+    n_face, n_quad, n_a = faces.shape.shape
     f = np.empty(3)
     frozen = np.empty((3, 3))
     true = np.empty((3, 3))
     chart = empty_chart()
-    for c in range(faces.weights.shape[0]):
+    rows, beyond = empty_rows(n_quad, n_a), np.empty((n_quad, 9))
+    for c in range(n_face):
         coupling[c] = 0.0
-        for q in range(faces.weights.shape[1]):
+        n = 0
+        here = positions(u, faces.nodes[c], faces.shape[c], faces.points[c])
+        for q in range(n_quad):
             if frame.limit[c, q] <= 0.0:
                 continue
-            position(u, faces, c, q, x)
+            x = here[q]
             s0, s1 = _frozen_slip(frame, c, q, x, travel)
             w, moves = faces.weights[c, q], frame.moves[c, q]
             _, limit, slope = touch(x, faces.base[c], faces.floor[c], travel, pin, law, chart)
             energy += w * _point(chart, limit, slope, s0, s1, law.slip, f, frozen, true)
             pin_force += w * moves * f[1]
-            _add_point(c, faces.shape[c, q], w, moves, f, frozen, true, system)
-            _add_matrix(coupling[c], faces.shape[c, q], w, true, frozen)
+            rows.shape[n] = faces.shape[c, q]
+            for i in range(3):
+                rows.vectors[n, FORCE + i] = w * f[i]
+                rows.vectors[n, BY_TRAVEL + i] = w * moves * true[i, 1]
+                rows.vectors[n, PIN_FORCE_BY_U + i] = w * moves * true[1, i]
+                for k in range(3):
+                    rows.matrix[n, 3 * i + k] = w * frozen[i, k]
+                    beyond[n, 3 * i + k] = w * (true[i, k] - frozen[i, k])
+            n += 1
+        if n > 0:
+            add_vectors(rows, n, system.force[c], system.by_travel[c], system.pin_force_by_u[c])
+            add_matrices(rows, n, rows.matrix, system.tangent[c])
+            add_matrices(rows, n, beyond, coupling[c])
     return energy, pin_force
 
 
@@ -196,38 +219,3 @@ def _point(
                 + limit * secant * bend
             )
     return limit * potential
-
-
-@njit(cache=True)
-def _add_point(
-    c: int,
-    shape: Array,
-    w: float,
-    moves: float,
-    f: Array,
-    frozen: Array,
-    true: Array,
-    system: ContactSystem,
-) -> None:
-    for a in range(shape.size):
-        wa = w * shape[a]
-        for i in range(3):
-            system.force[c, a, i] += wa * f[i]
-            system.by_travel[c, a, i] += wa * moves * true[i, 1]
-            system.pin_force_by_u[c, a, i] += wa * moves * true[1, i]
-            for k in range(3):
-                wh = wa * frozen[i, k]
-                if wh != 0.0:
-                    for b in range(shape.size):
-                        system.tangent[c, a, i, k, b] += wh * shape[b]
-
-
-@njit(cache=True)
-def _add_matrix(block: Array, shape: Array, w: float, true: Array, frozen: Array) -> None:
-    for a in range(shape.size):
-        for i in range(3):
-            for k in range(3):
-                value = w * shape[a] * (true[i, k] - frozen[i, k])
-                if value != 0.0:
-                    for b in range(shape.size):
-                        block[a, i, k, b] += value * shape[b]

@@ -106,11 +106,22 @@ class SymmetricSolver:
         self.n_factorisations = 0
 
     @property
-    def matrix(self) -> sp.csr_matrix:
-        """The symmetric matrix factorised last (upper triangle)."""
+    def data(self) -> Array:
+        """Upper-triangular entries of the symmetric matrix factorised last."""
         if self._data is None:
             raise RuntimeError("factorise a matrix first")
-        return sp.csr_matrix((self._data, self._indices, self._indptr), (self._n, self._n))
+        return self._data
+
+    @property
+    def matrix(self) -> sp.csr_matrix:
+        """The symmetric matrix factorised last (upper triangle)."""
+        return sp.csr_matrix((self.data, self._indices, self._indptr), (self._n, self._n))
+
+    def shifted(self, data: Array, share: float) -> Array:
+        """Upper-triangular data with a share of the median of the diagonal's sizes added to it."""
+        diagonal, moved = self._indptr[:-1], data.copy()  # rows begin with theirs
+        moved[diagonal] += share * np.median(np.abs(data[diagonal]))
+        return moved
 
     def factorise(self, data: Array) -> int:
         """Factorise the matrix with the given upper-triangular data; returns negative pivots.

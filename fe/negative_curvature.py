@@ -5,6 +5,10 @@ W' K W is negative definite: then K is positive definite on the K-conjugate comp
 the direction is that of the positive definite matrix that differs from K by the sign on W.  With
 eigenvectors for W that is the saddle-free Newton method (Dauphin et al., NeurIPS 2014); but any
 such W goes down, and one found early in a Lanczos process costs few solves.
+
+Where there are many negative pivots, as in the midst of a snap of a block pressed flat, their
+modes are not sought: a multiple of the diagonal's size is added that makes K positive definite
+(Nocedal & Wright 2006, section 3.4).
 """
 
 from __future__ import annotations
@@ -17,6 +21,8 @@ from fe.linear_solver import SymmetricSolver
 Array = npt.NDArray[np.float64]
 
 MOST_SOLVES = 60
+SHIFTS = tuple(0.01 * 5.0**k for k in range(9))
+"""shares of the diagonal's median that are tried one after the other"""
 SETTLED = 0.3
 """relative change of the negative Ritz values, from one solve to the next, that ends the search"""
 
@@ -28,6 +34,18 @@ def flip_negative(solver: SymmetricSolver, x: Array, b: Array, count: int) -> Ar
     """
     W, curvature = negative_directions(solver, x, count)
     return x if W.shape[1] < count else x - 2.0 * W @ ((W.T @ b) / curvature)
+
+
+def shifted_direction(solver: SymmetricSolver, b: Array) -> Array:
+    """(n,) (K + s 1)^-1 b with the first of `SHIFTS` that makes the factorised K positive definite.
+
+    Of the last of them if none does.  What is factorised then is no longer K.
+    """
+    data = solver.data
+    for shift in SHIFTS:
+        if solver.factorise(solver.shifted(data, shift)) == 0:
+            break
+    return solver.solve(b)
 
 
 def negative_directions(solver: SymmetricSolver, start: Array, count: int) -> tuple[Array, Array]:

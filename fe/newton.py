@@ -2,9 +2,10 @@
 
 Directions of negative curvature, counted by the factorisation's inertia, are flipped
 (`fe.negative_curvature`), so the iteration goes down to a stable equilibrium instead of to the
-nearest stationary point.  Of the iterates of one step the first is factorised; later ones go on
-with that factor by conjugate gradients, until these see negative curvature or get slow.  Modes that
-they do not meet are counted where the iteration would end, and left if there are any.
+nearest stationary point; where they are many, the tangent is shifted.  Of the iterates of one step
+the first is factorised; later ones go on with that factor by conjugate gradients, until these see
+negative curvature or get slow.  Modes that they do not meet are counted where the iteration would
+end, and left if there are any.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fe.linear_solver import SymmetricSolver
-from fe.negative_curvature import flip_negative
+from fe.negative_curvature import flip_negative, shifted_direction
 from fe.newton_problem import NewtonProblem
 from fe.positive_numbers import positive_numbers
 from fe.potential import Assembly
@@ -40,7 +41,7 @@ class NewtonOptions:
     max_move: float = 0.15
     """largest nodal displacement of one iteration, mm"""
     max_negative_modes: int = 4
-    """more are left to the line search: Lanczos would cost more than it saves"""
+    """where there are more, the tangent is shifted: Lanczos would cost more than it saves"""
     near: float = 0.1
     """relative residual below which, with friction, a step that reduces it needs no line search"""
     reduction: float = 0.7
@@ -80,6 +81,8 @@ def descent_direction(
 ) -> Array:
     """Newton direction (n_free,) mm of the factorised tangent, negative modes flipped.
 
+    Of a shifted tangent, which is factorised then, where these are more than `max_negative_modes`.
+
     At a stable state with friction it is that of the whole tangent, if that is found and goes down.
     One that `predicts` the step after an equilibrium is by the factor that its derivatives made;
     without derivatives that factor is made here, so that a march has the same bits.
@@ -92,9 +95,12 @@ def descent_direction(
             coupled = solver.solve_near(whole, -gradient, options.inexact)
         if gradient @ coupled < 0.0:
             return coupled
-    x = solver.solve(-gradient)
-    if 0 < negative <= options.max_negative_modes:
-        x = flip_negative(solver, x, -gradient, negative)
+    if negative > options.max_negative_modes:
+        x = shifted_direction(solver, -gradient)
+    else:
+        x = solver.solve(-gradient)
+        if negative > 0:
+            x = flip_negative(solver, x, -gradient, negative)
     return -x if gradient @ x > 0.0 else x
 
 

@@ -15,7 +15,7 @@ import numpy.typing as npt
 from numba import njit
 
 from fe.contact import penalty
-from fe.pin_surface import ROUND, RigidPin, bar_distance
+from fe.pin_surface import ROUND, RigidPin, bar_distance, pin_point
 
 Array = npt.NDArray[np.float64]
 
@@ -153,10 +153,8 @@ def touch(
         chart_floor(x, chart)
         _, slope, curvature = penalty(x[1], pin.stiffness, pin.ramp)
         return FLOOR, -law.base * slope, -law.base * curvature
-    if law.pin == 0.0:
+    if law.pin == 0.0 or pin_point(x, travel, pin).gap >= 0.0:
         return PIN, 0.0, 0.0
     gap = chart_pin(x, travel, pin, chart)
-    if gap >= 0.0:
-        return PIN, 0.0, 0.0
     _, slope, curvature = penalty(gap, pin.stiffness, pin.ramp)
     return PIN, -law.pin * slope, -law.pin * curvature

@@ -10,7 +10,7 @@ import scipy.sparse as sp
 
 from fe import BlockPin, BlockPinModel, Contact, Status, linear_solver, pardiso, seen
 from fe.linear_solver import SUPERLU, GeneralMatrix, Library, SymmetricSolver, installed_library
-from fe.negative_curvature import flip_negative, negative_directions
+from fe.negative_curvature import SHIFTS, flip_negative, negative_directions, shifted_direction
 
 
 def upper(matrix: np.ndarray) -> sp.csr_matrix:
@@ -179,6 +179,21 @@ def test_the_flipped_direction_is_that_of_a_definite_matrix(n_negative):
         rest = np.linalg.svd((matrix @ W).T)[2][n_negative:].T
         np.testing.assert_allclose(rest.T @ matrix @ (flipped - x), 0.0, atol=1e-9)
     solver.close()
+
+
+def test_the_shifted_direction_is_that_of_the_least_shift_that_makes_a_matrix_definite():
+    matrix = indefinite(60, 12, seed=11)
+    solver, negative = solver_of(matrix)
+    assert negative == 12
+    values, modes = np.linalg.eigh(matrix)
+    b = 10.0 * modes[:, 0] + np.random.default_rng(12).standard_normal(60)  # Newton's goes up
+    found = shifted_direction(solver, b)
+    size = np.median(np.abs(np.diag(matrix)))
+    shift = next(s for s in SHIFTS if values[0] + s * size > 0.0)
+    assert shift > SHIFTS[0]
+    expected = np.linalg.solve(matrix + shift * size * np.eye(60), b)
+    np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-12)
+    assert b @ found > 0.0 > b @ np.linalg.solve(matrix, b)
 
 
 @pytest.mark.parametrize("contact", [Contact("slide", "slide"), Contact(0.3, 0.2)], ids=str)

@@ -1,0 +1,79 @@
+"""Sums over the points of a face as products of matrices, which are faster than loops.
+
+Rows of the points that touch are gathered first, then multiplied by their shape functions.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+Array = npt.NDArray[np.float64]
+
+FORCE, BY_TRAVEL, PIN_FORCE_BY_U = 0, 3, 6
+"""columns of `FaceRows.vectors`, three each"""
+
+
+class FaceRows(NamedTuple):
+    """Work arrays of one face, a row for each point or part of a point that pushes back."""
+
+    shape: Array
+    """(n_row, n_a) shape functions at the point"""
+    vectors: Array
+    """(n_row, 9) force, N, its derivative in the travel and that of the pin's force in the
+    displacement, N/mm"""
+    matrix: Array
+    """(n_row, 9) derivative of the force in the displacement, N/mm, [i, k] in one"""
+    left: Array
+    """(n_row, 9 n_a) shape functions times a matrix"""
+
+
+@njit(cache=True)
+def empty_rows(n_row: int, n_a: int) -> FaceRows:
+    """Work arrays, not filled."""
+    return FaceRows(
+        np.empty((n_row, n_a)),
+        np.empty((n_row, 9)),
+        np.empty((n_row, 9)),
+        np.empty((n_row, 9 * n_a)),
+    )
+
+
+@njit(cache=True)
+def add_vectors(
+    rows: FaceRows, n: int, force: Array, by_travel: Array, pin_force_by_u: Array
+) -> None:
+    """Add the first n rows' vectors, to the nodes (n_a, 3) of the face."""
+    total = np.dot(rows.shape[:n].T, rows.vectors[:n])
+    for a in range(total.shape[0]):
+        for i in range(3):
+            force[a, i] += total[a, FORCE + i]
+            by_travel[a, i] += total[a, BY_TRAVEL + i]
+            pin_force_by_u[a, i] += total[a, PIN_FORCE_BY_U + i]
+
+
+@njit(cache=True)
+def add_matrices(rows: FaceRows, n: int, matrix: Array, block: Array) -> None:
+    """Add shape[q, a] matrix[q, ik] shape[q, b] of the first n rows to block (n_a, 3, 3, n_a)."""
+    n_a = rows.shape.shape[1]
+    for q in range(n):
+        for a in range(n_a):
+            for ik in range(9):
+                rows.left[q, 9 * a + ik] = rows.shape[q, a] * matrix[q, ik]
+    block += np.dot(rows.left[:n].T, rows.shape[:n]).reshape(block.shape)
+
+
+@njit(cache=True)
+def positions(u: Array, nodes: npt.NDArray[np.int64], shape: Array, points: Array) -> Array:
+    """(n_q, 3) deformed positions of a face's points, mm.
+
+    u (n_node, 3) mm; of the face: nodes (n_a,), shape functions (n_q, n_a), points (n_q, 3) mm.
+    """
+    own = np.empty((nodes.size, 3))
+    for a in range(nodes.size):
+        for i in range(3):
+            own[a, i] = u[nodes[a], i]
+    return points + np.dot(shape, own)
