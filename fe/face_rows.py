@@ -76,4 +76,5 @@ def positions(u: Array, nodes: npt.NDArray[np.int64], shape: Array, points: Arra
     for a in range(nodes.size):
         for i in range(3):
             own[a, i] = u[nodes[a], i]
-    return points + np.dot(shape, own)
+    moved: Array = points + np.dot(shape, own)
+    return moved
