@@ -21,7 +21,7 @@ from fe.linear_solver import SymmetricSolver
 Array = npt.NDArray[np.float64]
 
 MOST_SOLVES = 60
-SHIFTS = tuple(0.01 * 5.0**k for k in range(9))
+SHIFTS = tuple(0.04 * 25.0**k for k in range(5))
 """shares of the diagonal's median that are tried one after the other"""
 SETTLED = 0.3
 """relative change of the negative Ritz values, from one solve to the next, that ends the search"""
