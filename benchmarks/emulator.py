@@ -33,7 +33,13 @@ from benchmarks.emulator_peers import PeerFigures, peer_figures
 from benchmarks.emulator_refinement import refinement_figures
 from benchmarks.emulator_runs import CELLS, DESIGNS, Design, family, simulate
 from fe.campaign_result import Campaign
-from surrogate import Emulator, TrainingSet, held_out_residuals, named_gradient
+from surrogate import (
+    Emulator,
+    TrainingSet,
+    held_out_residuals,
+    leave_one_out_residuals,
+    named_gradient,
+)
 
 N_THETA = 1000
 DERIVATIVE_COST = {"stick": 0.18, "slide": 0.08, "friction": 0.19}
@@ -180,7 +186,8 @@ def _figures(training: TrainingSet, held_out: TrainingSet) -> dict[str, Any]:
     start = time.process_time()  # one thread; other work on the machine is not counted
     emulator = Emulator.fit(training, 1)
     seconds = time.process_time() - start
-    residuals = held_out_residuals(emulator, held_out)
+    scales = leave_one_out_residuals(emulator, training).scales
+    residuals = held_out_residuals(emulator, held_out, scales)
     errors = residuals.errors()
     assert errors.field_rms is not None and errors.field_coverage is not None
     return {

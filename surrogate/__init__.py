@@ -14,6 +14,8 @@ from surrogate.estimator import GaussianProcessModes
 from surrogate.factors import Design, Factor, Levels, design
 from surrogate.field_prediction import FieldPrediction
 from surrogate.refine import PredictedShift, predicted_shift, propose
+from surrogate.run_scale import RunScale, RunScales
+from surrogate.simultaneous_band import field_band
 from surrogate.symmetry import ScaledEmulator
 from surrogate.training_set import TrainingSet, named_gradient
 
@@ -28,10 +30,13 @@ __all__ = [
     "Levels",
     "PredictedShift",
     "Residuals",
+    "RunScale",
+    "RunScales",
     "ScaledEmulator",
     "TrainingSet",
     "design",
     "diagnose",
+    "field_band",
     "held_out_residuals",
     "leave_one_out_residuals",
     "maximin_design",

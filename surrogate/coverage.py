@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.stats import chi2, norm
+from scipy.stats import norm
 
 Array = npt.NDArray[np.float64]
 
@@ -26,28 +26,15 @@ class Coverage:
     correlations included; None where it is not asked for"""
 
 
-def coverage(
-    z: Array,
-    error: Array | None = None,
-    covariance: Array | None = None,
-    rank: Array | None = None,
-) -> Coverage:
+def coverage(z: Array, rank: Array | None = None) -> Coverage:
     """Coverage of standardised residuals z (n, n_step, ...), in size or signed.
 
-    With errors (n, n_step) and their covariances (n, n_step, n_step) also jointly over the steps,
-    by the chi-square distribution of the Mahalanobis distance (Bastos & O'Hagan 2009,
-    Technometrics 51, 425); with ranks (n,) of `surrogate.simultaneous_band` by the band that holds
-    all values at once.
+    With `rank` (n,), the level of the joint region that each run just lies in, also jointly.
     """
     size = np.abs(z).reshape(len(z), z.shape[1], -1)
     inside = size[..., None] <= norm.ppf(0.5 + 0.5 * np.array(LEVELS))
     joint = None
-    if error is not None and covariance is not None:
-        solved = _solved(covariance, error)
-        distance = np.einsum("ni,ni->n", error, solved)
-        limits = chi2.ppf(LEVELS, error.shape[1])
-        joint = tuple(np.mean(distance[:, None] <= limits, axis=0).tolist())
-    elif rank is not None:
+    if rank is not None:
         joint = tuple(np.mean(rank[:, None] <= np.array(LEVELS), axis=0).tolist())
     return Coverage(
         overall=tuple(inside.mean(axis=(0, 1, 2)).tolist()),
@@ -56,13 +43,17 @@ def coverage(
     )
 
 
-def _solved(covariance: Array, error: Array) -> Array:
-    """(n, n_step) inverse covariance times error; directions without any variance count nothing."""
+def mahalanobis(error: Array, covariance: Array) -> Array:
+    """(n,) distance of errors (n, n_step) in their covariances (n, n_step, n_step).
+
+    Directions without any variance count nothing.
+    """
     try:
         solved = np.asarray(np.linalg.solve(covariance, error[:, :, None]), dtype=np.float64)
     except np.linalg.LinAlgError:
         # In a small box the weakest combination of steps may be known to rounding.
         inverse = np.linalg.pinv(covariance, hermitian=True)
         solved = np.asarray(inverse @ error[:, :, None], dtype=np.float64)
-    column: Array = solved[:, :, 0]
-    return column
+    squared = np.einsum("ni,ni->n", error, solved[:, :, 0])
+    distance: Array = np.sqrt(np.maximum(squared, 0.0))
+    return distance

@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
+from functools import cached_property
 
 import numpy as np
+import numpy.typing as npt
 
-from surrogate.coverage import Coverage, coverage
+from surrogate.coverage import Coverage, coverage, mahalanobis
 from surrogate.emulator import Emulator
 from surrogate.field_prediction import FieldPrediction
 from surrogate.gp import Array
-from surrogate.simultaneous_band import Spread, rank_of_largest, standardised
+from surrogate.modal import inside
+from surrogate.run_scale import RunScales, fit_run_scale, mahalanobis_sizes
+from surrogate.simultaneous_band import Spread, largest_of_drawn, standardised
 from surrogate.training_set import TrainingSet
 
 NORMAL_68 = 0.994457883209753
@@ -127,14 +131,17 @@ def diagnose(
     truncation = None
     if emulator.field is not None:
         truncation = tuple(tuple(row) for row in emulator.field_truncation_std.tolist())
+    left_out = leave_one_out_residuals(emulator, training_set)
     return EmulatorDiagnostics(
         n_train=len(training_set.ratios),
         n_excluded=training_set.n_excluded,
         n_held_out_excluded=0 if held_out is None else held_out.n_excluded,
         n_field_modes=0 if emulator.field is None else emulator.field_modes.shape[1],
         field_truncation_std=truncation,
-        leave_one_out=leave_one_out_residuals(emulator, training_set).errors(),
-        held_out=None if held_out is None else held_out_residuals(emulator, held_out).errors(),
+        leave_one_out=left_out.errors(),
+        held_out=None
+        if held_out is None
+        else held_out_residuals(emulator, held_out, left_out.scales).errors(),
         notes=tuple(emulator.notes),
     )
 
@@ -155,6 +162,22 @@ class Residuals:
     """(n, n_step, n_point, 3) mm, truncation included"""
     field_spread: Spread | None
     """of which `field_std` is the diagonal"""
+    stated: RunScales | None = None
+    """scales of whole runs' errors that other runs have told; None: these runs tell them"""
+    telling: npt.NDArray[np.bool_] | None = None
+    """(n,) runs that tell scales; None: all"""
+
+    @cached_property
+    def scales(self) -> RunScales:
+        """Scales of whole runs' errors (`surrogate.run_scale`), of runs left out their own."""
+        if self.stated is not None:
+            return self.stated
+        told = np.ones(len(self.force), dtype=np.bool_) if self.telling is None else self.telling
+        force = fit_run_scale(self._force_size[told], mahalanobis_sizes(self.force.shape[1]))
+        if self._field_sizes is None:
+            return RunScales(force)
+        size, normal = self._field_sizes
+        return RunScales(force, fit_run_scale(size[told], normal[told]))
 
     @property
     def force_z(self) -> Array:
@@ -163,13 +186,32 @@ class Residuals:
         return z
 
     @property
+    def force_rank(self) -> Array:
+        """(n,) probability that a run's forces are nearer to their prediction, jointly.
+
+        By the Mahalanobis distance (Bastos & O'Hagan 2009, Technometrics 51, 425), scaled.
+        """
+        return self.scales.force.rank(self._force_size, mahalanobis_sizes(self.force.shape[1]))
+
+    @property
     def field_rank(self) -> Array | None:
-        """(n,) place of each field's largest z among those drawn from its prediction."""
+        """(n,) level of the simultaneous band that a whole field just lies in, scaled."""
+        return None if self._field_sizes is None else self.scales.field.rank(*self._field_sizes)
+
+    @cached_property
+    def _force_size(self) -> Array:
+        """(n,) Mahalanobis distance of each run's forces."""
+        return mahalanobis(self.force_error, self.force_covariance)
+
+    @cached_property
+    def _field_sizes(self) -> tuple[Array, Array] | None:
+        """Largest z of each field (n,), and those of fields drawn from its prediction (n, m)."""
         if self.field_error is None or self.field_std is None or self.field_spread is None:
             return None
         flat = (len(self.field_error), -1)
         error, std = self.field_error.reshape(flat), self.field_std.reshape(flat)
-        return rank_of_largest(error, std, self.field_spread)
+        size = np.abs(standardised(error, std)).max(axis=1, initial=0.0)
+        return size, largest_of_drawn(std, self.field_spread)
 
     @property
     def field_rms_by_point(self) -> Array | None:
@@ -197,7 +239,7 @@ class Residuals:
             rms = tuple(np.sqrt(np.mean(error**2, axis=(0, 2, 3))).tolist())
             largest = float(np.abs(error).max())
             ratio = float(np.sqrt(np.mean(error**2) / np.mean(std**2)))
-            covered = coverage(standardised(error, std), rank=self.field_rank)
+            covered = coverage(standardised(error, std), self.field_rank)
             worst = _worst(error)
         return Errors(
             n_runs=len(relative),
@@ -206,7 +248,7 @@ class Residuals:
             force_rms_z=float(np.sqrt(np.mean(z**2))),
             force_coverage_68=float(np.mean(z < NORMAL_68)),
             force_coverage_95=float(np.mean(z < NORMAL_95)),
-            force_coverage=coverage(z, self.force_error, self.force_covariance),
+            force_coverage=coverage(z, self.force_rank),
             field_rms=rms,
             field_max=largest,
             field_rms_z=ratio,
@@ -229,11 +271,18 @@ def leave_one_out_residuals(emulator: Emulator, runs: TrainingSet) -> Residuals:
         std = np.sqrt(variance @ (pod.modes**2).T + pod.left_out_variance).reshape(error.shape)
         factor = pod.truncation.T / np.sqrt(len(pod.truncation))
         spread = Spread(pod.modes, variance, factor)
-    return Residuals(runs.force, force - runs.force, covariance, error, std, spread)
+    told = inside(runs.ratios) > 0.0
+    return Residuals(runs.force, force - runs.force, covariance, error, std, spread, None, told)
 
 
-def held_out_residuals(emulator: Emulator, runs: TrainingSet) -> Residuals:
-    """Of runs that the emulator was not trained on."""
+def held_out_residuals(
+    emulator: Emulator, runs: TrainingSet, scales: RunScales | None = None
+) -> Residuals:
+    """Of runs that the emulator was not trained on.
+
+    `scales` of whole runs' errors are those that runs left out tell
+    (`leave_one_out_residuals(emulator, training_set).scales`); errors are normal without.
+    """
     force, covariance = emulator.unit_force(runs.ratios)
     error, std, spread = None, None, None
     if emulator.field is not None:
@@ -241,7 +290,8 @@ def held_out_residuals(emulator: Emulator, runs: TrainingSet) -> Residuals:
         error, std = field.mean - _field(runs), field.std
         truncation = emulator.field_truncation_factor
         spread = Spread(field.modes, field.weight_variance, truncation)
-    return Residuals(runs.force, force - runs.force, covariance, error, std, spread)
+    stated = RunScales() if scales is None else scales
+    return Residuals(runs.force, force - runs.force, covariance, error, std, spread, stated)
 
 
 def _worst(error: Array) -> tuple[WorstPoint, ...]:

@@ -1,4 +1,4 @@
-"""Where a run's whole field lies among fields drawn from its prediction."""
+"""The band in which a whole field lies with every value, by fields drawn from its prediction."""
 
 from __future__ import annotations
 
@@ -6,6 +6,9 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+
+from surrogate.field_prediction import FieldPrediction
+from surrogate.run_scale import RunScale
 
 Array = npt.NDArray[np.float64]
 
@@ -36,22 +39,37 @@ def standardised(error: Array, std: Array) -> Array:
     return z
 
 
-def rank_of_largest(error: Array, std: Array, spread: Spread) -> Array:
-    """(n,) share of drawn fields whose largest standardised error is below that of each run.
+def largest_of_drawn(std: Array, spread: Spread) -> Array:
+    """(n, N_DRAWS) largest standardised error of fields drawn from each prediction.
 
-    `error` and `std` (n, n_obs) in mm. A run lies within the simultaneous band of level p, in which
-    a share p of all fields lies with every value, where its rank is at most p. Unlike the
-    Mahalanobis distance it needs no inverse, which a covariance of low rank does not have.
-    Draws are the same for all runs and calls.
+    `std` (n, n_obs) in mm. Unlike the Mahalanobis distance it needs no inverse, which a covariance
+    of low rank does not have. Draws are the same for all runs and calls.
     """
     modes, weight_variance, factor = spread
     rng = np.random.default_rng(0)
     by_mode = rng.standard_normal((modes.shape[1], N_DRAWS))
     shared = factor @ rng.standard_normal((factor.shape[1], N_DRAWS))
-    rank = np.zeros(len(error))
-    for run, (own, sd) in enumerate(zip(error, std, strict=True)):
+    largest = np.empty((len(std), N_DRAWS))
+    for run, sd in enumerate(std):
         drawn = modes @ (np.sqrt(weight_variance[run])[:, None] * by_mode) + shared
-        sizes = np.abs(standardised(drawn, sd[:, None]))
-        largest = np.abs(standardised(own, sd)).max(initial=0.0)
-        rank[run] = np.mean(sizes.max(axis=0, initial=0.0) < largest)
-    return rank
+        largest[run] = np.abs(standardised(drawn, sd[:, None])).max(axis=0, initial=0.0)
+    return largest
+
+
+def field_band(prediction: FieldPrediction, level: float, scale: RunScale | None = None) -> Array:
+    """(m, n_step, n_point, 3) half width, mm, of the band that holds a whole field.
+
+    With probability `level` a new run lies with every value within it about the mean, if its errors
+    have the `scale` that runs left out tell (`leave_one_out_residuals(...).scales.field`), by
+    default if they are normal. What is drawn is the prediction's covariance but for its `rest`,
+    which only widens the band: ask for many directions of truncation.
+    Raises ValueError for a level that is no probability.
+    """
+    if not 0.0 < level < 1.0:
+        raise ValueError(f"level: expected a probability between 0 and 1, found {level:g}")
+    scale = RunScale() if scale is None else scale
+    std = prediction.std.reshape(len(prediction.mean), -1)
+    spread = Spread(prediction.modes, prediction.weight_variance, prediction.truncation)
+    factors = [scale.level(drawn, level) for drawn in largest_of_drawn(std, spread)]
+    half: Array = (np.array(factors)[:, None] * std).reshape(prediction.mean.shape)
+    return half

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from surrogate import Emulator, TrainingSet, held_out_residuals, sobol_design
-from surrogate.coverage import coverage
+from surrogate.coverage import coverage, mahalanobis
 from surrogate.field_prediction import compress, select
+from surrogate.run_scale import RunScale, mahalanobis_sizes
 
 BOX = np.array([[0.0, 1.0], [0.0, 0.5]])
 
@@ -112,9 +113,12 @@ def test_coverage_of_true_intervals_is_what_they_state() -> None:
     error = rng.normal(size=(10_000, 4)) @ root.T
     covariance = np.broadcast_to(root @ root.T, (10_000, 4, 4))
     std = np.sqrt(np.diag(root @ root.T))
-    found = coverage(error / std, error, covariance)
+    size, normal = mahalanobis(error, covariance), mahalanobis_sizes(4)
+    found = coverage(error / std, RunScale().rank(size, normal))
     assert found.joint is not None
     np.testing.assert_allclose(found.joint, [0.5, 0.8, 0.95], atol=0.02)
     np.testing.assert_allclose(found.by_step, np.tile([0.5, 0.8, 0.95], (4, 1)), atol=0.02)
-    half = coverage(2.0 * error / std, error, 0.25 * covariance)
+    half = coverage(
+        2.0 * error / std, RunScale().rank(mahalanobis(error, 0.25 * covariance), normal)
+    )
     assert half.joint is not None and half.joint[2] < 0.7 and half.overall[2] < 0.7

@@ -2,38 +2,87 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
+import pytest
 
 from surrogate import Emulator, TrainingSet, held_out_residuals
 from surrogate.coverage import LEVELS, Coverage, coverage
-from surrogate.simultaneous_band import Spread, rank_of_largest
+from surrogate.field_prediction import FieldPrediction
+from surrogate.run_scale import RunScale
+from surrogate.simultaneous_band import Spread, field_band, largest_of_drawn, standardised
+
+NORMAL, WIDE = RunScale(), RunScale(-0.2, 0.6)
 
 N, N_OBS, K, Q = 2000, 60, 4, 3
 
 
-def _case(seed: int) -> tuple[np.ndarray, ...]:
+class Case(NamedTuple):
+    error: np.ndarray
+    std: np.ndarray
+    spread: Spread
+
+
+def _case(seed: int, scale: RunScale = NORMAL) -> Case:
+    """Errors of N fields, those of each times a factor of its own, and what is stated of them."""
     rng = np.random.default_rng(seed)
     modes, factor = rng.standard_normal((N_OBS, K)), 0.3 * rng.standard_normal((N_OBS, Q))
     variance = rng.uniform(0.1, 2.0, (N, K))
     std = np.sqrt(variance @ (modes**2).T + np.sum(factor**2, axis=1))
     error = (np.sqrt(variance) * rng.standard_normal((N, K))) @ modes.T
     error += rng.standard_normal((N, Q)) @ factor.T
-    return error, std, modes, variance, factor
+    error *= np.exp(scale.log_mean + scale.log_std * rng.standard_normal((N, 1)))
+    return Case(error, std, Spread(modes, variance, factor))
 
 
-def test_the_band_holds_the_share_of_fields_that_it_says() -> None:
+def _rank(case: Case, scale: RunScale = NORMAL) -> np.ndarray:
+    size = np.abs(standardised(case.error, case.std)).max(axis=1)
+    return scale.rank(size, largest_of_drawn(case.std, case.spread))
+
+
+@pytest.mark.parametrize("scale", [NORMAL, WIDE], ids=["normal", "wide"])
+def test_the_band_holds_the_share_of_fields_that_it_says(scale: RunScale) -> None:
     """Standard errors of 2000 fields and 400 draws: 0.027, 0.022, 0.012; four of them: 1e-4."""
-    error, std, modes, variance, factor = _case(7)
-    rank = rank_of_largest(error, std, Spread(modes, variance, factor))
-    found = coverage((error / std)[:, None], rank=rank).joint
+    case = _case(7, scale)
+    found = coverage((case.error / case.std)[:, None], _rank(case, scale)).joint
     assert found is not None
     assert (np.abs(np.array(found) - LEVELS) < 4.0 * np.array([0.027, 0.022, 0.012])).all()
 
 
-def test_twice_the_errors_leave_the_band() -> None:
-    error, std, modes, variance, factor = _case(8)
-    rank = rank_of_largest(2.0 * error, std, Spread(modes, variance, factor))
-    assert np.mean(rank <= 0.95) < 0.7
+def test_errors_that_are_larger_than_stated_leave_the_band() -> None:
+    case = _case(8)
+    assert np.mean(_rank(case._replace(error=2.0 * case.error)) <= 0.95) < 0.7
+    assert np.mean(_rank(_case(9, WIDE)) <= 0.95) < 0.85
+
+
+@pytest.mark.parametrize("level", [0.5, 0.95])
+def test_the_half_width_is_that_of_the_level(level: float) -> None:
+    """Of 2000 fields; the standard error of a share is at most 0.027."""
+    error, std, (modes, variance, factor) = case = _case(11, WIDE)
+    shape = (2, N_OBS // 6, 3)
+    prediction = FieldPrediction(
+        shape, np.zeros((N, *shape)), modes, variance, factor, np.zeros(N_OBS)
+    )
+    np.testing.assert_allclose(prediction.std.reshape(N, -1), std)
+    half = field_band(prediction, level, WIDE).reshape(N, -1)
+    inside = (np.abs(error) <= half).all(axis=1)
+    assert abs(inside.mean() - level) < 4.0 * 0.027
+    assert np.mean(inside == (_rank(case, WIDE) <= level)) > 0.99
+    assert (field_band(prediction, level) != field_band(prediction, level, WIDE)).all()
+
+
+def test_a_level_that_is_no_probability_is_refused() -> None:
+    prediction = FieldPrediction(
+        (1, 1, 3),
+        np.zeros((1, 1, 1, 3)),
+        np.ones((3, 1)),
+        np.ones((1, 1)),
+        np.ones((3, 1)),
+        np.zeros(3),
+    )
+    with pytest.raises(ValueError, match="between 0 and 1, found 95"):
+        field_band(prediction, 95.0)
 
 
 def test_values_that_are_the_same_in_all_runs_count_nothing() -> None:

@@ -98,8 +98,9 @@ def coverage_table(diagnostics: Mapping[str, Any]) -> Table:
         ("hypothesis", "runs", "of 50 %", "of 80 %", "of 95 %", "of 95 %, joint"),
         tuple(rows),
         "Over all increments (and points); joint: runs within the region of all increments "
-        "together (force), or with every value within the band that holds 95 % of whole fields. "
-        "Values of one run are alike: few runs say little about a share.",
+        "together (force), or with every value within the band that holds 95 % of whole fields, "
+        "both as wide as training runs left out in turn ask for. Values of one run are alike: few "
+        "runs say little about a share.",
     )
 
 
