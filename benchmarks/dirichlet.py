@@ -6,6 +6,8 @@ benchmarks and cross-code tests that knows how the element kernels are called.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import numpy.typing as npt
 from skfem import Basis, MeshHex
@@ -18,6 +20,9 @@ from fe.weak_form import Elements, ElementSystem, element_system, empty_system
 Array = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
 
+Table = Callable[[MeshHex], tuple[Elements, Basis]]
+"""elements of a mesh, and the scikit-fem basis they come from"""
+
 TOLERANCE = 1e-8
 """residual norm over the norm of the reactions, the same in every code where it can be set"""
 
@@ -25,13 +30,15 @@ TOLERANCE = 1e-8
 class DirichletProblem:
     """A body whose displacement is prescribed in places; holds the last solution (state).
 
-    `constants` are C10, C01, C11 and `bulk` the bulk modulus, MPa.
+    `constants` are C10, C01, C11 and `bulk` the bulk modulus, MPa; `table` makes the elements.
     """
 
-    def __init__(self, mesh: MeshHex, constants: Array, bulk: float) -> None:
+    def __init__(
+        self, mesh: MeshHex, constants: Array, bulk: float, table: Table = elements
+    ) -> None:
         self.elements: Elements
         self.basis: Basis
-        self.elements, self.basis = elements(mesh)
+        self.elements, self.basis = table(mesh)
         self.kernel = material("mooney-rivlin-3", constants, bulk).kernel()
         self.bulk = bulk
         self.u = np.zeros(self.elements.positions.shape)
@@ -106,7 +113,7 @@ class DirichletProblem:
         raise ArithmeticError(f"no equilibrium after {max_iterations} iterations")
 
     def _sum(self, values: Array) -> Array:
-        """(n_node, 3) sum of element vectors (n_elem, 27, 3)."""
+        """(n_node, 3) sum of element vectors (n_elem, n_a, 3)."""
         index = 3 * self.elements.nodes[..., None] + np.arange(3)
         total = np.bincount(index.ravel(), values.ravel(), minlength=self.u.size)
         return total.reshape(-1, 3)

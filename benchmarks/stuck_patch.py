@@ -15,7 +15,8 @@ import numpy as np
 import numpy.typing as npt
 from skfem import MeshHex
 
-from benchmarks.dirichlet import DirichletProblem
+from benchmarks.dirichlet import DirichletProblem, Table
+from fe.discretisation import elements
 
 Array = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
@@ -110,13 +111,13 @@ class PatchRun:
         return float(100.0 * np.abs(self.force / reference - 1.0).max())
 
 
-def press(case: StuckPatch) -> PatchRun:
-    """Solve with the product's elements, assembly and factorisation.
+def press(case: StuckPatch, table: Table = elements, code: str = "softcal Q2/P1") -> PatchRun:
+    """Solve with the product's assembly and factorisation, by default with its elements.
 
     Raises ArithmeticError when an increment does not converge.
     """
     started = time.perf_counter()
-    problem = DirichletProblem(case.mesh(), np.array(case.constants), case.bulk)
+    problem = DirichletProblem(case.mesh(), np.array(case.constants), case.bulk, table)
     positions = problem.elements.positions
     fixed, pressed = case.fixed(positions)
     problem.prescribe(fixed)
@@ -125,7 +126,7 @@ def press(case: StuckPatch) -> PatchRun:
     finally:
         problem.close()
     return PatchRun(
-        code="softcal Q2/P1",
+        code=code,
         n_unknowns=int((~fixed).sum()),
         force=np.array([-SYMMETRY_FACTOR * r[pressed, 1].sum() for r in reactions]),
         seconds=time.perf_counter() - started,
