@@ -36,7 +36,7 @@ from surrogate.design import sobol_design
 ROOT = Path(__file__).resolve().parents[1]
 STORE = ROOT / "runs" / "verify-inference"
 SEED, TRUTH_SEED = 20261122, 3
-COARSE_CELLS: Cells = (8, 3, 2)
+COARSE_CELLS: Cells = (8, 4, 3)
 """of the direct posterior, which takes a run at every node of a quadrature"""
 FRICTION = 0.3
 OTHER_LAW = (

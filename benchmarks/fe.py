@@ -25,7 +25,7 @@ import platform
 from dataclasses import replace
 from typing import Any
 
-from benchmarks import kernel, other_codes, thesis_meshes
+from benchmarks import first_order_block, kernel, other_codes, thesis_meshes
 from benchmarks.meshes import SAMPLING_CELLS, name_of
 from benchmarks.thesis_meshes import TABLE_3_7, TRAVEL, BarRun, press_bar
 from benchmarks.timing import median_seconds, peak_memory_gb, peak_memory_of
@@ -34,6 +34,8 @@ from fe import BlockPin, BlockPinModel, Contact
 BAR_CELLS = ((8, 4, 2), (12, 6, 2), (14, 8, 3), (20, 14, 5))
 """coarse to fine: a study's of a stuck bar is the second, its fitting mesh the last"""
 TABLE_N = 20
+FIRST_ORDER_N = (5, 10)
+"""meshes of the thesis that are pressed here, too; `benchmarks.first_order_block` has the others"""
 CONTACTS = {
     "frictionless": Contact("slide", "slide"),
     "friction": Contact(0.3, 0.3),
@@ -139,18 +141,32 @@ def thesis(quick: bool) -> dict[str, Any]:
     fine = replace(thesis_meshes.PATCH, cells=(2, 3, 2, 2)) if quick else thesis_meshes.FINE
     theirs, ours = thesis_meshes.footprint_errors(measured, list(cells), fine)
     print(f"\nStuck bar to {travel[-1]} mm; error: force on the glued footprint at 0.1 mm")
-    print("| mesh | unknowns | s | factorisations | error % |")
-    print("|---|---|---|---|---|")
+    print("| mesh | unknowns | s | factorisations | error % | from our finest, % |")
+    print("|---|---|---|---|---|---|")
     for n, seconds in TABLE_3_7.items():
         error = f"{theirs[n]:.2f}" if n in theirs else "not measured"
         unknowns = 3 * (n + 1) * (2 * n + 1) ** 2
-        print(f"| thesis, n = {n}, Q1 | about {unknowns} | {seconds:.0f} | not given | {error} |")
+        print(f"| thesis, n = {n}, Q1 | about {unknowns} | {seconds:.0f} | not given | {error} | |")
     for bar in bars:
-        print(
-            f"| {' x '.join(map(str, bar.cells))} Q2/P1 | {bar.n_unknowns} | {bar.seconds:.1f} "
-            f"| {bar.n_factorisations} | {ours[bar.cells]:.2f} |"
-        )
-    return thesis_figures(bars, theirs, ours)
+        print(_row(bar, "Q2/P1", f"{ours[bar.cells]:.2f}", bars[-1]))
+    first_order_block.press(2, travel=travel[:1])  # compile
+    first = [first_order_block.press(n, travel=travel) for n in ((2,) if quick else FIRST_ORDER_N)]
+    for bar in first:
+        print(_row(bar, "Q1/P0", "", bars[-1]))
+    return thesis_figures(bars, theirs, ours) | {
+        "first_order_bars": [
+            vars(bar) | {"from_finest_percent": bar.from_other_percent(bars[-1])} for bar in first
+        ]
+    }
+
+
+def _row(bar: BarRun, element: str, error: str, finest: BarRun) -> str:
+    """Of the table; last how far the first and the last force are from those of our finest mesh."""
+    off = bar.from_other_percent(finest)
+    return (
+        f"| {' x '.join(map(str, bar.cells))} {element} | {bar.n_unknowns} | {bar.seconds:.1f} "
+        f"| {bar.n_factorisations} | {error} | {off[0]:+.1f} to {off[-1]:+.1f} |"
+    )
 
 
 def thesis_figures(

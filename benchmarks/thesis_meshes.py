@@ -39,6 +39,10 @@ class BarRun:
     force: list[float]
     """N at kappa = 1 MPa"""
 
+    def from_other_percent(self, other: BarRun) -> list[float]:
+        """How far the forces are above those of another mesh, % of these."""
+        return [100.0 * (a / b - 1.0) for a, b in zip(self.force, other.force, strict=True)]
+
 
 def press_bar(cells: tuple[int, int, int], travel: tuple[float, ...] = TRAVEL) -> BarRun:
     """Time one march of the product; compiled before."""

@@ -44,6 +44,11 @@ def test_the_script_writes_every_figure(tmp_path):
     assert figures["sample_seconds"] > 0.0
     assert figures["kernel_speedup_vs_skfem"] > 1.0
     assert 0.0 < figures["peak_memory_gb_n20"] < 4.0
+    (first_order,) = figures["first_order_bars"]
+    finest = figures["bars"][-1]["force"][-1]
+    assert first_order["from_finest_percent"] == [
+        pytest.approx(100.0 * (first_order["force"][-1] / finest - 1.0))
+    ]
 
 
 def test_the_cost_exponent_is_the_slope_of_a_power_law():
