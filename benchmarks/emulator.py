@@ -186,7 +186,7 @@ def _figures(training: TrainingSet, held_out: TrainingSet) -> dict[str, Any]:
     start = time.process_time()  # one thread; other work on the machine is not counted
     emulator = Emulator.fit(training, 1)
     seconds = time.process_time() - start
-    scales = leave_one_out_residuals(emulator, training).scales
+    scales = leave_one_out_residuals(emulator, training).told_scales
     residuals = held_out_residuals(emulator, held_out, scales)
     errors = residuals.errors()
     assert errors.field_rms is not None and errors.field_coverage is not None

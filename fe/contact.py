@@ -230,14 +230,20 @@ def contact_system(
                 if with_derivatives and e != 0.0:
                     n = _put(rows, n, faces.shape[c, q], w * held, f, h, moves, 0.0)
         if with_derivatives:
-            system.force[c] = 0.0
-            system.tangent[c] = 0.0
-            system.by_travel[c] = 0.0
-            system.pin_force_by_u[c] = 0.0
-            if n > 0:
-                add_vectors(rows, n, system.force[c], system.by_travel[c], system.pin_force_by_u[c])
-                add_matrices(rows, n, rows.matrix, system.tangent[c])
+            _sum_face(rows, n, c, system)
     return energy, pin_force
+
+
+@njit(cache=True)
+def _sum_face(rows: FaceRows, n: int, c: int, system: ContactSystem) -> None:
+    """Fill face c from its first n rows."""
+    system.force[c] = 0.0
+    system.tangent[c] = 0.0
+    system.by_travel[c] = 0.0
+    system.pin_force_by_u[c] = 0.0
+    if n > 0:
+        add_vectors(rows, n, system.force[c], system.by_travel[c], system.pin_force_by_u[c])
+        add_matrices(rows, n, rows.matrix, system.tangent[c])
 
 
 @njit(cache=True, inline="always")

@@ -124,8 +124,9 @@ def step_to_force(
     """
     before = here.assembly.pin_force if here.assembly is not None else 0.0
     low, high = here.travel, np.inf
+    first = _newton(potential, solver, here, target)[0]  # by the factor of here, which aim may lose
     u, p = way.aim(here, far)
-    travel = min(far, _newton(potential, solver, here, target)[0])
+    travel = min(far, first)
     for _ in range(MAX_TRIALS):
         part = (travel - here.travel) / (far - here.travel)
         start = here.u + part * (u - here.u), here.p + part * (p - here.p)

@@ -28,6 +28,7 @@ from fe.face_rows import (
     BY_TRAVEL,
     FORCE,
     PIN_FORCE_BY_U,
+    FaceRows,
     add_matrices,
     add_vectors,
     empty_rows,
@@ -170,20 +171,36 @@ def friction_system(
             _, limit, slope = touch(x, faces.base[c], faces.floor[c], travel, pin, law, chart)
             energy += w * _point(chart, limit, slope, s0, s1, law.slip, f, frozen, true)
             pin_force += w * moves * f[1]
-            rows.shape[n] = faces.shape[c, q]
-            for i in range(3):
-                rows.vectors[n, FORCE + i] = w * f[i]
-                rows.vectors[n, BY_TRAVEL + i] = w * moves * true[i, 1]
-                rows.vectors[n, PIN_FORCE_BY_U + i] = w * moves * true[1, i]
-                for k in range(3):
-                    rows.matrix[n, 3 * i + k] = w * frozen[i, k]
-                    beyond[n, 3 * i + k] = w * (true[i, k] - frozen[i, k])
+            _put(rows, beyond, n, faces.shape[c, q], w, moves, f, frozen, true)
             n += 1
         if n > 0:
             add_vectors(rows, n, system.force[c], system.by_travel[c], system.pin_force_by_u[c])
             add_matrices(rows, n, rows.matrix, system.tangent[c])
             add_matrices(rows, n, beyond, coupling[c])
     return energy, pin_force
+
+
+@njit(cache=True, inline="always")
+def _put(
+    rows: FaceRows,
+    beyond: Array,
+    n: int,
+    shape: Array,
+    w: float,
+    moves: float,
+    f: Array,
+    frozen: Array,
+    true: Array,
+) -> None:
+    """Put a point into row n, and what its true tangent has beyond the frozen one into `beyond`."""
+    rows.shape[n] = shape
+    for i in range(3):
+        rows.vectors[n, FORCE + i] = w * f[i]
+        rows.vectors[n, BY_TRAVEL + i] = w * moves * true[i, 1]
+        rows.vectors[n, PIN_FORCE_BY_U + i] = w * moves * true[1, i]
+        for k in range(3):
+            rows.matrix[n, 3 * i + k] = w * frozen[i, k]
+            beyond[n, 3 * i + k] = w * (true[i, k] - frozen[i, k])
 
 
 @njit(cache=True)

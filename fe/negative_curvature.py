@@ -39,13 +39,16 @@ def flip_negative(solver: SymmetricSolver, x: Array, b: Array, count: int) -> Ar
 def shifted_direction(solver: SymmetricSolver, b: Array) -> Array:
     """(n,) (K + s 1)^-1 b with the first of `SHIFTS` that makes the factorised K positive definite.
 
-    Of the last of them if none does.  What is factorised then is no longer K.
+    What is factorised then is no longer K.  Raises ArithmeticError where none of them does.
     """
     data = solver.data
     for shift in SHIFTS:
-        if solver.factorise(solver.shifted(data, shift)) == 0:
-            break
-    return solver.solve(b)
+        try:
+            if solver.factorise(solver.shifted(data, shift)) == 0:
+                return solver.solve(b)
+        except ArithmeticError:  # a library that does not pivot met a zero: the next shift has none
+            continue
+    raise ArithmeticError(f"indefinite with {SHIFTS[-1]:g} times the median of the diagonal added")
 
 
 def negative_directions(solver: SymmetricSolver, start: Array, count: int) -> tuple[Array, Array]:

@@ -2,10 +2,10 @@
 
 Directions of negative curvature, counted by the factorisation's inertia, are flipped
 (`fe.negative_curvature`), so the iteration goes down to a stable equilibrium instead of to the
-nearest stationary point; where they are many, the tangent is shifted.  Of the iterates of one step
-the first is factorised; later ones go on with that factor by conjugate gradients, until these see
-negative curvature or get slow.  Modes that they do not meet are counted where the iteration would
-end, and left if there are any.
+nearest stationary point; where they are many, the tangent is shifted.  Without friction, of the
+iterates of one step the first is factorised; later ones go on with that factor by conjugate
+gradients, until these see negative curvature or get slow.  Modes that they do not meet are counted
+where the iteration would end, and left if there are any.
 """
 
 from __future__ import annotations
@@ -41,7 +41,9 @@ class NewtonOptions:
     max_move: float = 0.15
     """largest nodal displacement of one iteration, mm"""
     max_negative_modes: int = 4
-    """where there are more, the tangent is shifted: Lanczos would cost more than it saves"""
+    """where there are more, Lanczos would cost more than it saves: without friction the tangent is
+    shifted; with it they are left to the line search, as frozen friction has no energy that a way
+    down would lead through"""
     near: float = 0.1
     """relative residual below which, with friction, a step that reduces it needs no line search"""
     reduction: float = 0.7
@@ -81,7 +83,8 @@ def descent_direction(
 ) -> Array:
     """Newton direction (n_free,) mm of the factorised tangent, negative modes flipped.
 
-    Of a shifted tangent, which is factorised then, where these are more than `max_negative_modes`.
+    Of a shifted tangent, which is factorised then, where these are more than `max_negative_modes`
+    and nothing rubs.
 
     At a stable state with friction it is that of the whole tangent, if that is found and goes down.
     One that `predicts` the step after an equilibrium is by the factor that its derivatives made;
@@ -95,12 +98,12 @@ def descent_direction(
             coupled = solver.solve_near(whole, -gradient, options.inexact)
         if gradient @ coupled < 0.0:
             return coupled
-    if negative > options.max_negative_modes:
-        x = shifted_direction(solver, -gradient)
-    else:
-        x = solver.solve(-gradient)
-        if negative > 0:
-            x = flip_negative(solver, x, -gradient, negative)
+    many = negative > options.max_negative_modes
+    if many and not potential.has_friction:
+        return shifted_direction(solver, -gradient)
+    x = solver.solve(-gradient)
+    if negative > 0 and not many:
+        x = flip_negative(solver, x, -gradient, negative)
     return -x if gradient @ x > 0.0 else x
 
 

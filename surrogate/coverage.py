@@ -23,24 +23,29 @@ class Coverage:
     """(n_step, n_level)"""
     joint: tuple[float, ...] | None
     """(n_level,) share of runs within the joint region of all steps (and points), their
-    correlations included; None where it is not asked for"""
+    correlations included, as wide as runs left out ask for; None where it is not asked for"""
+    joint_as_stated: tuple[float, ...] | None
+    """the same with errors as stated"""
 
 
-def coverage(z: Array, rank: Array | None = None) -> Coverage:
+def coverage(z: Array, ranks: tuple[Array, Array] | None = None) -> Coverage:
     """Coverage of standardised residuals z (n, n_step, ...), in size or signed.
 
-    With `rank` (n,), the level of the joint region that each run just lies in, also jointly.
+    With `ranks` (n,), levels of the joint regions that each run just lies in, widened and as
+    stated, also jointly.
     """
     size = np.abs(z).reshape(len(z), z.shape[1], -1)
     inside = size[..., None] <= norm.ppf(0.5 + 0.5 * np.array(LEVELS))
-    joint = None
-    if rank is not None:
-        joint = tuple(np.mean(rank[:, None] <= np.array(LEVELS), axis=0).tolist())
     return Coverage(
         overall=tuple(inside.mean(axis=(0, 1, 2)).tolist()),
         by_step=tuple(tuple(row) for row in inside.mean(axis=(0, 2)).tolist()),
-        joint=joint,
+        joint=None if ranks is None else _shares(ranks[0]),
+        joint_as_stated=None if ranks is None else _shares(ranks[1]),
     )
+
+
+def _shares(rank: Array) -> tuple[float, ...]:
+    return tuple(np.mean(rank[:, None] <= np.array(LEVELS), axis=0).tolist())
 
 
 def mahalanobis(error: Array, covariance: Array) -> Array:

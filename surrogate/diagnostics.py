@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -12,8 +12,8 @@ from surrogate.coverage import Coverage, coverage, mahalanobis
 from surrogate.emulator import Emulator
 from surrogate.field_prediction import FieldPrediction
 from surrogate.gp import Array
-from surrogate.modal import inside
-from surrogate.run_scale import RunScales, fit_run_scale, mahalanobis_sizes
+from surrogate.modal import inner_weight
+from surrogate.run_scale import RunScale, RunScales, fit_run_scale, mahalanobis_sizes
 from surrogate.simultaneous_band import Spread, largest_of_drawn, standardised
 from surrogate.training_set import TrainingSet
 
@@ -83,6 +83,8 @@ class EmulatorDiagnostics:
     held_out: Errors | None
     notes: tuple[str, ...] = ()
     """hyperparameters at a bound of their search"""
+    scales: RunScales = RunScales()  # noqa: RUF009 - immutable
+    """of whole runs' errors, told by runs left out: they widen joint regions of held-out ones"""
 
     @property
     def judged(self) -> Errors:
@@ -141,7 +143,8 @@ def diagnose(
         leave_one_out=left_out.errors(),
         held_out=None
         if held_out is None
-        else held_out_residuals(emulator, held_out, left_out.scales).errors(),
+        else held_out_residuals(emulator, held_out, left_out.told_scales).errors(),
+        scales=left_out.told_scales,
         notes=tuple(emulator.notes),
     )
 
@@ -162,22 +165,20 @@ class Residuals:
     """(n, n_step, n_point, 3) mm, truncation included"""
     field_spread: Spread | None
     """of which `field_std` is the diagonal"""
-    stated: RunScales | None = None
-    """scales of whole runs' errors that other runs have told; None: these runs tell them"""
-    telling: npt.NDArray[np.bool_] | None = None
-    """(n,) runs that tell scales; None: all"""
+    scales: RunScales = RunScales()  # noqa: RUF009 - immutable
+    """of whole runs' errors, which runs left out have told; by default errors are as stated"""
+    tells: npt.NDArray[np.bool_] | None = None
+    """(n,) runs that tell scales of others, if left out; None: all"""
 
     @cached_property
-    def scales(self) -> RunScales:
-        """Scales of whole runs' errors (`surrogate.run_scale`), of runs left out their own."""
-        if self.stated is not None:
-            return self.stated
-        told = np.ones(len(self.force), dtype=np.bool_) if self.telling is None else self.telling
-        force = fit_run_scale(self._force_size[told], mahalanobis_sizes(self.force.shape[1]))
+    def told_scales(self) -> RunScales:
+        """What these runs, left out in turn, tell of the scale of others' errors."""
+        tells = np.ones(len(self.force), dtype=np.bool_) if self.tells is None else self.tells
+        force = fit_run_scale(self._force_size[tells], mahalanobis_sizes(self.force.shape[1]))
         if self._field_sizes is None:
             return RunScales(force)
         size, normal = self._field_sizes
-        return RunScales(force, fit_run_scale(size[told], normal[told]))
+        return RunScales(force, fit_run_scale(size[tells], normal[tells]))
 
     @property
     def force_z(self) -> Array:
@@ -186,17 +187,20 @@ class Residuals:
         return z
 
     @property
-    def force_rank(self) -> Array:
-        """(n,) probability that a run's forces are nearer to their prediction, jointly.
+    def force_ranks(self) -> tuple[Array, Array]:
+        """(n,) level of the joint region that each run's forces just lie in, widened and as stated.
 
-        By the Mahalanobis distance (Bastos & O'Hagan 2009, Technometrics 51, 425), scaled.
+        By the Mahalanobis distance (Bastos & O'Hagan 2009, Technometrics 51, 425).
         """
-        return self.scales.force.rank(self._force_size, mahalanobis_sizes(self.force.shape[1]))
+        size, normal = self._force_size, mahalanobis_sizes(self.force.shape[1])
+        return self.scales.force.rank(size, normal), RunScale().rank(size, normal)
 
     @property
-    def field_rank(self) -> Array | None:
-        """(n,) level of the simultaneous band that a whole field just lies in, scaled."""
-        return None if self._field_sizes is None else self.scales.field.rank(*self._field_sizes)
+    def field_ranks(self) -> tuple[Array, Array] | None:
+        """(n,) level of the band that each whole field just lies in, widened and as stated."""
+        if self._field_sizes is None:
+            return None
+        return self.scales.field.rank(*self._field_sizes), RunScale().rank(*self._field_sizes)
 
     @cached_property
     def _force_size(self) -> Array:
@@ -239,7 +243,7 @@ class Residuals:
             rms = tuple(np.sqrt(np.mean(error**2, axis=(0, 2, 3))).tolist())
             largest = float(np.abs(error).max())
             ratio = float(np.sqrt(np.mean(error**2) / np.mean(std**2)))
-            covered = coverage(standardised(error, std), self.field_rank)
+            covered = coverage(standardised(error, std), self.field_ranks)
             worst = _worst(error)
         return Errors(
             n_runs=len(relative),
@@ -248,7 +252,7 @@ class Residuals:
             force_rms_z=float(np.sqrt(np.mean(z**2))),
             force_coverage_68=float(np.mean(z < NORMAL_68)),
             force_coverage_95=float(np.mean(z < NORMAL_95)),
-            force_coverage=coverage(z, self.force_rank),
+            force_coverage=coverage(z, self.force_ranks),
             field_rms=rms,
             field_max=largest,
             field_rms_z=ratio,
@@ -271,8 +275,8 @@ def leave_one_out_residuals(emulator: Emulator, runs: TrainingSet) -> Residuals:
         std = np.sqrt(variance @ (pod.modes**2).T + pod.left_out_variance).reshape(error.shape)
         factor = pod.truncation.T / np.sqrt(len(pod.truncation))
         spread = Spread(pod.modes, variance, factor)
-    told = inside(runs.ratios) > 0.0
-    return Residuals(runs.force, force - runs.force, covariance, error, std, spread, None, told)
+    residuals = Residuals(runs.force, force - runs.force, covariance, error, std, spread)
+    return replace(residuals, tells=inner_weight(runs.ratios) > 0.0)
 
 
 def held_out_residuals(
@@ -281,7 +285,7 @@ def held_out_residuals(
     """Of runs that the emulator was not trained on.
 
     `scales` of whole runs' errors are those that runs left out tell
-    (`leave_one_out_residuals(emulator, training_set).scales`); errors are normal without.
+    (`leave_one_out_residuals(emulator, training_set).told_scales`), which widen joint regions.
     """
     force, covariance = emulator.unit_force(runs.ratios)
     error, std, spread = None, None, None
@@ -290,8 +294,8 @@ def held_out_residuals(
         error, std = field.mean - _field(runs), field.std
         truncation = emulator.field_truncation_factor
         spread = Spread(field.modes, field.weight_variance, truncation)
-    stated = RunScales() if scales is None else scales
-    return Residuals(runs.force, force - runs.force, covariance, error, std, spread, stated)
+    scales = RunScales() if scales is None else scales
+    return Residuals(runs.force, force - runs.force, covariance, error, std, spread, scales)
 
 
 def _worst(error: Array) -> tuple[WorstPoint, ...]:

@@ -90,7 +90,7 @@ def fit_modal(
         y,
         tolerance=tolerance,
         max_modes=max_modes,
-        weight=inside(x),
+        weight=inner_weight(x),
         scale=np.repeat(scale, y.shape[1] // n_step),
     )
     weights = pod.weights(y)
@@ -118,7 +118,7 @@ def _chosen(x: Array, y: Array, slopes: Array | None, n_step: int) -> Chosen:
     return choose_coordinates(x, pod.weights(y), by_input)
 
 
-def inside(x: Array) -> Array:
+def inner_weight(x: Array) -> Array:
     """(n,) 1 for runs inside the box of all, 0 for its corners; all 1 where few are inside.
 
     Modes fitted without a corner are asked to extrapolate to it. A prediction never asks that of

@@ -16,6 +16,8 @@ Array = npt.NDArray[np.float64]
 
 EXACT = 1e-10
 """least variance of what modes leave out of a value, as a share of what is not known of it"""
+LEAST_NEW = 1e-6
+"""information of a run on a direction, over what is known of it, that tells anything"""
 AGREES = 0.99
 """share of the runs that an honest emulator expects; one beyond it counts as less exact"""
 
@@ -121,11 +123,11 @@ def _disagreement(told: Array, pulled: Array, known: Array) -> float:
 
     `told` (k, k) is the information of the run on its weights, `pulled` (k,) that times what they
     are off by, `known` (k,) the weights' variance before. Judged in the directions of which the run
-    tells more than was known, by the chi-square of `AGREES`.
+    tells anything, by the chi-square of `AGREES`.
     """
     spread = np.sqrt(known)
     values, vectors = np.linalg.eigh(spread[:, None] * told * spread)
-    new = values > 1.0
+    new = values > LEAST_NEW
     if not new.any():
         return 1.0
     values = values[new]

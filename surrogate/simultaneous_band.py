@@ -39,16 +39,19 @@ def standardised(error: Array, std: Array) -> Array:
     return z
 
 
-def largest_of_drawn(std: Array, spread: Spread) -> Array:
+def largest_of_drawn(std: Array, spread: Spread, rest: Array | None = None) -> Array:
     """(n, N_DRAWS) largest standardised error of fields drawn from each prediction.
 
-    `std` (n, n_obs) in mm. Unlike the Mahalanobis distance it needs no inverse, which a covariance
-    of low rank does not have. Draws are the same for all runs and calls.
+    `std` (n, n_obs) in mm; `rest` (n_obs,) mm^2 are variances of independent errors in it. Unlike
+    the Mahalanobis distance it needs no inverse, which a covariance of low rank does not have.
+    Draws are the same for all runs and calls.
     """
     modes, weight_variance, factor = spread
     rng = np.random.default_rng(0)
     by_mode = rng.standard_normal((modes.shape[1], N_DRAWS))
     shared = factor @ rng.standard_normal((factor.shape[1], N_DRAWS))
+    if rest is not None:
+        shared += np.sqrt(rest)[:, None] * rng.standard_normal((len(rest), N_DRAWS))
     largest = np.empty((len(std), N_DRAWS))
     for run, sd in enumerate(std):
         drawn = modes @ (np.sqrt(weight_variance[run])[:, None] * by_mode) + shared
@@ -60,9 +63,8 @@ def field_band(prediction: FieldPrediction, level: float, scale: RunScale | None
     """(m, n_step, n_point, 3) half width, mm, of the band that holds a whole field.
 
     With probability `level` a new run lies with every value within it about the mean, if its errors
-    have the `scale` that runs left out tell (`leave_one_out_residuals(...).scales.field`), by
-    default if they are normal. What is drawn is the prediction's covariance but for its `rest`,
-    which only widens the band: ask for many directions of truncation.
+    have the `scale` that runs left out tell (`leave_one_out_residuals(...).told_scales.field`), by
+    default if they are normal.
     Raises ValueError for a level that is no probability.
     """
     if not 0.0 < level < 1.0:
@@ -70,6 +72,7 @@ def field_band(prediction: FieldPrediction, level: float, scale: RunScale | None
     scale = RunScale() if scale is None else scale
     std = prediction.std.reshape(len(prediction.mean), -1)
     spread = Spread(prediction.modes, prediction.weight_variance, prediction.truncation)
-    factors = [scale.level(drawn, level) for drawn in largest_of_drawn(std, spread)]
+    largest = largest_of_drawn(std, spread, prediction.rest)
+    factors = [scale.level(drawn, level) for drawn in largest]
     half: Array = (np.array(factors)[:, None] * std).reshape(prediction.mean.shape)
     return half

@@ -3,14 +3,25 @@
 from __future__ import annotations
 
 import glob
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import scipy.sparse as sp
 
-from fe import BlockPin, BlockPinModel, Contact, Status, linear_solver, pardiso, seen
+from fe import (
+    BlockPin,
+    BlockPinModel,
+    Contact,
+    Status,
+    linear_solver,
+    negative_curvature,
+    pardiso,
+    seen,
+)
 from fe.linear_solver import SUPERLU, GeneralMatrix, Library, SymmetricSolver, installed_library
 from fe.negative_curvature import SHIFTS, flip_negative, negative_directions, shifted_direction
+from fe.newton import NewtonOptions, descent_direction
 
 
 def upper(matrix: np.ndarray) -> sp.csr_matrix:
@@ -181,9 +192,10 @@ def test_the_flipped_direction_is_that_of_a_definite_matrix(n_negative):
     solver.close()
 
 
-def test_the_shifted_direction_is_that_of_the_least_shift_that_makes_a_matrix_definite():
+@pytest.mark.parametrize("library", LIBRARIES)
+def test_the_shifted_direction_is_that_of_the_least_shift_that_makes_a_matrix_definite(library):
     matrix = indefinite(60, 12, seed=11)
-    solver, negative = solver_of(matrix)
+    solver, negative = solver_of(matrix, library)
     assert negative == 12
     values, modes = np.linalg.eigh(matrix)
     b = 10.0 * modes[:, 0] + np.random.default_rng(12).standard_normal(60)  # Newton's goes up
@@ -194,6 +206,33 @@ def test_the_shifted_direction_is_that_of_the_least_shift_that_makes_a_matrix_de
     expected = np.linalg.solve(matrix + shift * size * np.eye(60), b)
     np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-12)
     assert b @ found > 0.0 > b @ np.linalg.solve(matrix, b)
+    solver.close()
+
+
+@pytest.mark.parametrize("rubs", [False, True])
+@pytest.mark.parametrize("most", [11, 12])
+def test_many_negative_modes_shift_the_tangent_where_nothing_rubs(rubs, most):
+    matrix = indefinite(60, 12, seed=11)
+    solver, negative = solver_of(matrix)
+    gradient = -np.linalg.eigh(matrix)[1][:, 0] - np.random.default_rng(12).standard_normal(60)
+    options = NewtonOptions(max_negative_modes=most)
+    potential = SimpleNamespace(has_friction=rubs)
+    found = descent_direction(potential, solver, gradient, options, negative)
+    assert gradient @ found < 0.0
+    plain = np.linalg.solve(matrix, -gradient)
+    is_shifted = not (rubs or most == 12)
+    again, _ = solver_of(matrix)
+    shifted = shifted_direction(again, -gradient)
+    assert np.allclose(found, shifted) == is_shifted
+    assert np.allclose(np.abs(found), np.abs(plain)) == (rubs and most == 11)
+    assert solver.factorise(solver.data) == (0 if is_shifted else 12)
+
+
+def test_a_tangent_that_no_shift_makes_definite_is_told(monkeypatch):
+    monkeypatch.setattr(negative_curvature, "SHIFTS", (1e-6, 1e-5))
+    solver, _ = solver_of(indefinite(60, 12, seed=11))
+    with pytest.raises(ArithmeticError, match="indefinite with 1e-05 times the median"):
+        shifted_direction(solver, np.ones(60))
 
 
 @pytest.mark.parametrize("contact", [Contact("slide", "slide"), Contact(0.3, 0.2)], ids=str)

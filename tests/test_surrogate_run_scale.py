@@ -5,8 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from surrogate import Emulator, TrainingSet, held_out_residuals, leave_one_out_residuals
-from surrogate.coverage import LEVELS
+from surrogate import (
+    Emulator,
+    TrainingSet,
+    diagnose,
+    held_out_residuals,
+    leave_one_out_residuals,
+)
 from surrogate.design import sobol_design
 from surrogate.run_scale import FEWEST, RunScale, RunScales, fit_run_scale, mahalanobis_sizes
 
@@ -33,21 +38,40 @@ def test_normal_errors_have_next_to_no_scale() -> None:
     assert abs(found.log_mean) < 0.03 and found.log_std < 0.15
 
 
-def test_ranks_are_uniform_where_the_scale_is_right() -> None:
-    """Largest distance of 4000 ranks from uniform; 1.63 / sqrt(4000) has a false alarm of 1 %."""
-    scale = RunScale(0.3, 0.6)
-    rank = np.sort(scale.rank(_sizes(scale, 4000, 3), mahalanobis_sizes(N_DIM)))
-    assert np.abs(rank - (np.arange(4000) + 0.5) / 4000).max() < 1.63 / np.sqrt(4000)
-    wrong = np.sort(RunScale().rank(_sizes(scale, 4000, 3), mahalanobis_sizes(N_DIM)))
-    assert np.abs(wrong - (np.arange(4000) + 0.5) / 4000).max() > 0.1
+def test_regions_hold_what_they_say_where_the_scale_is_right() -> None:
+    """Of 4000 runs; standard errors of the shares 0.006 and 0.003, bounds at four of them."""
+    scale, normal = RunScale(0.3, 0.6), mahalanobis_sizes(N_DIM)
+    size = _sizes(scale, 4000, 3)
+    for level, error in ((0.8, 0.006), (0.95, 0.0035)):
+        assert abs(np.mean(scale.rank(size, normal) <= level) - level) < 4.0 * error
+        assert np.mean(RunScale().rank(size, normal) <= level) < level - 0.1
 
 
-@pytest.mark.parametrize("scale", [RunScale(), RunScale(0.2, 0.5)], ids=str)
-@pytest.mark.parametrize("level", [0.5, 0.8, 0.95])
+def test_scales_only_widen() -> None:
+    """Where left-out runs look better than stated, unseen ones need not."""
+    size, normal = _sizes(RunScale(), 1000, 5), mahalanobis_sizes(N_DIM)
+    narrow = RunScale(-0.8, 0.3)
+    np.testing.assert_array_equal(narrow.rank(size, normal), RunScale().rank(size, normal))
+    assert narrow.level(normal[0], 0.95) == RunScale().level(normal[0], 0.95)
+    assert (RunScale(-0.3, 0.6).rank(size, normal) <= RunScale().rank(size, normal)).all()
+
+
+@pytest.mark.parametrize("scale", [RunScale(), RunScale(0.2, 0.5), RunScale(-0.4, 0.6)], ids=str)
+@pytest.mark.parametrize("level", [0.5, 0.8, 0.95, 0.99])
 def test_level_is_the_inverse_of_rank(scale: RunScale, level: float) -> None:
+    """To one of 400 draws."""
     normal = mahalanobis_sizes(N_DIM)
     size = np.array([scale.level(normal[0], level)])
-    assert scale.rank(size, normal)[0] == pytest.approx(level, abs=0.006)
+    assert scale.rank(size, normal)[0] == pytest.approx(level, abs=0.0026)
+
+
+def test_sizes_that_are_no_numbers_are_refused() -> None:
+    with pytest.raises(ValueError, match="expected finite numbers, found inf"):
+        RunScale().rank(np.array([1.0, np.inf]), mahalanobis_sizes(N_DIM))
+
+
+def test_a_run_without_error_lies_in_every_region() -> None:
+    assert RunScale(0.1, 0.5).rank(np.zeros(1), mahalanobis_sizes(N_DIM))[0] == 0.0
 
 
 def test_few_runs_leave_errors_as_stated() -> None:
@@ -66,21 +90,31 @@ def _runs(x: np.ndarray) -> TrainingSet:
     return TrainingSet.from_runs(x, force, field, np.ones(len(x), dtype=bool))
 
 
-def test_left_out_runs_make_the_joint_regions_of_unseen_ones_honest() -> None:
-    """Of 300 unseen runs a tenth or so lies at the step, where errors are far from normal."""
+def test_left_out_runs_widen_joint_regions_that_are_too_narrow() -> None:
+    """300 unseen runs, a tenth or so of them at the step, whose errors are far from normal.
+
+    Of the regions of 95 % as stated 87 and 85 % hold a field and its forces, of the widened ones
+    more, but not all that they say: nothing tells a run of two kinds from one of a single kind.
+    """
     box = np.array([[0.0, 1.0], [0.0, 1.0]])
     train, unseen = _runs(sobol_design(40, box, 5)), _runs(sobol_design(300, box, 6, n_corners=0))
     emulator = Emulator.fit(train, 1)
-    left_out = leave_one_out_residuals(emulator, train)
-    assert isinstance(left_out.scales, RunScales) and left_out.scales.field.log_std > 0.3
-    plain = held_out_residuals(emulator, unseen).errors()
-    scaled = held_out_residuals(emulator, unseen, left_out.scales).errors()
-    for before, after, share in (
-        (plain.force_coverage, scaled.force_coverage, 0.9),
-        (plain.field_coverage, scaled.field_coverage, 0.5),
-    ):
-        assert before is not None and before.joint is not None
-        assert after is not None and after.joint is not None
-        off = [np.abs(np.subtract(found.joint, LEVELS)).sum() for found in (before, after)]
-        assert off[1] < share * off[0]
-        assert after.overall == before.overall  # of single values as stated
+    scales = leave_one_out_residuals(emulator, train).told_scales
+    assert scales.field.log_std > 0.3
+    errors = held_out_residuals(emulator, unseen, scales).errors()
+    for found, least in ((errors.force_coverage, 0.0), (errors.field_coverage, 0.01)):
+        assert found is not None and found.joint is not None and found.joint_as_stated is not None
+        assert (np.array(found.joint) >= found.joint_as_stated).all()
+        assert found.joint[-1] >= found.joint_as_stated[-1] + least
+        assert found.joint_as_stated[-1] < 0.9
+
+
+def test_left_out_runs_are_judged_by_errors_as_stated() -> None:
+    """They tell the scale: judged by it they could not but fit."""
+    train = _runs(sobol_design(40, np.array([[0.0, 1.0], [0.0, 1.0]]), 5))
+    emulator = Emulator.fit(train, 1)
+    facts = diagnose(emulator, train)
+    assert facts.leave_one_out.force_coverage.joint == (
+        facts.leave_one_out.force_coverage.joint_as_stated
+    )
+    assert facts.scales == leave_one_out_residuals(emulator, train).told_scales != RunScales()
