@@ -4,8 +4,8 @@
 
 The stuck bar of `benchmarks/thesis_meshes.py` to 1.4 mm on the uniform meshes of Table 3.7, whose
 elements (eight nodes, mean dilatation) lock less than plain ones but are stiff in bending and, in
-the compression under a pin, prone to modes of the size of an element.  The product has no such
-element; its kernels take any shape functions.
+the compression under a pin, prone to modes of the size of an element.  The product has that element
+for its bar of one element alone.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from benchmarks.thesis_meshes import RATIOS, TABLE_3_7, TRAVEL, BarRun
 from benchmarks.timing import median_seconds
 from fe import BlockPin, BlockPinModel, Contact
 from fe.contact import Faces
-from fe.discretisation import pattern
+from fe.discretisation import first_order_elements, pattern
 from fe.pin_surface import under_flat
 from fe.specimens.block_pin_mesh import Discretisation
 from fe.weak_form import Elements
@@ -49,7 +49,7 @@ class FirstOrderBlock(BlockPinModel):
     def discretise(self) -> Discretisation:
         """Tables of the mesh, contact faces, constraints and field points."""
         mesh, block = self.mesh(), self.specimen
-        table, basis = first_order_elements(mesh)
+        table, basis = bricks(mesh)
         at, least = table.positions, 1e-9 * block.height
         fixed = np.zeros(at.shape, dtype=bool)
         fixed[at[:, 0] < least, 0] = True
@@ -73,20 +73,10 @@ class FirstOrderBlock(BlockPinModel):
         )
 
 
-def first_order_elements(mesh: MeshHex) -> tuple[Elements, Basis]:
+def bricks(mesh: MeshHex) -> tuple[Elements, Basis]:
     """Q1/P0 tables of a hexahedral mesh, and the scikit-fem basis they come from."""
     basis = Basis(mesh, ElementHex1(), intorder=VOLUME_ORDER)
-    gradients = np.stack([np.asarray(phi[0].grad) for phi in basis.basis])
-    weights = np.ascontiguousarray(basis.dx)
-    table = Elements(
-        nodes=np.ascontiguousarray(basis.element_dofs.T, dtype=np.int64),
-        positions=np.ascontiguousarray(basis.doflocs.T),
-        gradients=np.ascontiguousarray(gradients.transpose(2, 3, 1, 0)),
-        weights=weights,
-        psi=np.ones((weights.shape[1], 1)),
-        mass_inverse=1.0 / weights.sum(axis=1)[:, None, None],
-    )
-    return table, basis
+    return first_order_elements(basis), basis
 
 
 def _faces(mesh: MeshHex, facets: npt.NDArray[np.int64], floor: npt.NDArray[np.bool_]) -> Faces:

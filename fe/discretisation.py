@@ -87,6 +87,20 @@ def elements(mesh: MeshHex) -> tuple[Elements, Basis]:
     )
 
 
+def first_order_elements(basis: Basis) -> Elements:
+    """Q1/P0 tables of a scikit-fem basis: trilinear displacement with a constant pressure."""
+    weights = np.ascontiguousarray(basis.dx)
+    gradients = np.stack([np.broadcast_to(phi[0].grad, (3, *weights.shape)) for phi in basis.basis])
+    return Elements(
+        nodes=np.ascontiguousarray(basis.element_dofs.T, dtype=np.int64),
+        positions=np.ascontiguousarray(basis.doflocs.T),
+        gradients=np.ascontiguousarray(gradients.transpose(2, 3, 1, 0)),
+        weights=weights,
+        psi=np.ones((weights.shape[1], 1)),
+        mass_inverse=1.0 / weights.sum(axis=1)[:, None, None],
+    )
+
+
 def faces(mesh: MeshHex, facets: IntArray, floor: BoolArray, base: BoolArray) -> Faces:
     """Quadrature of the given facets (n_face,).
 

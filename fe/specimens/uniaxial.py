@@ -16,7 +16,7 @@ import numpy.typing as npt
 from skfem import Basis, ElementHex1, MeshHex
 
 from fe import driven_response
-from fe.discretisation import VOLUME_ORDER
+from fe.discretisation import VOLUME_ORDER, first_order_elements
 from fe.driven import DrivenProblem, unknowns
 from fe.driven_parameters import Shape, free_shape
 from fe.driven_response import DrivenSpecimen, Schedule
@@ -25,7 +25,6 @@ from fe.newton import NewtonOptions
 from fe.parameters import check_asked
 from fe.specimens.checks import check_bulk_ratio, check_counts, check_lengths, check_travel
 from fe.steps import StepOptions
-from fe.weak_form import Elements
 
 Array = npt.NDArray[np.float64]
 
@@ -92,7 +91,7 @@ class UniaxialModel:
     def discretise(self) -> DrivenSpecimen:
         """Tables of the one element."""
         basis = self._basis()
-        table = _table(basis)
+        table = first_order_elements(basis)
         far = table.positions > 1e-9 * table.positions.max()
         equation = np.full(table.positions.shape, -1, dtype=np.int64)
         equation[far[:, 0], 0] = 0
@@ -126,17 +125,3 @@ class UniaxialModel:
     def schedule(self) -> Schedule:
         """What is asked, and how the solver gets there."""
         return Schedule(self.travel, self.steps, self.newton, self.force)
-
-
-def _table(basis: Basis) -> Elements:
-    """Trilinear displacement with a constant pressure."""
-    weights = np.ascontiguousarray(basis.dx)
-    gradients = np.stack([np.broadcast_to(phi[0].grad, (3, *weights.shape)) for phi in basis.basis])
-    return Elements(
-        nodes=np.ascontiguousarray(basis.element_dofs.T, dtype=np.int64),
-        positions=np.ascontiguousarray(basis.doflocs.T),
-        gradients=np.ascontiguousarray(gradients.transpose(2, 3, 1, 0)),
-        weights=weights,
-        psi=np.ones((weights.shape[1], 1)),
-        mass_inverse=1.0 / weights.sum(axis=1)[:, None, None],
-    )
