@@ -46,6 +46,7 @@ def figures(store: Path) -> dict[str, Any]:
     }
     return told | {
         "emulator_vs_fe_contact": CONTACT,
+        "emulator_vs_fe_cells": list(runs.COARSE_CELLS),
         "emulator_vs_fe_experiments": each,
         "map_difference_sd": _worst([one["map_difference_sd"] for one in each], 0.0),
         "map_fe_solves": max(one["map_fe_solves"] for one in each),

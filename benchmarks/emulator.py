@@ -1,8 +1,8 @@
 """Emulators on held-out FE runs: error, coverage, time, and peers on the same runs.
 
     python benchmarks/emulator.py [--json FILE] [--designs 1 2 3] [--contact stick slide]
-                                  [--held-out N] [--store FOLDER] [--no-peers] [--keep]
-                                  [--no-refinement]
+                                  [--held-out N] [--held-out-seed K] [--store FOLDER]
+                                  [--no-peers] [--keep] [--no-refinement]
 
 Simulations are stored one by one and reused, so that a killed benchmark goes on where it was; its
 figures are written design by design, and `--keep` leaves those of other designs as they are.  One
@@ -31,7 +31,7 @@ import numpy as np
 
 from benchmarks.emulator_peers import PeerFigures, peer_figures
 from benchmarks.emulator_refinement import refinement_figures
-from benchmarks.emulator_runs import CELLS, DESIGNS, Design, family, simulate
+from benchmarks.emulator_runs import CELLS, DESIGNS, HELD_OUT_SEED, Design, family, simulate
 from fe.campaign_result import Campaign
 from surrogate import (
     Emulator,
@@ -92,6 +92,8 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--designs", type=int, nargs="*", default=[1, 2, 3], choices=[1, 2, 3])
     parser.add_argument("--contact", nargs="+", default=["stick", "slide"])
     parser.add_argument("--held-out", type=int, default=32, metavar="N")
+    seed = "of the Sobol sequence of held-out runs: another one for a set never looked at"
+    parser.add_argument("--held-out-seed", type=int, default=HELD_OUT_SEED, help=seed)
     parser.add_argument("--store", type=Path, default=Path("runs/emulator_benchmark"))
     parser.add_argument("--no-peers", action="store_true", help="leave the other codes out")
     return parser
@@ -102,23 +104,26 @@ def _design(design: Design, contact: str, options: argparse.Namespace) -> dict[s
     print(f"\n{', '.join(design.names)}: {design.n_runs} runs, {contact}")
     model = family(design.names, contact, CELLS[contact])
     folder = options.store / contact
-    points = np.vstack([design.training(), design.held_out(options.held_out)])
+    held_out = design.held_out(options.held_out, options.held_out_seed)
+    points = np.vstack([design.training(), held_out])
     campaign = simulate(points, model, folder, _progress)
     training = _runs(design, campaign, slice(None, design.n_runs))
-    held_out = _runs(design, campaign, slice(design.n_runs, None))
+    unseen = _runs(design, campaign, slice(design.n_runs, None))
     by_kind = {
-        "gradient_enhanced": _figures(training, held_out),
-        "plain": _figures(training.without_gradients, held_out),
+        "gradient_enhanced": _figures(training, unseen),
+        "plain": _figures(training.without_gradients, unseen),
     }
     # As many runs with derivatives as take the time of all without.
     n_equal = int(design.n_runs / (1.0 + DERIVATIVE_COST[contact]))
-    at_equal_time = _figures(_first(training, n_equal), held_out)
+    at_equal_time = _figures(_first(training, n_equal), unseen)
     fe_seconds = float(np.mean([run.seconds for run in campaign.responses]))
     table: dict[str, Any] = {
         "design": list(design.names),
         "contact": contact,
         "n_runs": design.n_runs,
         "n_excluded": training.n_excluded,
+        "n_held_out": len(unseen.ratios),
+        "held_out_seed": options.held_out_seed,
         "to_reach": {
             "field_rmse_mm": design.max_field_mm,
             "force_max_percent": design.max_force_percent,
@@ -130,7 +135,7 @@ def _design(design: Design, contact: str, options: argparse.Namespace) -> dict[s
     }
     if not options.no_peers:
         plain_seconds = fe_seconds / (1.0 + DERIVATIVE_COST[contact])
-        table |= _beside_peers(training, held_out, fe_seconds, design.n_runs * plain_seconds)
+        table |= _beside_peers(training, unseen, fe_seconds, design.n_runs * plain_seconds)
     _print(table)
     return table
 

@@ -15,8 +15,6 @@ POINTS = 0.03
 """by which coverage may differ from what is stated"""
 SLIDING = 0.035
 """the same, of one emulator over the whole box: r in its 80 % interval is 3.3 points off"""
-SNAP = 3
-"""experiment whose posterior a snap lies in: 0.08 SD off"""
 
 
 def furthest(found: dict[str, Any]) -> float:
@@ -75,12 +73,10 @@ def test_with_a_discrepancy_a_wrong_model_still_covers_and_without_it_does_not()
     assert FIGURES["misspecified_coverage_without"] < 0.5
 
 
-def test_posteriors_by_emulator_are_those_by_fe_but_for_the_one_with_a_snap() -> None:
-    for index, one in enumerate(FIGURES["emulator_vs_fe_experiments"]):
-        off = np.abs(list(one["mean_sd"].values())).max()
-        ratio = np.abs(np.array(list(one["sd_ratio"].values())) - 1).max()
-        assert ratio <= 0.05 and max(map(abs, one["map_difference_sd"].values())) <= 0.2
-        if index != SNAP:
-            assert off <= 0.05
-        else:  # a study is told so: it goes on while more than 0.05 SD is foretold
-            assert 0.05 < off < one["predicted_shift_sd"]
+def test_posteriors_by_emulator_are_those_by_fe() -> None:
+    experiments = FIGURES["emulator_vs_fe_experiments"]
+    assert len(experiments) == 4
+    for one in experiments:
+        assert np.abs(list(one["mean_sd"].values())).max() <= 0.05
+        assert np.abs(np.array(list(one["sd_ratio"].values())) - 1).max() <= 0.05
+        assert max(map(abs, one["map_difference_sd"].values())) <= 0.2
