@@ -1,6 +1,6 @@
 """The thesis' own meshes pressed by our solver: n x 2n x 2n first-order bricks, one pressure each.
 
-    python -m benchmarks.first_order_block 5 10 15 20 [--json FILE] [--fillet 0.3]
+    python -m benchmarks.first_order_block 5 10 15 20 [--json FILE] [--fillet 0.3] [--travel MM ...]
 
 The stuck bar of `benchmarks/thesis_meshes.py` to 1.4 mm on the uniform meshes of Table 3.7, whose
 elements (eight nodes, mean dilatation) lock less than plain ones but are stiff in bending and, in
