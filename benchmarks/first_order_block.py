@@ -25,6 +25,7 @@ from benchmarks.timing import median_seconds
 from fe import BlockPin, BlockPinModel, Contact
 from fe.contact import Faces
 from fe.discretisation import first_order_elements, pattern
+from fe.field_motion import field_probe
 from fe.pin_surface import under_flat
 from fe.specimens.block_pin_mesh import Discretisation
 from fe.weak_form import Elements
@@ -63,13 +64,13 @@ class FirstOrderBlock(BlockPinModel):
         met = _faces(mesh, np.concatenate([top, side]), ~on_top)
         pin = block.rigid_pin(1.0, 1.0, 1.0)
         points = self.points()
-        front = np.vstack([points.T, np.full(len(points), block.depth / 2.0)])
+        front = np.column_stack([points, np.full(len(points), block.depth / 2.0)])
         return Discretisation(
             elements=table,
             faces=met,
             pattern=pattern(table.nodes, met.nodes, fixed.ravel()),
             glued=on_top[:, None] & under_flat(met.points, pin),
-            probe=basis.probes(front).tocsr(),
+            probe=field_probe(basis, front),
         )
 
 

@@ -9,15 +9,13 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 import numpy.typing as npt
-import scipy.sparse as sp
-from skfem import Basis
 from threadpoolctl import threadpool_limits
 
 from fe import seen
 from fe.driven import DrivenProblem
 from fe.driven_parameters import Shape, dimensions, known_names, parameters, shape_slope
 from fe.driving import Solution, solve
-from fe.field_motion import passing
+from fe.field_motion import FieldProbe, passing
 from fe.force_control import Control
 from fe.material_parameters import MaterialParameters, all_parameters, ratio_parameters
 from fe.materials.material import Material, mooney_rivlin_of_ratios
@@ -41,12 +39,10 @@ class DrivenSpecimen:
     problem: DrivenProblem
     points: Array
     """(n_point, 2) reference position of the field points on the surface, mm"""
-    probe: sp.csr_matrix
-    """(n_point, n_node) nodal values to values at the field points"""
+    probe: FieldProbe
+    """what the field points see of nodal values"""
     symmetry: float
     """how many such parts the whole specimen has"""
-    basis: Basis
-    """of one displacement"""
 
     @property
     def elements(self) -> Elements:
@@ -166,12 +162,12 @@ def _run(
     names = default if model.sensitivities is None else model.sensitivities
     discrete, schedule, specimen = model.discretise(), model.schedule, model.specimen
     check_names(names, (*known.names, *known_names(discrete.problem, specimen)))
-    lengths, n_node = dimensions(specimen), discrete.probe.shape[1]
+    lengths = dimensions(specimen)
     moved = {name: shape_slope(model.shape, specimen, name) for name in names if name in lengths}
     at = model.shape(specimen).points
     passed = np.zeros((*at.shape, len(names)))
     for name, slope in moved.items():
-        by_mesh = discrete.probe @ slope.nodes
+        by_mesh = discrete.probe.values @ slope.nodes
         passed[..., names.index(name)] = slope.points - by_mesh[:, : at.shape[1]]
     return _Run(
         discrete=discrete,
@@ -182,8 +178,8 @@ def _run(
             targets=np.asarray(schedule.travel or schedule.force),
             control=schedule.control,
             points=discrete.points,
-            probe=discrete.probe,
-            motion=passing(passed, at, lambda: discrete.basis, n_node - discrete.basis.N),
+            probe=discrete.probe.values,
+            motion=passing(passed, discrete.probe),
             factor=discrete.symmetry,
             names=names,
         ),

@@ -78,3 +78,20 @@ def positions(u: Array, nodes: npt.NDArray[np.int64], shape: Array, points: Arra
             own[a, i] = u[nodes[a], i]
     moved: Array = points + np.dot(shape, own)
     return moved
+
+
+@njit(cache=True)
+def motions(u_gradient: Array, nodes: npt.NDArray[np.int64], shape: Array, points: Array) -> Array:
+    """(n_q, 3, n_p) derivatives of `positions`, mm.
+
+    Those of the displacement (n_node, 3, n_p) and of the face's points (n_q, 3, n_p), mm.
+    """
+    moved = points.copy()
+    n_p = moved.shape[2]
+    if n_p == 0:  # BLAS takes no empty matrix
+        return moved
+    own = np.empty((nodes.size, 3 * n_p))
+    for a in range(nodes.size):
+        own[a] = u_gradient[nodes[a]].reshape(3 * n_p)
+    moved += np.dot(shape, own).reshape(moved.shape)
+    return moved

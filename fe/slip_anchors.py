@@ -13,10 +13,11 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from fe.contact import FREE, Faces, position
+from fe.contact import FREE, Faces
+from fe.face_rows import motions, positions
 from fe.friction import slip_potential
 from fe.pin_surface import ROUND, RigidPin
-from fe.surface_slopes import SurfaceSlopes, point_motion, relative_motion, seen_from
+from fe.surface_slopes import SurfaceSlopes, relative_motion, seen_from
 from fe.touch import FLOOR, PIN, Chart, FrictionLaw, chart_floor, chart_pin, empty_chart, touch
 
 Array = npt.NDArray[np.float64]
@@ -122,7 +123,6 @@ def advance_anchors(
     that a point's face can rub on.
     """
     n_p = u_gradient.shape[2]
-    x, motion = np.empty(3), np.empty((3, n_p))
     seen, there = np.empty((3, n_p)), np.empty((2, n_p))
     chart = empty_chart()
     work = 0.0
@@ -133,11 +133,13 @@ def advance_anchors(
         )
         if not (rubs[PIN] or rubs[FLOOR]):
             continue
+        nodes, shape = faces.nodes[c], faces.shape[c]
+        places = positions(u, nodes, shape, faces.points[c])
+        moved = motions(u_gradient, nodes, shape, slopes.points[c])
         for q in range(faces.weights.shape[1]):
             if tied[c, q] != FREE:
                 continue
-            position(u, faces, c, q, x)
-            point_motion(u_gradient, faces, slopes, c, q, motion)
+            x, motion = places[q], moved[q]
             touched, pressed, _ = touch(x, faces.base[c], faces.floor[c], travel, pin, law, chart)
             for surface in (PIN, FLOOR):
                 if not rubs[surface]:

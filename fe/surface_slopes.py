@@ -63,22 +63,6 @@ def no_slopes(faces: Faces, n_p: int) -> SurfaceSlopes:
     )
 
 
-@njit(cache=True, inline="always")
-def point_motion(
-    u_gradient: Array, faces: Faces, slopes: SurfaceSlopes, c: int, q: int, motion: Array
-) -> None:
-    """Fill `motion` (3, n_p) with the derivative of the deformed place of point q of face c, mm.
-
-    `u_gradient` (n_node, 3, n_p) is that of the displacement, mm.
-    """
-    motion[:, :] = slopes.points[c, q]
-    for a in range(faces.nodes.shape[1]):
-        node, weight = faces.nodes[c, a], faces.shape[c, q, a]
-        for i in range(3):
-            for j in range(motion.shape[1]):
-                motion[i, j] += weight * u_gradient[node, i, j]
-
-
 @njit(cache=True)
 def seen_from(x: Array, pin: RigidPin) -> tuple[float, float, float]:
     """(x, z of the unit vector outwards, side) for the point x (3,) mm: side -1 behind a bar."""

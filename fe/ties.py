@@ -15,19 +15,20 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from fe.contact import FREE, TIED_TO_FLOOR, TIED_TO_PIN, Faces, position
+from fe.contact import FREE, TIED_TO_FLOOR, TIED_TO_PIN, Faces
+from fe.face_rows import motions, positions
 from fe.pin_surface import RigidPin, pin_point
 from fe.surface_slopes import (
     SurfaceSlopes,
     gap_slope,
     normal_slope,
-    point_motion,
     relative_motion,
 )
 from fe.touch import FLOOR, PIN
 
 Array = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
+BoolArray = npt.NDArray[np.bool_]
 
 GRIP = 0.005
 """penetration, mm, at which a point that touches is held by its spring alone: the more, the
@@ -105,6 +106,16 @@ def share(depth: float) -> tuple[float, float]:
     return t * t * (3.0 - 2.0 * t), 6.0 * t * (1.0 - t) / GRIP
 
 
+class _FaceState(NamedTuple):
+    """Points of one face at the end of a load step, as the floor sees them."""
+
+    place: Array
+    """(n_q, 3) mm"""
+    motion: Array
+    """(n_q, 3, n_p) mm"""
+    step: Step
+
+
 @njit(cache=True)
 def tie(
     ties: Ties,
@@ -121,57 +132,89 @@ def tie(
     """
     n_p = slopes.height.size
     found = 0
-    place, moved = np.empty((2, 3)), np.empty((2, 3, n_p))
-    d_gap, seen = np.empty((2, n_p)), np.empty((3, n_p))
+    moved, d_gap, seen = np.empty((3, n_p)), np.empty((2, n_p)), np.empty((3, n_p))
+    place, met = np.empty(3), np.empty(ties.kind.shape[1], dtype=np.bool_)
     for c in range(ties.kind.shape[0]):
-        for q in range(ties.kind.shape[1]):
-            if faces.base[c] or ties.hold[c, q] >= 1.0:
+        if faces.base[c]:
+            continue
+        here = positions(step.u, faces.nodes[c], faces.shape[c], faces.points[c])
+        loose = _touching(ties, faces, here, step.travel, c, pin, stick, met)
+        if loose == 0:
+            continue
+        now = _state(step, here, faces, slopes, c)
+        if met.any():
+            found += int(np.sum(met))
+            at = positions(before.u, faces.nodes[c], faces.shape[c], faces.points[c])
+            then = _state(before, at, faces, slopes, c)
+            for q in range(met.size):
+                if met[q]:
+                    _meet(ties, c, q, then, now, pin, slopes, d_gap, seen)
+        for q in range(met.size):
+            if ties.kind[c, q] == FREE or ties.hold[c, q] >= 1.0:
                 continue
-            _fill_place(step, faces, c, q, place)
-            if ties.kind[c, q] == FREE:
-                kind = _touched(place, faces.floor[c], pin, stick)
-                if kind == FREE:
-                    continue
-                found += 1
-                ties.kind[c, q] = kind
-                _meet(ties, c, q, faces, before, step, pin, slopes, d_gap, seen)
             surface = PIN if ties.kind[c, q] == TIED_TO_PIN else FLOOR
-            _fill_motion(step, faces, slopes, c, q, moved)
-            gap = _gap(place[surface], moved[surface], surface, pin, slopes, d_gap[0], seen)
+            _fill_seen(now, q, surface, place, moved)
+            gap = _gap(place, moved, surface, pin, slopes, d_gap[0], seen)
             held, tighter = share(-gap)
             if held > ties.hold[c, q]:
                 d_held = -tighter * d_gap[0]
-                at = place[surface]
-                _anchor(ties, c, q, at, gap, d_gap[0], held, d_held, pin, slopes, seen)
+                _anchor(ties, c, q, place, gap, d_gap[0], held, d_held, pin, slopes, seen)
                 ties.hold[c, q] = held
                 ties.hold_gradient[c, q] = d_held
     return found
 
 
 @njit(cache=True)
-def _fill_place(step: Step, faces: Faces, c: int, q: int, place: Array) -> None:
-    """Fill place (2, 3) mm of point q of face c, relative to pin (0) and floor (1)."""
-    position(step.u, faces, c, q, place[FLOOR])
-    place[PIN] = place[FLOOR]
-    place[PIN, 1] += step.travel
+def _touching(
+    ties: Ties,
+    faces: Faces,
+    here: Array,
+    travel: float,
+    c: int,
+    pin: RigidPin,
+    stick: Stick,
+    met: BoolArray,
+) -> int:
+    """Number of points of face c that may get tighter; `met` (n_q,) are those not tied before.
+
+    `here` (n_q, 3) mm are their places, `ties.kind` is changed.
+    """
+    loose = 0
+    for q in range(met.size):
+        met[q] = False
+        if ties.hold[c, q] >= 1.0:
+            continue
+        if ties.kind[c, q] == FREE:
+            ties.kind[c, q] = _touched(here[q], travel, faces.floor[c], pin, stick)
+            met[q] = ties.kind[c, q] != FREE
+        if ties.kind[c, q] != FREE:
+            loose += 1
+    return loose
 
 
 @njit(cache=True)
-def _fill_motion(
-    step: Step, faces: Faces, slopes: SurfaceSlopes, c: int, q: int, moved: Array
-) -> None:
-    """Fill moved (2, 3, n_p) mm, the derivative of what `_fill_place` fills."""
-    point_motion(step.u_gradient, faces, slopes, c, q, moved[FLOOR])
-    moved[PIN] = moved[FLOOR]
-    moved[PIN, 1] += step.travel_gradient
+def _state(step: Step, place: Array, faces: Faces, slopes: SurfaceSlopes, c: int) -> _FaceState:
+    """Face c at the end of a step, its points at `place` (n_q, 3) mm."""
+    moved = motions(step.u_gradient, faces.nodes[c], faces.shape[c], slopes.points[c])
+    return _FaceState(place, moved, step)
 
 
 @njit(cache=True)
-def _touched(place: Array, on_side: bool, pin: RigidPin, stick: Stick) -> int:
-    """Which surface that sticks a free point is in, FREE if none; place (2, 3) mm."""
-    if stick.floor and on_side and place[FLOOR, 1] < 0.0:
+def _fill_seen(face: _FaceState, q: int, surface: int, place: Array, moved: Array) -> None:
+    """Fill place (3,) mm and motion (3, n_p) mm of point q as the surface sees it."""
+    place[:] = face.place[q]
+    moved[:, :] = face.motion[q]
+    if surface == PIN:
+        place[1] += face.step.travel
+        moved[1] += face.step.travel_gradient
+
+
+@njit(cache=True)
+def _touched(place: Array, travel: float, on_side: bool, pin: RigidPin, stick: Stick) -> int:
+    """Which surface that sticks a free point at `place` (3,) mm is in, FREE if none."""
+    if stick.floor and on_side and place[1] < 0.0:
         return TIED_TO_FLOOR
-    if stick.pin and pin_point(place[PIN], 0.0, pin).gap < 0.0:
+    if stick.pin and pin_point(place, travel, pin).gap < 0.0:
         return TIED_TO_PIN
     return FREE
 
@@ -248,24 +291,23 @@ def _meet(
     ties: Ties,
     c: int,
     q: int,
-    faces: Faces,
-    before: Step,
-    step: Step,
+    then: _FaceState,
+    now: _FaceState,
     pin: RigidPin,
     slopes: SurfaceSlopes,
     d_gap: Array,
     seen: Array,
 ) -> None:
-    """Where point q of face c met the surface on its straight way through the step."""
+    """Where point q of face c met the surface on its straight way through the step.
+
+    `then` and `now` are its two ends.
+    """
     surface = PIN if ties.kind[c, q] == TIED_TO_PIN else FLOOR
     n_p = d_gap.shape[1]
-    places, motions = np.empty((2, 2, 3)), np.empty((2, 2, 3, n_p))
-    _fill_place(before, faces, c, q, places[0])
-    _fill_place(step, faces, c, q, places[1])
-    _fill_motion(before, faces, slopes, c, q, motions[0])
-    _fill_motion(step, faces, slopes, c, q, motions[1])
-    old, d_old = places[0, surface], motions[0, surface]
-    new, d_new = places[1, surface], motions[1, surface]
+    old, new = np.empty(3), np.empty(3)
+    d_old, d_new = np.empty((3, n_p)), np.empty((3, n_p))
+    _fill_seen(then, q, surface, old, d_old)
+    _fill_seen(now, q, surface, new, d_new)
     start = _gap(old, d_old, surface, pin, slopes, d_gap[0], seen)
     end = _gap(new, d_new, surface, pin, slopes, d_gap[1], seen)
     if start < 0.0:  # in touch at rest already

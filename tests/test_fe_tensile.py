@@ -101,7 +101,7 @@ def test_gradients_are_those_of_central_differences():
 
 def test_field_points_lie_on_the_front_face_and_are_moved_with_it():
     discrete = MODEL.discretise()
-    at = discrete.probe @ discrete.problem.elements.positions
+    at = discrete.probe.values @ discrete.problem.elements.positions
     np.testing.assert_allclose(at[:, :2], MODEL.points(), atol=1e-12)
     np.testing.assert_allclose(at[:, 2], PLATE.thickness / 2, atol=1e-12)
     response = MODEL(np.array([0.5, 0.1]))

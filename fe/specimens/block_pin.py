@@ -286,12 +286,13 @@ class BlockPinModel:
             self.specimen,
             run.lines,
             lambda specimen: front_points(specimen, self.part, self.field_grid),
+            discrete.probe,
         )
         return Seen(
             np.asarray(self.travel or self.force),
             self.control,
             self.points(),
-            discrete.probe,
+            discrete.probe.values,
             motion,
             SYMMETRY_FACTOR[self.part],
             run.names,

@@ -6,9 +6,9 @@ from collections.abc import Callable
 
 import numpy as np
 import numpy.typing as npt
-from skfem import Basis, ElementHex2, MeshHex
+from skfem import MeshHex
 
-from fe.field_motion import FieldMotion, passing
+from fe.field_motion import FieldMotion, FieldProbe, passing
 from fe.specimens.block_pin_geometry import BlockPin
 from fe.specimens.block_pin_parameters import by_geometry, mesh_motion
 
@@ -20,6 +20,7 @@ def field_motion(
     specimen: BlockPin,
     lines: Callable[[BlockPin], MeshHex],
     points: Callable[[BlockPin], Array],
+    probe: FieldProbe,
 ) -> FieldMotion:
     """Motion in the named parameters; `points` are (n_point, 2), mm, `lines` makes the mesh.
 
@@ -31,7 +32,7 @@ def field_motion(
         moved = by_geometry(name, specimen, lambda changed: _on_front(changed, points))
         if moved is not None:
             passed[..., j] = moved - mesh_motion(name, specimen, at, lines)
-    return passing(passed, at, lambda: Basis(lines(specimen), ElementHex2(), intorder=1))
+    return passing(passed, probe)
 
 
 def _on_front(specimen: BlockPin, points: Callable[[BlockPin], Array]) -> Array:

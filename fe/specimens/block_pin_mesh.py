@@ -7,11 +7,11 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-import scipy.sparse as sp
 from skfem import MeshHex
 
 from fe.contact import Faces
 from fe.discretisation import Pattern, elements, faces, pattern
+from fe.field_motion import FieldProbe, field_probe
 from fe.pin_surface import RigidPin, under_flat
 from fe.specimens.block_pin_geometry import BlockPin, Contact, Symmetry
 from fe.specimens.checks import check_counts
@@ -78,8 +78,8 @@ class Discretisation:
     pattern: Pattern
     glued: BoolArray
     """(n_face, n_q) contact points under the pin's flat part"""
-    probe: sp.csr_matrix
-    """(n_point, n_node) nodal values to values at the field points"""
+    probe: FieldProbe
+    """what the field points see of nodal values"""
 
 
 FieldGrid = tuple[int, int] | tuple[tuple[float, float], ...]
@@ -239,13 +239,13 @@ def discretise(
     if contact.base == "stick":
         fixed[base] = True
     glued = on_top[:, None] & under_flat(met.points, pin)
-    probe_at = np.vstack([points.T, np.full(len(points), specimen.depth / 2.0)])
+    front = np.column_stack([points, np.full(len(points), specimen.depth / 2.0)])
     return Discretisation(
         elements=table,
         faces=met,
         pattern=pattern(table.nodes, met.nodes, fixed.ravel()),
         glued=glued & (contact.pin == "stick"),
-        probe=basis.probes(probe_at).tocsr(),
+        probe=field_probe(basis, front),
     )
 
 

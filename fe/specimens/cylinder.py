@@ -12,7 +12,6 @@ from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
-import scipy.sparse as sp
 from skfem import Basis, ElementQuad2, MeshQuad
 
 from fe import driven_response
@@ -20,6 +19,7 @@ from fe.contact import PenaltyLaw
 from fe.driven import DrivenProblem, unknowns
 from fe.driven_parameters import Shape, plate_shape
 from fe.driven_response import DrivenSpecimen, Schedule
+from fe.field_motion import field_probe
 from fe.force_control import check_targets
 from fe.newton import NewtonOptions
 from fe.parameters import check_asked
@@ -141,7 +141,6 @@ class CylinderModel:
             slip=self.slip,
             law=self.penalty,
         )
-        probe = basis.probes(self.points().T).tocsr()
         return DrivenSpecimen(
             problem=DrivenProblem(
                 elements=table,
@@ -150,9 +149,8 @@ class CylinderModel:
                 plate=plate,
             ),
             points=self.points(),
-            probe=sp.hstack([probe, sp.csr_matrix(probe.shape)]).tocsr(),
+            probe=field_probe(basis, self.points(), n_hidden=basis.N),
             symmetry=SYMMETRY_FACTOR,
-            basis=basis,
         )
 
     def shape(self, specimen: Cylinder) -> Shape:

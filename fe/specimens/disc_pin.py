@@ -14,13 +14,12 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-import scipy.sparse as sp
-from skfem import Basis, ElementQuad2, MeshQuad
+from skfem import MeshQuad
 from threadpoolctl import threadpool_limits
 
 from fe.contact import Faces, PenaltyLaw
 from fe.driven import unknowns
-from fe.field_motion import passing
+from fe.field_motion import field_probe, passing
 from fe.force_control import Control, check_targets
 from fe.load_stepping import TravelState
 from fe.material_parameters import MaterialParameters, all_parameters, ratio_parameters
@@ -189,13 +188,12 @@ class DiscPinModel:
         if contact.base == "stick":
             fixed[base] = True
         glued = on_top[:, None] & under_flat(faces.points, block.rigid_pin(1.0, 1.0, 1.0))
-        probe = basis.probes(self.points().T).tocsr()
         return Discretisation(
             elements=table,
             faces=faces,
             pattern=unknowns(table.nodes, hoop_equations(fixed), faces.nodes),
             glued=glued & (contact.pin == "stick"),
-            probe=sp.hstack([probe, sp.csr_matrix(probe.shape)]).tocsr(),
+            probe=field_probe(basis, self.points(), n_hidden=basis.N),
         )
 
     def _of(self, material: Material) -> _Run:
@@ -252,13 +250,12 @@ class DiscPinModel:
             moved = by_geometry(of_block, block, self._points)
             if moved is not None:
                 passed[..., j] = moved - mesh_motion(of_block, block, at, self._mesh)
-        basis = Basis(self.mesh(), ElementQuad2(), intorder=1)
         return Seen(
             targets=np.asarray(self.travel or self.force),
             control=self.control,
             points=at,
-            probe=discrete.probe,
-            motion=passing(passed, at, lambda: basis, basis.N),
+            probe=discrete.probe.values,
+            motion=passing(passed, discrete.probe),
             factor=1.0,
             names=names,
         )

@@ -19,6 +19,7 @@ from fe.discretisation import elements
 from fe.driven import DrivenProblem, equations, unknowns
 from fe.driven_parameters import Shape, free_shape
 from fe.driven_response import DrivenSpecimen, Schedule
+from fe.field_motion import field_probe
 from fe.force_control import check_targets
 from fe.newton import NewtonOptions
 from fe.parameters import check_asked
@@ -146,9 +147,8 @@ class TensileModel:
         return DrivenSpecimen(
             problem=DrivenProblem(table, unknowns(table.nodes, equations(fixed)), motion),
             points=self.points(),
-            probe=basis.probes(self._on_front().T).tocsr(),
+            probe=field_probe(basis, self._on_front()),
             symmetry=SYMMETRY_FACTOR,
-            basis=basis,
         )
 
     def _on_front(self) -> Array:

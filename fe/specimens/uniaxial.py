@@ -20,6 +20,7 @@ from fe.discretisation import VOLUME_ORDER, first_order_elements
 from fe.driven import DrivenProblem, unknowns
 from fe.driven_parameters import Shape, free_shape
 from fe.driven_response import DrivenSpecimen, Schedule
+from fe.field_motion import field_probe
 from fe.force_control import check_targets
 from fe.newton import NewtonOptions
 from fe.parameters import check_asked
@@ -101,9 +102,8 @@ class UniaxialModel:
         return DrivenSpecimen(
             problem=DrivenProblem(table, unknowns(table.nodes, equation.ravel()), motion),
             points=self.points(),
-            probe=basis.probes(self._on_face().T).tocsr(),
+            probe=field_probe(basis, self._on_face()),
             symmetry=1.0,
-            basis=basis,
         )
 
     def shape(self, specimen: Bar) -> Shape:
