@@ -243,9 +243,7 @@ def _nearer(
     descent and the thaw after it go round in circles.
     """
     b = -assembly.gradient
-    enough = 0.1 * options.tolerance * assembly.force_scale / float(np.linalg.norm(b))
-    enough = max(options.inexact, min(enough, options.lagged))
-    du = potential.expand(solver.solve_near(potential.coupled_tangent(), b, enough))
+    du = potential.expand(solver.solve_near(potential.coupled_tangent(), b, options.inexact))
     if not np.abs(du).max() < options.max_move:  # so is NaN
         return None
     dp = potential.pressure_step(du)
