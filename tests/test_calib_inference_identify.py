@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -18,6 +18,7 @@ from calib.inference import (
     Prior,
     build_likelihood,
     integrate,
+    theta_of,
     x_of,
 )
 from calib.inference.data_parts import given, log_likelihood, parts_of
@@ -27,6 +28,7 @@ from calib.inference.fisher import (
     observed_information,
     spectrum,
 )
+from calib.inference.likelihood import Likelihood
 from calib.inference.nested import nested
 from calib.inference.profile import Profile, profile_likelihood
 from fe.response import Array
@@ -195,6 +197,28 @@ def test_nested_sampling_agrees_with_quadrature() -> None:
     assert np.isfinite(log_likelihood(FORCE, draws)).all()
     with pytest.raises(ValueError, match="n_live"):
         nested(FORCE, np.random.default_rng(0), n_live=3)
+
+
+def test_nested_sampling_takes_priors_of_constants_that_a_box_cuts_off() -> None:
+    """Within 4 of its SDs of the likelihood's mean over a million draws: false alarm 6e-5."""
+    of = (Marginal("uniform", 0.004, 0.012), Marginal("uniform", -0.002, 0.006))
+    kappa = Marginal("uniform", 0.002, 0.018)
+    cut = Prior(kappa, Marginal("uniform", 0.1, 0.35), law="mooney-rivlin-2", of=of)
+    assert cut.log_mass < -0.5
+
+    class Peak:
+        def log_prob(self, theta: np.ndarray) -> np.ndarray:
+            off = (np.log(theta[:, 0]) - np.log(0.0095)) / 0.1, (theta[:, 1] - 0.3) / 0.1
+            return -0.5 * (off[0] ** 2 + off[1] ** 2)
+
+    posterior = Posterior(cut, cast("Likelihood", Peak()))
+    found = nested(posterior, np.random.default_rng(2), n_live=100, dlogz=0.05)
+    x = cut.sample(np.random.default_rng(3), 1_000_000)
+    exact = np.log(np.mean(np.exp(Peak().log_prob(theta_of(x)))))
+    assert abs(found.log_evidence - exact) < 4 * found.log_evidence_error
+    assert found.log_evidence_error < 0.3
+    low, high = cut.bounds.T
+    assert ((found.moments.x >= low) & (found.moments.x <= high))[found.moments.weights > 0].all()
 
 
 def test_laplace_covariance_of_a_normal_density_is_its_own_and_none_where_it_does_not_fall() -> (

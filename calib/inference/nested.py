@@ -36,18 +36,24 @@ def nested(
 ) -> Nested:
     """Nested sampling of a posterior from its prior, until what is left adds less than `dlogz`.
 
+    Priors of the constants that a box of kappa and ratios cuts off are drawn from whole, and the
+    likelihood is zero beyond the box.
     Raises ValueError for fewer live points than dynesty can bound (2 d + 1).
     """
-    d = posterior.prior.bounds.shape[0]
+    prior, drawn = posterior.prior, posterior.prior.uncut
+    low, high = prior.bounds.T
+    d = len(low)
     if n_live < 2 * d + 1:
         raise ValueError(f"n_live: expected at least {2 * d + 1}, got {n_live}")
 
     def value(x: Array) -> float:
+        if drawn is not prior and not ((low <= x) & (x <= high)).all():
+            return FLOOR
         found = float(log_likelihood(posterior, x[None])[0])
         return found if np.isfinite(found) else FLOOR
 
     def transform(unit: Array) -> Array:
-        return np.asarray(posterior.prior.quantile(np.asarray(unit)[None])[0])
+        return np.asarray(drawn.quantile(np.asarray(unit)[None])[0])
 
     # Bounds by ellipsoids with a wide margin in few dimensions, where posteriors that lean on a
     # bound of the prior have corners; random walks in more.
@@ -55,12 +61,14 @@ def nested(
     sampler = NestedSampler(value, transform, d, nlive=n_live, rstate=rng, **how)
     sampler.run_nested(dlogz=dlogz, print_progress=False)
     found = sampler.results
+    # Draws of a prior that was cut are of what is inside, see `Prior.within`; those of an uncut one
+    # count it as if it were not.
+    share = prior.log_share - (0.0 if drawn is prior else prior.log_mass)
     log_weights = np.asarray(found["logwt"]) - float(found["logz"][-1])
     weights = np.exp(log_weights)
     return Nested(
         moments=Moments(np.asarray(found["samples"], dtype=np.float64), weights / weights.sum()),
-        # Draws of a prior that was cut are of what is inside, see `Prior.within`.
-        log_evidence=float(found["logz"][-1]) + posterior.prior.log_share,
+        log_evidence=float(found["logz"][-1]) + share,
         log_evidence_error=float(found["logzerr"][-1]),
         n_calls=int(np.sum(found["ncall"])),
     )

@@ -200,7 +200,7 @@ class Prior:
             if self.log_mass < -1e-12:
                 raise ValueError(
                     "quantile: not known where a box of kappa and ratios cuts off priors of the "
-                    "constants; use sample"
+                    "constants; use sample, or the uncut prior"
                 )
             first = self._x_of_constants(probability[:, : len(self.of)])
             columns = list(first.T)
@@ -215,12 +215,22 @@ class Prior:
         clipped: Array = np.clip(x, bounds[:, 0], bounds[:, 1])
         return clipped
 
+    @property
+    def uncut(self) -> Prior:
+        """Where the constants have the priors, the same in a box that cuts nothing off; else this.
+
+        Raises ValueError where C10 + C01 need not be positive.
+        """
+        if not self.of or self.log_mass >= -1e-12:
+            return self
+        kappa, r, *s = hull_of(self.of)
+        return replace(self, kappa=kappa, r=r, s=s[0] if s else None)
+
     def sample(self, rng: np.random.Generator, n: int) -> Array:
         """(n, d) independent draws of x."""
         if not self.of or self.log_mass >= -1e-12:
             return self.quantile(rng.random((n, self.space.size)))
-        box = (*hull_of(self.of), None)
-        whole = replace(self, kappa=box[0] or self.kappa, r=box[1], s=box[2])
+        whole = self.uncut
         kept = np.zeros((0, self.space.size))
         while len(kept) < n:
             drawn = whole.quantile(rng.random((n, self.space.size)))
