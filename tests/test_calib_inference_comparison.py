@@ -73,8 +73,14 @@ def test_support_takes_evidence_and_fit() -> None:
 def test_a_large_bayes_factor_at_equal_fit_is_no_support_by_the_data() -> None:
     equal = compare([fit("stuck", -6.47, 0.11, 8.52), fit("sliding", 0.19, 0.17, 8.69)])
     assert "support" not in equal.verdict
-    assert "fit sliding and stuck equally well (best ln L 8.69 and 8.52)" in equal.verdict
+    assert "fit sliding and stuck equally well (ln Bayes factor 6.66 ± 0.00" in equal.verdict
+    assert "best ln L 8.69 and 8.52)" in equal.verdict
     assert "Bayes factor of 781 only through the prior" in equal.verdict
+
+
+def test_bayes_factors_beyond_the_range_of_numbers_are_told_by_their_power_of_ten() -> None:
+    far = compare([fit("stuck", -6358.9, 1e-4, -6300.0), fit("sliding", 0.0)])
+    assert "by a Bayes factor of 10^2762 (ln Bayes factor 6358.90 ± 0.00 numerical" in far.verdict
 
 
 def test_a_rival_that_fits_better_than_the_best_evidence_is_named() -> None:

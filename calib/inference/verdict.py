@@ -57,6 +57,17 @@ def _factor(leader: HypothesisFit, rival: HypothesisFit) -> float:
     return leader.log_evidence - rival.log_evidence
 
 
+def _factor_error(leader: HypothesisFit, rival: HypothesisFit) -> float:
+    """Numerical error of that."""
+    return float(np.hypot(leader.log_evidence_error, rival.log_evidence_error))
+
+
+def bayes_factor(log_factor: float) -> str:
+    """A Bayes factor in words, from its ln: beyond a hundred digits by its power of ten alone."""
+    power = log_factor / np.log(10.0)
+    return f"{np.exp(log_factor):.3g}" if power < 100.0 else f"10^{power:.0f}"
+
+
 def _gain(leader: HypothesisFit, rival: HypothesisFit) -> float:
     """By how much the leader fits better at its best, in ln likelihood."""
     return leader.max_log_likelihood - rival.max_log_likelihood
@@ -85,17 +96,19 @@ def _level(leader: HypothesisFit, rivals: tuple[HypothesisFit, ...]) -> list[str
 
 def _against(leader: HypothesisFit, rival: HypothesisFit) -> str:
     """The leader against a rival of far smaller evidence."""
-    factor = f"{np.exp(min(_factor(leader, rival), 700.0)):.3g}"
+    value, error = _factor(leader, rival), _factor_error(leader, rival)
+    factor = bayes_factor(value)
+    told = f"ln Bayes factor {value:.2f} ± {error:.2f} numerical; {_best(leader, rival)}"
     gain = _gain(leader, rival)
     contradicted = rival.contradicted and not leader.contradicted
     if gain > STRONG or contradicted:
         return (
             f"The data support {leader.name} over {rival.name} "
-            f"(Bayes factor {factor}; {_best(leader, rival)})."
+            f"by a Bayes factor of {factor} ({told})."
         )
     fit = "fit {} and {} equally well" if gain >= -STRONG else "fit {1} better than {0}"
     return (
-        f"The data {fit.format(leader.name, rival.name)} ({_best(leader, rival)}); the evidence "
+        f"The data {fit.format(leader.name, rival.name)} ({told}); the evidence "
         f"prefers {leader.name} by a Bayes factor of {factor} only through the prior: "
         f"{rival.name} fits over a smaller share of the prior's box of r and s, and another box "
         "would give another factor."

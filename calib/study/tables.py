@@ -185,8 +185,8 @@ def comparison_table(comparison: Mapping[str, Any]) -> Table:
     rows = tuple(
         (
             name,
-            f"{found['log_evidence']:.2f}",
-            f"{found['probability']:.3g}",
+            f"{found['log_evidence']:.2f} ± {found['log_evidence_error']:.2f}",
+            f"{found['probability']:.3g} ± {_share_error(found):.1g}",
             f"{found['max_log_likelihood']:.2f}",
             f"{found['best_force_misfit']:.2f}",
             f"{found['predictive_p']:.3g}",
@@ -206,9 +206,16 @@ def comparison_table(comparison: Mapping[str, Any]) -> Table:
             "mu [MPa]",
         ),
         rows,
-        "share of evidence: probability at equal prior odds; max ln L: largest ln likelihood in "
+        "± of evidences: numerical, for the emulators and meshes at hand; share of evidence: "
+        "probability at equal prior odds; max ln L: largest ln likelihood in "
         "the prior's box, and the forces' chi-square there. " + " ".join(comparison["verdict"]),
     )
+
+
+def _share_error(found: Mapping[str, Any]) -> float:
+    """Numerical error of a share of the evidence, of first order in that of its own."""
+    share: float = found["probability"]
+    return share * (1.0 - share) * float(found["log_evidence_error"])
 
 
 def texts(tables: Sequence[Table | None]) -> list[str]:
