@@ -21,6 +21,7 @@ from calib.inference import (
 from calib.inference.leave_out import (
     Block,
     Scores,
+    Wider,
     block_log_density,
     differences,
     increment_blocks,
@@ -29,6 +30,7 @@ from calib.inference.leave_out import (
     stacking,
     wider_blocks,
 )
+from calib.inference.quadrature import Quadrature
 
 PRIOR = Prior(
     Marginal("log_uniform", 0.003, 0.3), Marginal("uniform", 0, 1), Marginal("uniform", 0, 0.5)
@@ -88,6 +90,27 @@ def test_scores_that_the_draws_cannot_give_are_integrated_anew() -> None:
     # The grid over the posterior of all data cuts the tail of that without the last two: too high.
     assert found.log_density[:2] == pytest.approx(exact[:2], abs=5e-3)
     assert exact[2] - 0.05 < found.log_density[2] < exact[2]
+
+
+def test_a_score_is_integrated_in_the_wider_posterior_where_the_rest_reaches_beyond() -> None:
+    """The narrow one is known within 0.3 SD of the mean of r and s alone."""
+    blocks = increment_blocks(TRAVEL)[:1]
+    forced = Scores((blocks[0].name,), np.zeros(1), np.zeros(1), np.full(1, 1.0))
+    mean, sd = QUADRATURE.mean[1:], QUADRATURE.sd[1:]
+    narrow = replace(FORCE, prior=PRIOR.within(np.column_stack([mean - 0.3 * sd, mean + 0.3 * sd])))
+    whole = refitted(FORCE, forced, blocks)
+    asked: list[Quadrature] = []
+
+    def reached(left: Quadrature) -> bool:
+        asked.append(left)
+        return True
+
+    wide = refitted(narrow, forced, blocks, Wider(FORCE, reached))
+    assert wide.log_density == pytest.approx(whole.log_density, abs=1e-12)
+    assert len(asked) == 1 and asked[0].x[:, 1].max() <= mean[0] + 0.3 * sd[0]
+    kept = refitted(narrow, forced, blocks, Wider(FORCE, lambda _: False))
+    assert kept.log_density == pytest.approx(refitted(narrow, forced, blocks).log_density)
+    assert abs(kept.log_density[0] - whole.log_density[0]) > 1e-3
 
 
 def test_density_of_a_block_is_the_conditional_one() -> None:

@@ -9,8 +9,9 @@ block is too far away for the draws, and the score is not to be relied on.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any, cast
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from scipy.optimize import minimize
@@ -21,7 +22,7 @@ from calib.inference.coordinates import theta_of, x_of
 from calib.inference.data_parts import FieldOnly
 from calib.inference.likelihood import Likelihood
 from calib.inference.posterior import Posterior
-from calib.inference.quadrature import integrate
+from calib.inference.quadrature import Quadrature, integrate
 from fe.response import Array
 
 GOOD_K = 0.7
@@ -166,29 +167,46 @@ class AllBut:
         return np.where(np.isfinite(left), left, -np.inf)
 
 
-def refitted(posterior: Posterior, scores: Scores, blocks: tuple[Block, ...]) -> Scores:
+class Wider(NamedTuple):
+    """A posterior known beyond the box of another, for what is left when a block is left out."""
+
+    posterior: Posterior
+    reached: Callable[[Quadrature], bool]
+    """whether what is left of the other reaches beyond its box"""
+
+
+def refitted(
+    posterior: Posterior,
+    scores: Scores,
+    blocks: tuple[Block, ...],
+    wider: Wider | None = None,
+) -> Scores:
     """Scores with those of too large a Pareto k integrated anew, without their block.
 
     ln p(block | rest) is the difference of two ln evidences, by `integrate`;
-    the error is that of both. The same is done by hand as `reloo`.
+    the error is that of both. The same is done by hand as `reloo`. By the `wider` posterior where
+    that without the block reaches beyond where this one is known.
     """
     wanted = scores.pareto_k > GOOD_K
     if not wanted.any():
         return scores
     density, error = scores.log_density.copy(), scores.error.copy()
-    whole = log_evidence(posterior)
+    whole = integrate(posterior, N_NODES)
+    whole_of_wider: Quadrature | None = None
     for index in np.flatnonzero(wanted):
-        rest = AllBut(posterior.likelihood, blocks[index])
-        left = log_evidence(replace(posterior, likelihood=cast("Likelihood", rest)))
-        density[index] = whole[0] - left[0]
-        error[index] = np.hypot(whole[1], left[1])
+        left, of = _without_block(posterior, blocks[index]), whole
+        if wider is not None and wider.reached(left):
+            if whole_of_wider is None:
+                whole_of_wider = integrate(wider.posterior, N_NODES)
+            left, of = _without_block(wider.posterior, blocks[index]), whole_of_wider
+        density[index] = of.log_evidence - left.log_evidence
+        error[index] = np.hypot(of.log_evidence_error, left.log_evidence_error)
     return replace(scores, log_density=density, error=error, refit=tuple(wanted.tolist()))
 
 
-def log_evidence(posterior: Posterior) -> tuple[float, float]:
-    """Ln evidence and its error."""
-    quadrature = integrate(posterior, N_NODES)
-    return quadrature.log_evidence, quadrature.log_evidence_error
+def _without_block(posterior: Posterior, block: Block) -> Quadrature:
+    rest = AllBut(posterior.likelihood, block)
+    return integrate(replace(posterior, likelihood=cast("Likelihood", rest)), N_NODES)
 
 
 def differences(scores: tuple[Scores, ...]) -> tuple[Difference, ...]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,6 +15,7 @@ from calib.inference.leave_out import (
     Difference,
     Scores,
     Stacking,
+    Wider,
     differences,
     increment_blocks,
     leave_out,
@@ -24,14 +25,17 @@ from calib.inference.leave_out import (
 )
 from calib.inference.nested import nested
 from calib.inference.posterior import Posterior
-from calib.inference.quadrature import integrate
+from calib.inference.quadrature import Quadrature, integrate
 from calib.study.artifacts import write_json
 from calib.study.context import stream
 from calib.study.data_stage import load_data
 from calib.study.figure_style import COLOURS, INK, save_png, tidy
 from calib.study.finished import finished, posteriors
+from calib.study.local_design import MOST_CUT, kept_box, mass_beyond
+from calib.study.posterior_setup import emulator_posterior
 from calib.study.sample_stage import load_samples
 from calib.study.tables import Table
+from calib.study.unknowns import design_box
 from fe.response import Array
 
 FILE = "evidence.json"
@@ -73,9 +77,17 @@ class Ranking:
 
 
 def stand(
-    name: str, posterior: Posterior, draws: Array, travel: Array, rng: np.random.Generator
+    name: str,
+    posterior: Posterior,
+    draws: Array,
+    travel: Array,
+    rng: np.random.Generator,
+    wider: Wider | None = None,
 ) -> Standing:
-    """Evidence and scores of one hypothesis from its posterior and equally probable draws."""
+    """Evidence and scores of one hypothesis from its posterior and equally probable draws.
+
+    `wider` is as in `refitted`.
+    """
     found = integrate(posterior)
     exact = (found.log_evidence, found.log_evidence_error)
     by_nested = nested(posterior, rng, n_live=N_LIVE)
@@ -83,7 +95,7 @@ def stand(
     likelihood = posterior.likelihood
 
     def scored(blocks: tuple[Block, ...]) -> Scores:
-        return refitted(posterior, leave_out(likelihood, few, blocks), blocks)
+        return refitted(posterior, leave_out(likelihood, few, blocks), blocks, wider)
 
     wide = wider_blocks(likelihood, travel)
     return Standing(
@@ -114,9 +126,14 @@ def evidence(out: Path) -> tuple[list[str], list[Path]]:
     by_name: Mapping[str, Posterior] = posteriors(context)
     for hypothesis in context.study.hypotheses:
         name = hypothesis.name
+        # What was sampled, and beyond its box, where it has one, the emulator of the prior's.
+        sampled, wider = by_name[name], None
+        if (box := kept_box(out, hypothesis)) is not None:
+            wider = Wider(sampled, _reached(box, design_box(context.study, hypothesis)))
+            sampled = emulator_posterior(context, hypothesis)
         draws = load_samples(out, hypothesis).result.draws
         rng = stream(context.study, f"evidence {name}")
-        standings.append(stand(name, by_name[name], draws, travel, rng))
+        standings.append(stand(name, sampled, draws, travel, rng, wider))
     ranking = rank(standings, stream(context.study, "stacking"))
     write_json(out / FILE, facts(ranking))
     save_png(evidence_figure(ranking), out / "figures" / FIGURE)
@@ -125,6 +142,11 @@ def evidence(out: Path) -> tuple[list[str], list[Path]]:
         lines += [table.text(), ""]
     lines += [*remarks(ranking), ""]
     return lines, [out / FILE, out / "figures" / FIGURE]
+
+
+def _reached(box: Array, design: Array) -> Callable[[Quadrature], bool]:
+    """Whether a posterior reaches beyond a box (d, 2) within that of the design."""
+    return lambda found: mass_beyond(found, box, design) > MOST_CUT
 
 
 def facts(ranking: Ranking) -> dict[str, Any]:
@@ -179,7 +201,7 @@ def ranking_table(ranking: Ranking) -> Table:
         "Hypotheses by evidence, leave-one-increment-out score and stacking weight",
         (
             "hypothesis",
-            "ln evidence",
+            "ln evidence ± numerical",
             "nested sampling",
             "ln Bayes factor of the best",
             "elpd by increment",
@@ -187,9 +209,10 @@ def ranking_table(ranking: Ranking) -> Table:
             "stacking weight",
         ),
         tuple(rows),
-        "elpd ± its SD over increments, which is rough with so few; weights with the 5 and 95 % "
-        "quantiles of a Bayesian bootstrap over the increments. The evidence depends on the "
-        "prior's box; scores hardly do.",
+        "± of evidences and Bayes factors: numerical, for the emulators and meshes at hand; other "
+        "training runs and check meshes move them by more. elpd ± its SD over increments, which is "
+        "rough with so few; weights with the 5 and 95 % quantiles of a Bayesian bootstrap over the "
+        "increments. The evidence depends on the prior's box; scores hardly do.",
     )
 
 
