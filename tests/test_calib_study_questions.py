@@ -14,7 +14,13 @@ from calib.cli import main
 from calib.inference.coordinates import Space
 from calib.inference.data_parts import Part
 from calib.inference.fisher import spectrum
-from calib.inference.knowledge import Knowledge, PartKnowledge, warnings_of
+from calib.inference.knowledge import (
+    Constants,
+    Knowledge,
+    PartKnowledge,
+    constants_of,
+    warnings_of,
+)
 from calib.inference.leave_out import Scores
 from calib.inference.moments import Moments
 from calib.inference.profile import Profile
@@ -138,7 +144,11 @@ def part(name: Part, sd: list[float], correlation: float = 0.0) -> PartKnowledge
     draws = np.random.default_rng(3).multivariate_normal([-4.0, 0.5, 0.1], covariance, 4000)
     moments = Moments(draws, np.full(4000, 1 / 4000))
     return PartKnowledge(
-        name, moments, np.array(sd) / PRIOR_SD, spectrum(np.linalg.inv(covariance), PRIOR_SD)
+        name,
+        moments,
+        np.array(sd) / PRIOR_SD,
+        spectrum(np.linalg.inv(covariance), PRIOR_SD),
+        constants_of(moments, SPACE),
     )
 
 
@@ -149,9 +159,9 @@ def known(
     values = np.linspace(0.0, 1.0, 41)
     profiles = tuple(Profile(values, -0.5 * c * (values - 0.5) ** 2) for c in curved)
     names = tuple(unknown.x_name for unknown in SPACE.unknowns)
-    return Knowledge(
-        names, PRIOR_SD, parts, profiles, warnings_of(SPACE, PRIOR_SD, parts, profiles)
-    )
+    law, prior = SPACE.law, Constants(np.full(4, 0.02), np.array([0.02, 0.02, 0.01, 0.04]))
+    said = warnings_of(SPACE, PRIOR_SD, parts, profiles)
+    return Knowledge(names, PRIOR_SD, law.constants, law.units, prior, parts, profiles, said)
 
 
 def test_words_say_what_is_the_prior_and_what_is_known_as_a_sum() -> None:
@@ -173,11 +183,21 @@ def test_words_say_which_pair_is_known_only_together_and_what_a_part_is_blind_to
 
 def test_tables_and_figure_of_what_is_known() -> None:
     found = known(part("force", [0.02, 0.1, 0.01]), curved=(50.0, 1.0, 50.0))
-    contraction, combined = tables("stuck", found)
+    contraction, constants, combined = tables("stuck", found)
     assert [row[0] for row in contraction.rows] == ["ln kappa", "r", "s"]
     assert contraction.rows[0][2] == "2"
     assert contraction.rows[1][-1].endswith("(bound)")
     assert len(combined.rows) == 3
+    mu = np.exp(-4.0 + 0.5 * 0.02**2) * 2.0  # mean of a lognormal
+    assert [row[0] for row in constants.rows] == ["C10", "C01", "C11", "mu"]
+    _, unit, prior, force = constants.rows[3]
+    assert (unit, prior) == ("MPa", "0.02000 ± 0.040")
+    assert float(force.split(" ")[0]) == pytest.approx(mu, rel=2e-3)
+    assert float(force.split(" ")[2]) == pytest.approx(0.02 * mu, rel=0.05)
+    # Profiles are over the unit interval here: half a kappa of 1 MPa and more.
+    low, high = found.profiles[0].interval
+    for end in (low, high):
+        assert f"{2.0 * np.exp(end):.3g}" in constants.note
     assert facts(found)["parts"]["force"]["sd_over_prior"][0] == pytest.approx(0.02 / 1.3)
     assert len(png_bytes(identify_figure({"stuck": found}))) > 10_000
 

@@ -32,6 +32,16 @@ MEANING = {
 
 
 @dataclass(frozen=True)
+class Constants:
+    """Moments of the law's constants and of mu, MPa (exponents: 1)."""
+
+    mean: Array
+    """(n_constant + 1,)"""
+    sd: Array
+    """(n_constant + 1,)"""
+
+
+@dataclass(frozen=True)
 class PartKnowledge:
     """What one part of the data says."""
 
@@ -41,6 +51,7 @@ class PartKnowledge:
     """(d,) posterior SD over prior SD of each coordinate"""
     spectrum: Spectrum
     """of the Fisher information at the mean of the posterior given all data"""
+    constants: Constants
 
 
 @dataclass(frozen=True)
@@ -51,6 +62,10 @@ class Knowledge:
     """of the coordinates"""
     prior_sd: Array
     """(d,)"""
+    constant_names: tuple[str, ...]
+    """of the law's constants, mu last"""
+    constant_units: tuple[str, ...]
+    prior_constants: Constants
     parts: tuple[PartKnowledge, ...]
     profiles: tuple[Profile, ...]
     """of each coordinate, given all data"""
@@ -84,7 +99,8 @@ def information_of(posterior: Posterior, part: Part, x: Array, sd: Array) -> Arr
 def knowledge(posterior: Posterior, rng: np.random.Generator, n_profile: int = 21) -> Knowledge:
     """All that is asked of identifiability, for every part of the data."""
     space = posterior.prior.space
-    prior_sd = posterior.prior.sample(rng, N_PRIOR).std(axis=0)
+    drawn = posterior.prior.sample(rng, N_PRIOR)
+    prior_sd = drawn.std(axis=0)
     whole = moments_of(posterior)
     centre = whole.mean
     parts = []
@@ -93,14 +109,36 @@ def knowledge(posterior: Posterior, rng: np.random.Generator, n_profile: int = 2
         moments = whole if last else moments_of(given(posterior, part))
         information = information_of(posterior, part, centre, whole.sd)
         parts.append(
-            PartKnowledge(part, moments, moments.sd / prior_sd, spectrum(information, prior_sd))
+            PartKnowledge(
+                part,
+                moments,
+                moments.sd / prior_sd,
+                spectrum(information, prior_sd),
+                constants_of(moments, space),
+            )
         )
     profiles = tuple(
         profile_likelihood(posterior, index, centre, whole.sd, n_profile)
         for index in range(space.size)
     )
     said = warnings_of(space, prior_sd, tuple(parts), profiles)
-    return Knowledge(_labels(space), prior_sd, tuple(parts), profiles, said)
+    return Knowledge(
+        _labels(space),
+        prior_sd,
+        space.law.constants,
+        space.law.units,
+        constants_of(Moments(drawn, np.full(N_PRIOR, 1.0 / N_PRIOR)), space),
+        tuple(parts),
+        profiles,
+        said,
+    )
+
+
+def constants_of(moments: Moments, space: Space) -> Constants:
+    """Moments of the law's constants from weighted points of the coordinates."""
+    values = space.constants(theta_of(moments.x))
+    mean = moments.weights @ values
+    return Constants(mean, np.sqrt(moments.weights @ (values - mean) ** 2))
 
 
 def _labels(space: Space) -> tuple[str, ...]:

@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from scipy.stats import chi2
 
-from calib.inference.knowledge import Knowledge, knowledge
+from calib.inference.knowledge import Constants, Knowledge, knowledge
 from calib.inference.profile import LEVEL
 from calib.study.artifacts import write_json
 from calib.study.context import stream
@@ -46,12 +46,16 @@ def facts(known: Knowledge) -> dict[str, Any]:
     """The answer as JSON data."""
     return {
         "coordinates": known.names,
+        "units": {"ln kappa": "ln MPa", **dict(zip(*_constants_units(known), strict=True))},
         "prior_sd": known.prior_sd,
+        "constants": known.constant_names,
+        "prior_constants": _moments(known.prior_constants),
         "parts": {
             entry.part: {
                 "mean": entry.moments.mean,
                 "sd": entry.moments.sd,
                 "sd_over_prior": entry.contraction,
+                "constants": _moments(entry.constants),
                 "fisher_eigenvalues_in_prior_units": entry.spectrum.information,
                 "fisher_directions_in_prior_units": entry.spectrum.directions,
             }
@@ -70,8 +74,49 @@ def facts(known: Knowledge) -> dict[str, Any]:
     }
 
 
-def tables(name: str, known: Knowledge) -> tuple[Table, Table]:
-    """Contraction and profile of each parameter; combinations by Fisher information."""
+def _constants_units(known: Knowledge) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    return known.constant_names, known.constant_units
+
+
+def _moments(constants: Constants) -> dict[str, Any]:
+    return {"mean": constants.mean, "sd": constants.sd}
+
+
+def tables(name: str, known: Knowledge) -> tuple[Table, Table, Table]:
+    """Contraction of coordinates and of constants; combinations by Fisher information."""
+    return _contraction_table(name, known), _constants_table(name, known), _spectrum(name, known)
+
+
+def _constants_table(name: str, known: Knowledge) -> Table:
+    """Prior and posterior of each constant."""
+    prior = known.prior_constants
+    rows = []
+    for index, label in enumerate(known.constant_names):
+        parts = [
+            f"{number(entry.constants.mean[index])} ± {number(entry.constants.sd[index], 2)} "
+            f"({100 * entry.constants.sd[index] / prior.sd[index]:.0f})"
+            for entry in known.parts
+        ]
+        rows.append(
+            (
+                label,
+                known.constant_units[index],
+                f"{number(prior.mean[index])} ± {number(prior.sd[index], 2)}",
+                *parts,
+            )
+        )
+    low, high = (2.0 * np.exp(end) for end in known.profiles[0].interval)
+    return Table(
+        f"The same of the constants, under {name}",
+        ("constant", "unit", "prior", *(f"{e.part} (SD left [%])" for e in known.parts)),
+        tuple(rows),
+        f"Mean ± SD. {LEVEL:.0%} profile of mu given all data: {number(low)} to {number(high)} "
+        "MPa.",
+    )
+
+
+def _contraction_table(name: str, known: Knowledge) -> Table:
+    """Contraction and profile of each coordinate."""
     names = known.names
     rows = []
     for index, label in enumerate(names):
@@ -86,7 +131,7 @@ def tables(name: str, known: Knowledge) -> tuple[Table, Table]:
                 f"{number(high, 3)}{' (bound)' if ends[1] else ''}",
             )
         )
-    contraction = Table(
+    return Table(
         f"What the data leave of the prior, under {name}",
         (
             "coordinate",
@@ -98,8 +143,12 @@ def tables(name: str, known: Knowledge) -> tuple[Table, Table]:
         tuple(rows),
         "SD left: posterior SD over prior SD, 100 is the prior. Profile: values that a "
         "likelihood-ratio test does not refuse, whatever the prior's density; (bound) where that "
-        "goes on to the prior's bound.",
+        "goes on to the prior's bound. ln kappa is that of C10 + C01 in MPa, or of mu / 2.",
     )
+
+
+def _spectrum(name: str, known: Knowledge) -> Table:
+    """Combinations of coordinates by Fisher information."""
     combined = []
     for entry in known.parts:
         for value, ratio, direction in zip(
@@ -113,17 +162,16 @@ def tables(name: str, known: Knowledge) -> tuple[Table, Table]:
                     entry.part,
                     number(float(value), 3),
                     f"{100 * ratio:.1f}",
-                    _words(names, direction),
+                    _words(known.names, direction),
                 )
             )
-    spectrum = Table(
+    return Table(
         f"Combinations by Fisher information, under {name}",
         ("data", "eigenvalue [-]", "SD left [%]", "combination of coordinates / prior SD"),
         tuple(combined),
         "At the posterior's mean, in units of the prior's SDs: above 1 the data say more than the "
         "prior. SD left counts the prior as normal.",
     )
-    return contraction, spectrum
 
 
 def _words(names: tuple[str, ...], direction: np.ndarray[Any, Any]) -> str:
