@@ -197,7 +197,7 @@ def test_tables_and_figure_of_what_is_known() -> None:
     # Profiles are over the unit interval here: half a kappa of 1 MPa and more.
     low, high = found.profiles[0].interval
     for end in (low, high):
-        assert f"{2.0 * np.exp(end):.3g}" in constants.note
+        assert f"{2.0 * np.exp(end):.4g}" in constants.note
     assert facts(found)["parts"]["force"]["sd_over_prior"][0] == pytest.approx(0.02 / 1.3)
     assert len(png_bytes(identify_figure({"stuck": found}))) > 10_000
 
