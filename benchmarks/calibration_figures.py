@@ -23,6 +23,7 @@ from benchmarks.calibration_experiments import (
 from calib.inference import PARAMETERS, Likelihood, Prior
 from calib.inference.rank_uniformity import LEVELS, clustered_error, coverage, uniformity
 from calib.study.context import block_pin_model
+from calib.study.sections import Cells
 from calib.study.training_runs import rows, training_set
 from fe.response import Array
 from surrogate import Emulator, ScaledEmulator, TrainingSet
@@ -63,9 +64,9 @@ def dense_emulator(store: Path) -> ScaledEmulator:
 
 
 @cache
-def stuck_emulator(store: Path) -> ScaledEmulator:
-    """Of the 32 training runs of benchmarks/emulator.py."""
-    campaign = runs.further_training(store, "stuck")
+def stuck_emulator(store: Path, cells: Cells | None = None) -> ScaledEmulator:
+    """Of the 32 training runs of benchmarks/emulator.py, on the study's mesh or another."""
+    campaign = runs.further_training(store, "stuck", cells=cells)
     return trained(store, training_set([campaign], gradients=True))
 
 

@@ -121,7 +121,7 @@ def finer_case(
     truths = runs.finer_truths(store, case)
     if case.hypothesis == "sliding":
         return dense_emulator(store), truths, (2, 3, 4)
-    return stuck_emulator(store), truths, (12, 10, 11)
+    return stuck_emulator(store, case.other_cells), truths, (12, 10, 11)
 
 
 def finer(store: Path, name: str, n: int) -> dict[str, Any]:

@@ -60,8 +60,9 @@ Progress = Callable[[int, int], None]
 class MeshCase:
     """The mesh of an emulator, the study's sampling mesh, and two finer ones, cheaper than its own.
 
-    Elements of the check are 1.5 (sliding) and 1.7 times (stuck) smaller than the emulator's (1.65
-    and 2.1 in the study), those of the truth 1.25 times smaller than the check's.
+    Elements of the check are 1.5 (sliding) and 1.7 times (stuck; 1.6 on the sampling mesh of new
+    studies) smaller than the emulator's (1.65 and 2.1 in the study), those of the truth 1.25 times
+    smaller than the check's.
     """
 
     hypothesis: str
@@ -71,16 +72,19 @@ class MeshCase:
     """finer than those too"""
     draw: int
     """of the prior, for the truths"""
+    other_cells: Cells | None = None
+    """of the emulator's runs where these are not the study's"""
 
     def __str__(self) -> str:
         """Names what is stored of it."""
         check, truth = ("x".join(map(str, cells)) for cells in (self.check_cells, self.truth_cells))
-        return f"{self.hypothesis}-by-{check}-of-{truth}-{self.draw}"
+        other = "" if self.other_cells is None else "x".join(map(str, self.other_cells)) + "-"
+        return f"{self.hypothesis}-{other}by-{check}-of-{truth}-{self.draw}"
 
     @property
     def cells(self) -> Cells:
         """Of the emulator's runs."""
-        return study().sampling_cells(hypothesis(self.hypothesis))
+        return self.other_cells or study().sampling_cells(hypothesis(self.hypothesis))
 
     @property
     def refinement(self) -> float:
@@ -180,14 +184,25 @@ def held_out_truths(
     return _benchmark_runs(store, name, held_out(n), progress)
 
 
-def further_training(store: Path, name: str, progress: Progress | None = None) -> Campaign:
-    """The training runs of benchmarks/emulator.py, corners and faces among them."""
-    return _benchmark_runs(store, name, EVEN.training(), progress)
+def further_training(
+    store: Path, name: str, progress: Progress | None = None, cells: Cells | None = None
+) -> Campaign:
+    """The training runs of benchmarks/emulator.py, corners and faces among them.
+
+    `cells` None is the sampling mesh of the study.
+    """
+    return _benchmark_runs(store, name, EVEN.training(), progress, cells)
 
 
-def _benchmark_runs(store: Path, name: str, points: Array, progress: Progress | None) -> Campaign:
+def _benchmark_runs(
+    store: Path,
+    name: str,
+    points: Array,
+    progress: Progress | None,
+    cells: Cells | None = None,
+) -> Campaign:
     contact = CONTACTS[name]
-    model = family(EVEN.names, contact, study().sampling_cells(hypothesis(name)))
+    model = family(EVEN.names, contact, cells or study().sampling_cells(hypothesis(name)))
     return simulate(points, model, store / contact, progress or _quiet)
 
 
@@ -250,6 +265,7 @@ def rubbing_truths(store: Path, progress: Progress | None = None) -> Campaign:
 MESH_CASES = {
     "finer": MeshCase("sliding", (16, 5, 4), (18, 7, 5), 0),
     "finer-stuck": MeshCase("stuck", (16, 11, 4), (20, 14, 5), 5),
+    "finer-stuck-new": MeshCase("stuck", (16, 11, 4), (20, 14, 5), 5, CELLS["stick"]),
 }
 
 PARTS: dict[str, Callable[[Path, Progress], object]] = {

@@ -2,15 +2,16 @@
 
     python -m benchmarks.verify_inference [--only PART ...] [--n 300] [--store DIR] [--out FILE]
 
-Parts: sbc and power (virtual experiments drawn from the prior), finer-stuck and finer (the same
-with truths on finer meshes), refined (with emulators refined as a study's are), mesh-stuck and
-mesh (whether a mesh's stated error covers finer truths), mesh-pairs (the same on the runs kept by
-benchmarks.verify_fe), emcee (some of their posteriors by a chain), misspecified (truths of another
-law and contact, with and without a discrepancy), direct (posterior by FE at every node of a
-quadrature, and the two maxima), local (how many runs in the posterior's box its emulator needs),
-fixed (how many a design over the whole prior needs in place of that). FE runs and posteriors are
-kept in --store, so that an interrupted part goes on where it was. Each part replaces its own
-figures in FILE and leaves the others.
+Parts: sbc and power (virtual experiments drawn from the prior), finer-stuck, finer-stuck-new and
+finer (the same with truths on finer meshes; new: emulator on the sampling mesh of new studies),
+refined (with emulators refined as a study's are), mesh-stuck and mesh (whether a mesh's stated
+error covers finer truths), mesh-pairs (the same on the runs kept by benchmarks.verify_fe), emcee
+(some of their posteriors by a chain), misspecified (truths of another law and contact, with and
+without a discrepancy), direct (posterior by FE at every node of a quadrature, and the two maxima),
+local (how many runs in the posterior's box its emulator needs), fixed (how many a design over the
+whole prior needs in place of that). FE runs and posteriors are kept in --store, so that an
+interrupted part goes on where it was. Each part replaces its own figures in FILE and leaves the
+others.
 """
 
 from __future__ import annotations
@@ -45,6 +46,7 @@ OUT = ROOT / "docs" / "verification" / "inference.json"
 PARTS: dict[str, Callable[[Path, int], dict[str, Any]]] = {
     "sbc": calibration_figures.sbc,
     "finer-stuck": lambda store, n: calibration_finer.finer(store, "finer-stuck", n),
+    "finer-stuck-new": lambda store, n: calibration_finer.finer(store, "finer-stuck-new", n),
     "finer": lambda store, n: calibration_finer.finer(store, "finer", n // 2),
     "refined": calibration_refined.figures,
     "mesh-stuck": lambda store, n: mesh_statement.figures(store, "finer-stuck"),
