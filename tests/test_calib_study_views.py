@@ -7,6 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from calib.inference import theta_of, x_of
+from calib.inference.planned import FirstOrderForward
 from calib.study.views import FAR, GRID, run_with_views, similar, together
 from fe import BlockPin, BlockPinModel, Contact
 
@@ -61,3 +63,22 @@ def test_two_cameras_share_no_noise(run) -> None:
     n = GRID[0] * GRID[1]
     assert both.displacement.shape == (2, 2 * n, 3) and both.gradient.shape == (2, 2 * n, 3, 2)
     assert both.points[n:, 0].min() - both.points[:n, 0].max() > FAR / 2
+
+
+def test_a_law_without_c11_is_seen_at_s_zero_with_derivatives_by_r_alone() -> None:
+    two, three = run_with_views(MODEL, RATIOS[:1]), run_with_views(MODEL, np.array([0.3, 0.0]))
+    assert np.array_equal(two.force, three.force)
+    assert np.array_equal(two.force_gradient, three.force_gradient[:, :1])
+    front = two.faces["front"], three.faces["front"]
+    assert np.array_equal(front[0].displacement, front[1].displacement)
+    assert np.array_equal(front[0].gradient, front[1].gradient[..., :1])
+    forward = FirstOrderForward(
+        two.ratios, two.force, two.force_gradient, front[0].displacement, front[0].gradient
+    )
+    theta = np.array([[0.02, 0.31]])
+    step = theta_of(x_of(theta) + np.array([[1e-5, 1e-5]])), theta_of(x_of(theta) - 1e-5)
+    up, down = (forward.predict(at) for at in step)
+    slope = forward.jacobian(theta)
+    assert slope.force[0].sum(axis=1) == pytest.approx((up.force - down.force)[0] / 2e-5)
+    assert up.weights is not None and down.weights is not None and slope.weights is not None
+    assert slope.weights[0].sum(axis=1) == pytest.approx((up.weights - down.weights)[0] / 2e-5)

@@ -41,19 +41,19 @@ class Reduced(NamedTuple):
 class FirstOrderForward:
     """One run of the direct model with its derivatives, as a forward model around it.
 
-    ln force and field are linear in (r, s), the force is proportional to kappa.
+    ln force and field are linear in the ratios, the force is proportional to kappa.
     """
 
     ratios: Array
-    """(2,) of the run"""
+    """(n_ratio,) of the run"""
     force: Array
     """(n_step,) at kappa = 1 MPa, N"""
     force_gradient: Array
-    """(n_step, 2) N"""
+    """(n_step, n_ratio) N"""
     displacement: Array
     """(n_step, n_point, 3) mm"""
     displacement_gradient: Array
-    """(n_step, n_point, 3, 2) mm"""
+    """(n_step, n_point, 3, n_ratio) mm"""
 
     @property
     def field_basis(self) -> FieldBasis:
@@ -63,7 +63,7 @@ class FirstOrderForward:
         return FieldBasis(self.displacement, modes, nothing)
 
     def predict(self, theta: Array) -> Prediction:
-        """Prediction at theta (m, 3)."""
+        """Prediction at theta (m, 1 + n_ratio)."""
         off = theta[:, 1:] - self.ratios
         slope = self.force_gradient / self.force[:, None]
         return Prediction(theta[:, :1] * self.force * np.exp(off @ slope.T), None, off)
@@ -73,14 +73,15 @@ class FirstOrderForward:
         force = self.predict(theta).force
         slope = self.force_gradient / self.force[:, None]
         by_x = np.concatenate([np.ones((len(slope), 1)), slope], axis=1)
-        weights = np.concatenate([np.zeros((2, 1)), np.eye(2)], axis=1)
-        return Jacobian(force[:, :, None] * by_x, np.broadcast_to(weights, (len(theta), 2, 3)))
+        n = self.ratios.size
+        weights = np.concatenate([np.zeros((n, 1)), np.eye(n)], axis=1)
+        return Jacobian(force[:, :, None] * by_x, np.broadcast_to(weights, (len(theta), n, n + 1)))
 
 
 def reduce_experiment(
     likelihood: Likelihood, x: Array, steps: IntArray | None = None, *, with_field: bool = True
 ) -> Reduced:
-    """The experiment that a likelihood describes, at x (m, 3), at some of its increments.
+    """The experiment that a likelihood describes, at x (m, d), at some of its increments.
 
     Of the likelihood's data only the errors matter, not what was measured. The emulator's own error
     is left out: a planned experiment is assumed to be evaluated with one that is good enough.

@@ -31,7 +31,7 @@ from calib.study.tables import Table, number
 from fe.executors import serial_map
 from fe.response import Array
 
-RATIOS_ALONE = ("ln kappa", "r", "s")
+RATIOS_ALONE = (("ln kappa", "r"), ("ln kappa", "r", "s"))
 """unknowns by which runs of other blocks have derivatives"""
 N_LAPLACE, N_OUTER, N_INNER = 400, 1500, 3000
 ASSUMED_LENGTH, ASSUMED_SHARE, ASSUMED_NUGGET = 0.5, 0.5, 1e-6
@@ -45,8 +45,9 @@ def design_next(
 
     `hypothesis` may be left out where there is one only. Without FE runs, increments and
     instruments alone are weighed; so they are where the forward model has other unknowns than
-    kappa, r and s, since cameras and other blocks have no derivatives by these. Sizes of the errors
-    that are unknown are taken at their posterior means, in the logarithm.
+    kappa, r and s (kappa and r of a law without C11), since cameras and other blocks have no
+    derivatives by these. Sizes of the errors that are unknown are taken at their posterior means,
+    in the logarithm.
     Raises ValueError when the study is not finished or has no such hypothesis.
     """
     if not (out / "posterior.nc").is_file():
@@ -70,10 +71,13 @@ def design_next(
         echo(
             "FE runs    left out: the pin is off the sample's centre, expected geometry.pin_shift 0"
         )
-    elif with_runs and names == RATIOS_ALONE:
+    elif with_runs and names in RATIOS_ALONE:
         plans += by_runs(study, chosen, errors, theta, echo)
     elif with_runs:
-        echo(f"FE runs    left out: {', '.join(names[1:])} are unknown, expected r and s alone")
+        unknown = ", ".join(names)
+        echo(
+            f"FE runs    left out: found the unknowns {unknown}, expected ln kappa, r and s at most"
+        )
     rows = [weigh(plan, x, names, stream(study, f"design {plan.name}")) for plan in plans]
     rows.sort(key=lambda row: -row["gain"].mean)
     facts: dict[str, Any] = plain(
@@ -81,7 +85,7 @@ def design_next(
             "study": study.name,
             "hypothesis": chosen.name,
             "synthetic": data.synthetic,
-            "assumed_camera": data.field is None,
+            "assumed_camera": data.field is None and any(plan.with_field for plan in plans),
             "now": dict(zip(names, x.std(axis=0), strict=True)),
             "plans": rows,
         }

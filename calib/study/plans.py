@@ -16,6 +16,7 @@ from calib.inference.tangent_errors import Mistaken, tangents_at
 from calib.study.config import Study
 from calib.study.context import block_pin_model
 from calib.study.sections import Hypothesis
+from calib.study.varied_block import VariedBlock
 from calib.study.views import Face, Run, run_with_views, similar, together
 from fe.response import Array
 from fe.specimens.block_pin import BlockPinModel
@@ -194,7 +195,10 @@ def by_runs(
     theta: Array,
     echo: Callable[[str], None],
 ) -> Iterator[Plan]:
-    """Other cameras and other blocks, each by one FE run at theta (3,) on the sampling mesh."""
+    """Other cameras and other blocks, each by one FE run on the sampling mesh.
+
+    At theta (kappa, r) or (kappa, r, s) of a Mooney-Rivlin law.
+    """
 
     def plan(name: str, group: str, run: Run, changed: Errors, *faces: Face) -> Plan:
         """A test that sees these faces of the run, with these errors."""
@@ -206,8 +210,9 @@ def by_runs(
         return Plan(name, group, likelihood, tuple(range(run.travel.size)), True, "FE run")
 
     model = block_pin_model(study, hypothesis, study.sampling_cells(hypothesis))
-    assert isinstance(model, BlockPinModel)
-    model = replace(model, field_grid=(2, 2))
+    block = model.template if isinstance(model, VariedBlock) else model
+    assert isinstance(block, BlockPinModel)
+    model = replace(block, field_grid=(2, 2))
     base = _solved("front and side", model, theta, echo)
     if base is not None:
         yield plan("front camera, by one FE run", "check", base, errors, "front")

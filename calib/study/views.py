@@ -1,4 +1,4 @@
-"""One FE run of a planned block, seen by cameras on its faces, with derivatives by (r, s)."""
+"""One FE run of a planned block, seen by cameras on its faces, with derivatives by its ratios."""
 
 from __future__ import annotations
 
@@ -25,29 +25,31 @@ class Seen(NamedTuple):
     displacement: Array
     """(n_step, n_point, 3) mm"""
     gradient: Array
-    """(n_step, n_point, 3, 2) mm by r and s"""
+    """(n_step, n_point, 3, n_ratio) mm by r, or r and s"""
 
 
 class Run(NamedTuple):
     """A run at kappa = 1 MPa."""
 
     ratios: Array
-    """(2,)"""
+    """(n_ratio,)"""
     travel: Array
     """(n_step,) mm"""
     force: Array
     """(n_step,) N, whole sample"""
     force_gradient: Array
-    """(n_step, 2) N by r and s"""
+    """(n_step, n_ratio) N by r, or r and s"""
     faces: dict[Face, Seen]
 
 
 def run_with_views(model: BlockPinModel, ratios: Array) -> Run:
-    """Solve a quarter model at (r, s); both faces are seen, whatever the model's field points.
+    """Solve a quarter model at r, or (r, s); both faces are seen, whatever its field points.
 
-    Raises ValueError when the run stops before its last travel.
+    With r alone the law is Mooney-Rivlin of two constants, s = 0.  Raises ValueError when the run
+    stops before its last travel.
     """
-    states, _, _ = model.solve(ratios)
+    n_ratio = len(ratios)
+    states, _, _ = model.solve(np.append(ratios, 0.0)[:2])
     if len(states) < len(model.travel):
         reached = states[-1].travel if states else 0.0
         raise ValueError(
@@ -62,14 +64,18 @@ def run_with_views(model: BlockPinModel, ratios: Array) -> Run:
         probe = basis.probes((1.0 - INSIDE) * places.T).tocsr()
         n = probe.shape[1]
         fields = np.array([probe @ state.u[:n] for state in states])
-        by_ratios = [probe @ state.u_gradient[:n].reshape(n, -1) for state in states]
-        slopes = np.array([slope.reshape(len(places), 3, 2) for slope in by_ratios])
+        slopes = np.array(
+            [
+                (probe @ state.u_gradient[:n].reshape(n, -1)).reshape(len(places), 3, -1)
+                for state in states
+            ]
+        )[..., :n_ratio]
         faces[face] = Seen(points, fields[:, :, axes], slopes[:, :, axes])
     return Run(
         ratios=np.asarray(ratios, dtype=np.float64),
         travel=np.array(model.travel),
         force=factor * np.array([state.pin_force for state in states]),
-        force_gradient=factor * np.array([state.force_gradient for state in states]),
+        force_gradient=factor * np.array([state.force_gradient[:n_ratio] for state in states]),
         faces=faces,
     )
 
