@@ -11,7 +11,7 @@ from typing import Annotated, Literal
 from pydantic import Field, SkipValidation
 from pydantic.dataclasses import dataclass
 
-from calib.inference.discrepancy import COMMON
+from calib.inference.discrepancy import COMMON, LENGTH, TRAVEL_LENGTH
 from calib.inference.laws import RATIOS
 from calib.study.block_cells import (
     MIN_REFINEMENT,
@@ -234,9 +234,9 @@ class Noise:
     discrepancy_of_force: NotNegative | None = None
     """standard deviation of ln of the forces' common factor over that share, where it is known;
     without it 2, and known to a factor of two where the share has a prior"""
-    discrepancy_length: Positive = 1.5
+    discrepancy_length: Positive = LENGTH
     """distance over the front face over which a discrepancy is correlated, mm"""
-    discrepancy_travel_length: Positive = 0.8
+    discrepancy_travel_length: Positive = TRAVEL_LENGTH
     """travel over which a discrepancy is correlated, mm"""
 
     @property

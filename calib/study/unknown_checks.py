@@ -18,6 +18,7 @@ from calib.study.unknowns import (
     prior_of,
     rubs,
 )
+from calib.study.used_keys import check_used_keys
 from calib.toml_file.refusal import Contradiction
 
 if TYPE_CHECKING:
@@ -42,6 +43,7 @@ def check_unknowns(study: Study) -> None:
             expected = '"uniform": a design is over ratios, and the priors are of the constants'
             raise Contradiction("design.shape", "prior", expected)
     _check_used(study)
+    check_used_keys(study)
     _check_truth(study)
     _check_field(study)
 
