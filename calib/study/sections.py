@@ -87,6 +87,17 @@ class Virtual:
     field_reference_share: Correlation
     """share of the noise variance that the reference image gives to all increments"""
 
+    def __post_init__(self) -> None:
+        check_stiffness(self.C10, self.C01)
+
+
+def check_stiffness(c10: float, c01: float) -> None:
+    """Refuse true constants (MPa), 0 or more each, of a material without stiffness."""
+    if not c10 + c01 > 0:
+        raise Contradiction(
+            "C10", c10, "more than 0 where C01 is 0: they are half the shear modulus"
+        )
+
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
 class Geometry:
