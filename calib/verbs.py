@@ -41,7 +41,7 @@ def _make_folder(option: str, path: Path) -> None:
 
 def run_verb(arguments: argparse.Namespace) -> int:
     """Carry out a study, whole or up to a stage."""
-    from calib.study.config import load_study
+    from calib.study.config import load_study, refused
 
     _check_executor(arguments)
     study = load_study(arguments.study)
@@ -51,6 +51,7 @@ def run_verb(arguments: argparse.Namespace) -> int:
 
     from calib.study.stages import HowToRun, run_part, run_study
     from calib.study.train_report import EmulatorRefused
+    from calib.toml_file import Contradiction
     from fe.campaign import CampaignFailed
     from fe.executors import WorkerDied
 
@@ -64,6 +65,8 @@ def run_verb(arguments: argparse.Namespace) -> int:
         if arguments.until != "run":
             return _failed(run_part(study, out, arguments.until, **how))
         return _verdict(run_study(study, out, **how).summaries)
+    except Contradiction as error:
+        raise refused(arguments.study, error) from error
     except (CampaignFailed, EmulatorRefused, WorkerDied) as error:
         print(f"calib: {error}", file=sys.stderr)
         return FAILED

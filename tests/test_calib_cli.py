@@ -6,6 +6,7 @@ import json
 import os
 import subprocess
 import sys
+from importlib import resources
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -13,6 +14,7 @@ import pytest
 
 from calib import cli
 from calib.study import Study, embedded_studies, load_study
+from calib.toml_file import Contradiction
 
 
 def run_python(code: str) -> subprocess.CompletedProcess[str]:
@@ -207,6 +209,20 @@ def test_run_says_which_diagnostics_failed_and_exits_with_1(run_study, capsys):
     captured = capsys.readouterr()
     assert captured.out == "done\n"
     assert captured.err == "calib: stuck: R-hat of C10 1.2 above 1.01\n"
+
+
+def test_what_synthetic_data_exclude_is_named_by_file_and_line(run_study, tmp_path, capsys):
+    run_study(Contradiction("noise.load_cell_sd", 0.0722, "less than 0.06 N"))
+    text = (resources.files("calib.study") / "embedded" / "virtual.toml").read_text()
+    (tmp_path / "own.toml").write_text("# mine\n" + text)
+    line = text.splitlines().index("load_cell_sd = 0.0722  # N") + 1
+    for study, place in (
+        ("virtual", f"virtual.toml:{line}"),
+        (str(tmp_path / "own.toml"), f"{tmp_path / 'own.toml'}:{line + 1}"),
+    ):
+        assert cli.main(["run", study, "--out", str(tmp_path / "out")]) == cli.WRONG_INPUT
+        said = "noise.load_cell_sd: found 0.0722, expected less than 0.06 N"
+        assert capsys.readouterr().err == f"calib: {place}: {said}\n"
 
 
 def test_results_do_not_go_where_a_file_is(run_study, tmp_path, capsys):

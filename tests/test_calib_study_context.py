@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from calib.data import FieldData, thesis_forces
-from calib.study import config
+from calib.study import data_checks
 from calib.study.assumptions import assumptions_table
 from calib.study.config import Study, StudyError, read_study
 from calib.study.context import block_pin_model
@@ -125,7 +125,9 @@ def test_a_measured_field_is_about_the_pin_and_leaves_no_shift(
 ) -> None:
     points = np.array([[0.5, 0.5], [4.5, 2.0]])
     field = FieldData(points, np.zeros((5, 2, 3)), np.full(3, 0.01), 0.5, 0.5)
-    monkeypatch.setattr(config, "measured_dataset", lambda _: replace(thesis_forces(), field=field))
+    monkeypatch.setattr(
+        data_checks, "measured_dataset", lambda _: replace(thesis_forces(), field=field)
+    )
     assert read(ONLY_STUCK)
     with pytest.raises(StudyError, match=re.escape(said)):
         read(text)

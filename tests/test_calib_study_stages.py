@@ -33,6 +33,7 @@ from calib.study.stages import StudyResult, report_again, run_stages, run_study
 from calib.study.summary import load_summary
 from calib.study.summary_files import to_json
 from calib.study.virtual_stage import run as run_virtual
+from calib.toml_file import Contradiction
 from fe.campaign import CampaignFailed
 from fe.executors import serial_map
 from fe.fingerprint import fingerprint
@@ -359,6 +360,22 @@ def test_the_mesh_error_is_that_of_the_stand_in(tmp_path: Path) -> None:
 def test_an_unknown_stage_is_refused_by_name() -> None:
     with pytest.raises(StudyError, match="found 'simlate', expected one of"):
         stages_of(small("thesis-forces"), until="simlate")
+
+
+def test_synthetic_data_that_exclude_the_load_cells_noise_stop_a_study_before_its_runs(
+    tmp_path: Path,
+) -> None:
+    study = small("virtual")
+    study = replace(study, noise=replace(study.noise, load_cell_sd=2.0))
+    with pytest.raises(Contradiction) as caught:
+        run_stages(_context(study, tmp_path))
+    least = load_data(tmp_path / "virtual").dataset.force_sd.min()
+    assert str(caught.value) == (
+        "noise.load_cell_sd: found 2.0, expected less than the smallest SD between samples "
+        f"({least:g} N), a part of it"
+    )
+    assert not (tmp_path / "campaign").exists()
+    assert not (tmp_path / "data.npz").exists()
 
 
 def test_only_virtual_studies_make_data() -> None:

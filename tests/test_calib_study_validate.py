@@ -155,6 +155,7 @@ def test_a_linear_field_is_carried_to_other_points_exactly() -> None:
         ("check = [3, 5, 1]", "check = [2, 4, 1]", "finer"),
         ("[mesh]", "[plate]\nnotch_depth = 6.0\n[mesh]", "notch"),
         ("C10 = 0.02974", "C10 = -0.5", "positive"),
+        ("C10 = 0.008\nC01 = 0.004", "C10 = 0.0\nC01 = 0.0", "more than 0 where C01 is 0"),
     ],
 )
 def test_impossible_tests_are_refused_with_their_line(

@@ -10,14 +10,13 @@ from importlib import resources
 from pathlib import Path
 from typing import Annotated
 
-import numpy as np
 from pydantic import AliasChoices, Field
 from pydantic.dataclasses import dataclass
 
 from calib.study.block_cells import Cells, RingCells, refinement
-from calib.study.data_source import measured_dataset
+from calib.study.data_checks import check_against_data
 from calib.study.mesh_checks import check_meshes
-from calib.study.population_checks import check_level, check_population
+from calib.study.population_checks import check_population
 from calib.study.prior_sections import Prior
 from calib.study.sections import (
     STRICT,
@@ -34,8 +33,7 @@ from calib.study.sections import (
     Positive,
     Virtual,
 )
-from calib.study.unknown_checks import check_unknowns, section_of
-from calib.study.unknowns import given, least_height
+from calib.study.unknown_checks import check_unknowns
 from calib.study.work_sections import Compute, Design, EmulatorLimits, Sampler, Verification
 from calib.toml_file import (
     Contradiction,
@@ -46,9 +44,7 @@ from calib.toml_file import (
     read_file,
     sentence,
 )
-from fe.response import Array
 
-SAME_TRAVEL = 1e-6  # mm, within which an increment and a measured travel are the same
 FILE = "experiment.toml"
 FAR_HEIGHT = 3.0  # largest ratio of the heights that hypotheses give to one sample
 
@@ -190,18 +186,37 @@ def load_study(study: str | Path) -> Study:
     Raises:
         StudyError: the study is missing, unreadable or wrong; the message says where.
     """
+    content, file, folder = _content_of(study)
+    return read_study(content, file=file, folder=folder)
+
+
+def refused(study: str | Path, error: Contradiction) -> StudyError:
+    """The error by file and line of a study, loaded before, that its synthetic data contradict.
+
+    Raises:
+        StudyError: the study is no longer there or no TOML.
+    """
+    content, file, _ = _content_of(study)
+    try:
+        document = read_document(content, file, "study file")
+    except FileRefused as unreadable:
+        raise StudyError(str(unreadable)) from unreadable
+    return StudyError(str(document.refuse(error.refusal())))
+
+
+def _content_of(study: str | Path) -> tuple[bytes, str, Path]:
+    """Bytes of a study, the name of its file and the folder of its data. Raises StudyError."""
     if isinstance(study, str) and study in embedded_studies():
         resource = resources.files("calib.study") / "embedded" / f"{study}.toml"
-        return read_study(resource.read_bytes(), file=f"{study}.toml", folder=Path())
+        return resource.read_bytes(), f"{study}.toml", Path()
     path = Path(study)
     if not path.is_file():
         known = ", ".join(embedded_studies())
         raise StudyError(f"{path}: found no such file, expected a study file or one of {known}")
     try:
-        content = read_file(path, "study file")
+        return read_file(path, "study file"), str(path), path.absolute().parent
     except FileRefused as error:
         raise StudyError(str(error)) from error
-    return read_study(content, file=str(path), folder=path.absolute().parent)
 
 
 def read_study(content: bytes, *, file: str, folder: Path) -> Study:
@@ -236,62 +251,9 @@ def _read_study(document: Document, folder: Path) -> Study:
         source = dataclasses.replace(study.data, folder=str(path))
         study = dataclasses.replace(study, data=source)
     try:
-        _check_against_data(study)
+        check_against_data(study)
     except Contradiction as error:
         raise document.refuse(error.refusal()) from error
     except ValueError as error:  # of the data file, which names its own line
         raise StudyError(str(error)) from error
     return study
-
-
-def _check_against_data(study: Study) -> None:
-    """Refuse increments that were not measured and noise that the data exclude."""
-    if study.data.source == VIRTUAL:
-        return
-    measured = measured_dataset(study.data)
-    check_level(study.data, measured)
-    if measured.field is not None:
-        _check_places(study, measured.field.points)
-    spread = []
-    for index, travel in enumerate(study.increments):
-        nearest = int(np.argmin(np.abs(measured.travel - travel)))
-        if abs(measured.travel[nearest] - travel) > SAME_TRAVEL:
-            known = ", ".join(f"{value:g}" for value in measured.travel)
-            expected = f"a travel that was measured: {known} mm"
-            raise Contradiction(f"increments.{index}", travel, expected)
-        spread.append(float(measured.force_sd[nearest]))
-    if measured.force_covariance is not None:
-        if study.noise.correlation_study:
-            expected = "no values: the correlation of the forces is measured"
-            found = list(study.noise.correlation_study)
-            raise Contradiction("noise.correlation_study", found, expected)
-        return
-    if study.noise.load_cell_sd >= min(spread):
-        expected = f"less than the smallest SD between samples ({min(spread):g} N), a part of it"
-        raise Contradiction("noise.load_cell_sd", study.noise.load_cell_sd, expected)
-
-
-def _check_places(study: Study, points: Array) -> None:
-    """Refuse a block that does not reach as far as the points that were measured on it.
-
-    And a pin off the centre: the measured field is the mean of both halves, counted from the pin.
-    """
-    expected = "{} beside a measured field, whose halves are averaged about the pin"
-    for index, hypothesis in enumerate(study.hypotheses):
-        if given(study, hypothesis, "pin_shift") is not None:
-            raise Contradiction(section_of(study, index, "pin_shift"), {}, expected.format("none"))
-    if study.geometry.pin_shift != 0.0:
-        shift = study.geometry.pin_shift
-        raise Contradiction("geometry.pin_shift", shift, expected.format("0"))
-    right, top = points.max(axis=0)
-    if right > study.geometry.width / 2:
-        expected = f"{2 * right:g} mm or more, as wide as the points that were measured"
-        raise Contradiction("geometry.width", study.geometry.width, expected)
-    for index, hypothesis in enumerate(study.hypotheses):
-        lowest = least_height(study, hypothesis)
-        if top > lowest:
-            key = "geometry.height" if hypothesis.height is None else f"hypothesis.{index}.height"
-            if lowest != study.height(hypothesis):
-                key = f"{section_of(study, index, 'height')}.low"
-            expected = f"{top:g} mm or more, as high as the points that were measured"
-            raise Contradiction(key, lowest, expected)

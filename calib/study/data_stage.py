@@ -11,7 +11,8 @@ from calib.data import PUBLISHED_CONSTANTS, Dataset
 from calib.data.dataset_file import dataset_arrays, dataset_of_arrays
 from calib.inference.field_noise import NUGGET
 from calib.study.artifacts import read_json, write_json, write_npz
-from calib.study.config import SAME_TRAVEL, Study, StudyError
+from calib.study.config import Study, StudyError
+from calib.study.data_checks import SAME_TRAVEL
 from calib.study.data_source import measured_dataset
 from calib.study.sections import THESIS_TABLE
 from fe.response import Array

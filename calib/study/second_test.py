@@ -18,6 +18,7 @@ from calib.study.sections import (
     Name,
     NotNegative,
     Positive,
+    check_stiffness,
     finer_than,
     is_finer,
 )
@@ -61,6 +62,9 @@ class SecondTruth:
     """length over which the noise of neighbouring points is correlated, mm"""
     field_reference_share: Correlation
     """share of the noise variance that the reference image gives to all increments"""
+
+    def __post_init__(self) -> None:
+        check_stiffness(self.C10, self.C01)
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)

@@ -11,7 +11,7 @@ from typing import Annotated, Literal
 from pydantic import Field, SkipValidation
 from pydantic.dataclasses import dataclass
 
-from calib.inference.discrepancy import COMMON
+from calib.inference.discrepancy import COMMON, LENGTH, TRAVEL_LENGTH
 from calib.inference.laws import RATIOS
 from calib.study.block_cells import (
     MIN_REFINEMENT,
@@ -86,6 +86,17 @@ class Virtual:
     """length over which the noise of neighbouring points is correlated, mm"""
     field_reference_share: Correlation
     """share of the noise variance that the reference image gives to all increments"""
+
+    def __post_init__(self) -> None:
+        check_stiffness(self.C10, self.C01)
+
+
+def check_stiffness(c10: float, c01: float) -> None:
+    """Refuse true constants (MPa), 0 or more each, of a material without stiffness."""
+    if not c10 + c01 > 0:
+        raise Contradiction(
+            "C10", c10, "more than 0 where C01 is 0: they are half the shear modulus"
+        )
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
@@ -234,9 +245,9 @@ class Noise:
     discrepancy_of_force: NotNegative | None = None
     """standard deviation of ln of the forces' common factor over that share, where it is known;
     without it 2, and known to a factor of two where the share has a prior"""
-    discrepancy_length: Positive = 1.5
+    discrepancy_length: Positive = LENGTH
     """distance over the front face over which a discrepancy is correlated, mm"""
-    discrepancy_travel_length: Positive = 0.8
+    discrepancy_travel_length: Positive = TRAVEL_LENGTH
     """travel over which a discrepancy is correlated, mm"""
 
     @property

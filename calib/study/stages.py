@@ -71,7 +71,7 @@ def run_stages(context: Context, until: str = "report") -> tuple[str, ...]:
 
     Where direct FE contradicts an emulator's maximum, the stages from `refine` on run again, as
     `calib.study.verification` says.
-    Raises StudyError for a study that cannot be run.
+    Raises StudyError for a study that cannot be run, Contradiction where synthetic data exclude it.
     """
     write_study(context.out / "study.toml", context.study)
     stages = stages_of(context.study, until)
@@ -139,7 +139,8 @@ def report_again(context: Context) -> None:
 def run_study(study: Study, out: Path, **how: Unpack[HowToRun]) -> StudyResult:
     """Run a study into the folder `out`, going on where an earlier run stopped.
 
-    Raises StudyError for a study that cannot be run, ValueError for an executor that there is not,
+    Raises StudyError for a study that cannot be run, `calib.toml_file.Contradiction` for one that
+    its synthetic data exclude, ValueError for an executor that there is not,
     `fe.campaign.CampaignFailed` when too many simulations fail, `fe.executors.WorkerDied` when a
     worker does, `calib.study.train_report.EmulatorRefused` when an emulator violates the limits.
     """

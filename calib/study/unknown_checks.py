@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from calib.inference.laws import RATIOS
 from calib.study.prior_limits import check_errors, check_inputs, check_law, key_of
+from calib.study.truth_checks import check_truth
 from calib.study.unknowns import (
     CONSTANTS,
     ERRORS,
@@ -18,13 +19,12 @@ from calib.study.unknowns import (
     prior_of,
     rubs,
 )
+from calib.study.used_keys import check_used_keys
 from calib.toml_file.refusal import Contradiction
 
 if TYPE_CHECKING:
     from calib.study.config import Study
     from calib.study.sections import Hypothesis
-
-OF_TRUTH = ("neo-hookean", "mooney-rivlin-2", "mooney-rivlin-3")  # each has a constant more
 
 
 def check_unknowns(study: Study) -> None:
@@ -42,7 +42,8 @@ def check_unknowns(study: Study) -> None:
             expected = '"uniform": a design is over ratios, and the priors are of the constants'
             raise Contradiction("design.shape", "prior", expected)
     _check_used(study)
-    _check_truth(study)
+    check_used_keys(study)
+    check_truth(study)
     _check_field(study)
 
 
@@ -65,22 +66,6 @@ def _check_stated(study: Study, index: int, hypothesis: Hypothesis) -> None:
     if of and law not in ("mooney-rivlin-2", "mooney-rivlin-3"):
         expected = f"none: under {law} the priors are of kappa and the ratios"
         raise Contradiction(key_of(index, hypothesis, "C10"), {}, expected)
-
-
-def _check_truth(study: Study) -> None:
-    """The constants behind synthetic data are some that the true hypothesis' law has."""
-    virtual = study.virtual
-    true = [h for h in study.hypotheses if virtual is not None and h.name == virtual.hypothesis]
-    if virtual is None or not true:
-        return
-    law = law_of(study, true[0]).name
-    if law not in OF_TRUTH:
-        expected = f"a hypothesis with one of the laws {', '.join(OF_TRUTH)} (it has {law})"
-        raise Contradiction("virtual.hypothesis", virtual.hypothesis, expected)
-    for name in ("C01", "C11")[OF_TRUTH.index(law) :]:
-        if getattr(virtual, name) != 0:
-            expected = f"0: the law of {virtual.hypothesis}, {law}, has no such constant"
-            raise Contradiction(f"virtual.{name}", getattr(virtual, name), expected)
 
 
 def _check_field(study: Study) -> None:

@@ -11,6 +11,7 @@ from calib.inference.coordinates import theta_of_constants
 from calib.study.block_cells import is_finer, shown
 from calib.study.config import Study, StudyError
 from calib.study.context import Context, Simulate, stream
+from calib.study.data_checks import check_load_cell
 from calib.study.data_source import at_level
 from calib.study.data_stage import StudyData, load_data, measured, save_data, with_mu
 from calib.study.sections import Hypothesis, Virtual
@@ -103,12 +104,18 @@ def noise(study: Study) -> VirtualNoise:
 
 
 def run_data(context: Context) -> list[Path]:
-    """Keep the data of the study as data.npz and data.json."""
-    if context.study.virtual is None:
-        data = measured(context.study)
+    """Keep the data of the study as data.npz and data.json.
+
+    Raises Contradiction for noise of the load cell that synthetic data exclude: of measured ones
+    that was refused when the study was read, of these nothing was known.
+    """
+    study = context.study
+    if study.virtual is None:
+        data = measured(study)
     else:
         data = load_data(context.out / FOLDER)
-        data = replace(data, dataset=at_level(data.dataset, context.study.data))
+        data = replace(data, dataset=at_level(data.dataset, study.data))
+        check_load_cell(study, float(data.dataset.force_sd.min()))
     return save_data(context.out, data)
 
 
