@@ -74,6 +74,7 @@ class MeshCase:
     """of the prior, for the truths"""
     other_cells: Cells | None = None
     """of the emulator's runs where these are not the study's"""
+    n_truths: int = N_FINER
 
     def __str__(self) -> str:
         """Names what is stored of it."""
@@ -208,7 +209,7 @@ def _benchmark_runs(
 
 def finer_truths(store: Path, case: MeshCase, progress: Progress | None = None) -> Campaign:
     """Truths drawn from the prior, on the finer mesh."""
-    ratios, name = ratios_drawn(N_FINER, case.draw), case.hypothesis
+    ratios, name = ratios_drawn(case.n_truths, case.draw), case.hypothesis
     return solved(store, name, f"finer-{name}", ratios, case.truth_cells, progress)
 
 
@@ -265,7 +266,7 @@ def rubbing_truths(store: Path, progress: Progress | None = None) -> Campaign:
 MESH_CASES = {
     "finer": MeshCase("sliding", (16, 5, 4), (18, 7, 5), 0),
     "finer-stuck": MeshCase("stuck", (16, 11, 4), (20, 14, 5), 5),
-    "finer-stuck-new": MeshCase("stuck", (16, 11, 4), (20, 14, 5), 5, CELLS["stick"]),
+    "finer-stuck-new": MeshCase("stuck", (16, 11, 4), (20, 14, 5), 5, CELLS["stick"], 12),
 }
 
 PARTS: dict[str, Callable[[Path, Progress], object]] = {
