@@ -174,10 +174,10 @@ def _add_direct_chain(verbs: _Verbs) -> None:
     verb.add_argument("folder", type=Path, metavar="RUN", help="folder of a finished study")
     verb.add_argument("--hypothesis", metavar="NAME", help="contact (default: the first)")
     verb.add_argument(
-        "--steps", type=_count, default=50, metavar="N", help="in all, one FE solve each (50)"
+        "--steps", type=_some, default=50, metavar="N", help="in all, one FE solve each (50)"
     )
     verb.add_argument(
-        "--inner", type=_count, default=20, metavar="N", help="by the emulator between them (20)"
+        "--inner", type=_some, default=20, metavar="N", help="by the emulator between them (20)"
     )
     verb.set_defaults(verb=direct_chain_verb)
 
@@ -255,14 +255,14 @@ def _add_study(verb: argparse.ArgumentParser) -> None:
 
 
 def _count(text: str, least: int = 0) -> int:
-    """Type of --workers."""
+    """Type of --workers and --seed."""
     if not (text.isascii() and text.isdigit() and int(text) >= least):
         raise argparse.ArgumentTypeError(f"found {text}, expected a whole number, {least} or more")
     return int(text)
 
 
 def _some(text: str) -> int:
-    """Type of --samples."""
+    """Type of --samples, --steps and --inner: a chain of no steps says nothing."""
     return _count(text, least=1)
 
 

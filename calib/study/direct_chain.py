@@ -137,6 +137,8 @@ def _facts(
     x, mean, sd = chain.x[1:], draws.mean(axis=0), draws.std(axis=0)
     time = [integrated_time(column[:, None]) for column in x.T]
     own = x.std(axis=0)
+    with np.errstate(invalid="ignore"):  # a chain that never moved: no error is known, a dash
+        error = own / sd * np.sqrt(np.array(time) / max(1, len(x)))
     found: dict[str, Any] = plain(
         {
             "x": names,
@@ -147,7 +149,7 @@ def _facts(
             "direct_acceptance": chain.second_rate,
             "autocorrelation_time": time,
             "mean_off_emulator_sd": (x.mean(axis=0) - mean) / sd,
-            "mean_error_sd": own / sd * np.sqrt(np.array(time) / max(1, len(x))),
+            "mean_error_sd": error,
             "sd_ratio": own / sd,
         }
     )
