@@ -159,7 +159,7 @@ def _add_questions(verbs: _Verbs) -> None:
         verb = verbs.add_parser(name, help=text)
         verb.add_argument("folder", type=Path, metavar="RUN", help="folder of a finished study")
         verb.set_defaults(verb=ask_verb, question=name)
-    verb.add_argument("--hypothesis", metavar="NAME", help="contact (default: the first)")
+    _add_hypothesis(verb)
     verb.add_argument(
         "--truth",
         type=float,
@@ -172,7 +172,7 @@ def _add_questions(verbs: _Verbs) -> None:
 def _add_direct_chain(verbs: _Verbs) -> None:
     verb = verbs.add_parser("direct-chain", help="sample a posterior by the FE model, few steps")
     verb.add_argument("folder", type=Path, metavar="RUN", help="folder of a finished study")
-    verb.add_argument("--hypothesis", metavar="NAME", help="contact (default: the first)")
+    _add_hypothesis(verb)
     verb.add_argument(
         "--steps", type=_some, default=50, metavar="N", help="in all, one FE solve each (50)"
     )
@@ -192,9 +192,7 @@ def _add_predictions(verbs: _Verbs) -> None:
     text = "rank what to measure next by the information it is expected to give"
     following = verbs.add_parser("design-next", help=text)
     following.add_argument("folder", type=Path, metavar="RUNDIR", help="folder of a finished study")
-    following.add_argument(
-        "--hypothesis", metavar="NAME", help="whose posterior it starts from (needed if several)"
-    )
+    _add_hypothesis(following)
     following.add_argument(
         "--no-runs", action="store_true", help="increments and instruments only, without FE runs"
     )
@@ -232,6 +230,13 @@ def _add_laboratory(verbs: _Verbs) -> None:
         help="where the simulations of the truth are kept (default: runs/laboratory)",
     )
     laboratory.set_defaults(verb=laboratory_verb)
+
+
+def _add_hypothesis(verb: argparse.ArgumentParser) -> None:
+    """Argument of the verbs that ask one hypothesis of a finished study."""
+    verb.add_argument(
+        "--hypothesis", metavar="NAME", help="whose posterior is asked (needed if several)"
+    )
 
 
 def _add_study(verb: argparse.ArgumentParser) -> None:

@@ -31,6 +31,7 @@ from calib.study.figure_style import png_bytes
 from calib.study.finished import chosen
 from calib.study.identify import facts, identify_figure, tables
 from calib.study.stages import run_study
+from calib.study.study_file import write_study
 from fe.executors import serial_map
 
 
@@ -112,8 +113,31 @@ def test_baseline_ends_at_one_error_and_many_stiffnesses(
 def test_wrong_questions_are_refused_in_one_sentence(
     run: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["baseline", str(run), "--truth", "0.01", "0.01", "0.001"]) == 2
+    truth = ["--truth", "0.01", "0.01", "0.001"]
+    assert main(["baseline", str(run), "--hypothesis", "stuck", *truth]) == 2
     assert "the study has a field" in capsys.readouterr().err
+
+
+def test_the_hypothesis_may_be_left_out_where_there_is_one_only() -> None:
+    study = load_study("virtual")
+    alone = replace(study, hypotheses=study.hypotheses[1:])
+    assert chosen(alone, None) == chosen(study, "sliding") == study.hypotheses[1]
+    with pytest.raises(ValueError, match="--hypothesis: found none, expected one of stuck, slid"):
+        chosen(study, None)
+    with pytest.raises(ValueError, match="--hypothesis: found stuck, expected one of sliding"):
+        chosen(alone, "stuck")
+
+
+@pytest.mark.parametrize("verb", ["baseline", "direct-chain", "design-next"])
+def test_every_verb_wants_the_hypothesis_named_where_there_are_several(
+    verb: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_study(tmp_path / "study.toml", load_study("virtual"))
+    for name in ("data.json", "posterior.nc"):
+        (tmp_path / name).touch()
+    assert main([verb, str(tmp_path)]) == 2
+    expected = "calib: --hypothesis: found none, expected one of stuck, sliding\n"
+    assert capsys.readouterr().err == expected
 
 
 def test_a_folder_without_a_study_and_an_unknown_hypothesis_are_refused(

@@ -68,9 +68,9 @@ def baseline(
     On the study's own field where it has one, else on a synthetic one: the emulator's field at
     `truth` (C10, C01, C11 in MPa; default those of thesis Table 5.4) with noise.
     The thesis knows the constants alone: further unknowns of the forward model (friction, height,
-    ...) are at their posterior means.
+    ...) are at their posterior means. `hypothesis` may be left out where there is one only.
     Raises ValueError where the folder holds no finished study, for a truth beside a field, and
-    for a hypothesis of another law than mooney-rivlin-3.
+    for a hypothesis that the study does not have or of another law than mooney-rivlin-3.
     """
     context = finished(out)
     under = chosen(context.study, hypothesis)

@@ -17,10 +17,10 @@ from calib.inference.likelihood import DISCREPANCY, FIELD_NOISE, FORCE_NOISE, OF
 from calib.inference.noise import field_scale_sd, travel_zero_sd
 from calib.inference.planned import Reduced, reduce_experiment
 from calib.study.artifacts import plain, write_json
-from calib.study.config import Study, load_study
-from calib.study.context import Context, block_pin_model, stream
+from calib.study.context import Context, stream
 from calib.study.data_stage import load_data
 from calib.study.figure_style import save_png
+from calib.study.finished import chosen, finished
 from calib.study.information_figures import gains_figure
 from calib.study.mesh_error import load_mesh_error
 from calib.study.plans import ASSUMED_NOISE, Errors, Plan, by_emulator, by_runs
@@ -28,7 +28,6 @@ from calib.study.posterior_setup import emulator_posterior, noise_of
 from calib.study.sample_stage import load_samples
 from calib.study.sections import Hypothesis
 from calib.study.tables import Table, number
-from fe.executors import serial_map
 from fe.response import Array
 
 RATIOS_ALONE = ("ln kappa", "r", "s")
@@ -51,18 +50,18 @@ def design_next(
     """
     if not (out / "posterior.nc").is_file():
         raise ValueError(f"{out}: found no posterior.nc, expected the folder of a finished study")
-    study = load_study(out / "study.toml")
-    chosen = _hypothesis(study, hypothesis)
-    context = Context(study, out, block_pin_model, serial_map, echo, show_progress=False)
-    draws, data = _draws(context, chosen), load_data(out).dataset
-    posterior = emulator_posterior(context, chosen)
+    context = replace(finished(out), echo=echo)
+    study = context.study
+    under = chosen(study, hypothesis)
+    draws, data = _draws(context, under), load_data(out).dataset
+    posterior = emulator_posterior(context, under)
     space = posterior.prior.space
     x, sizes = draws[:, : space.n_forward], np.exp(draws[:, space.n_forward :].mean(axis=0))
     names = ("ln kappa", *space.x_names[1 : space.n_forward])
     known = {unknown.name: float(size) for unknown, size in zip(space.errors, sizes, strict=True)}
     forward = posterior.likelihood.forward
     assert isinstance(forward, EmulatorForward)
-    errors = errors_of(context, chosen, data, known, forward)
+    errors = errors_of(context, under, data, known, forward)
     theta = theta_of(x.mean(axis=0))
     points = None if data.field is None else data.field.points
     plans = list(by_emulator(forward, data.travel, points, errors, theta))
@@ -71,7 +70,7 @@ def design_next(
             "FE runs    left out: the pin is off the sample's centre, expected geometry.pin_shift 0"
         )
     elif with_runs and names == RATIOS_ALONE:
-        plans += by_runs(study, chosen, errors, theta, echo)
+        plans += by_runs(study, under, errors, theta, echo)
     elif with_runs:
         echo(f"FE runs    left out: {', '.join(names[1:])} are unknown, expected r and s alone")
     rows = [weigh(plan, x, names, stream(study, f"design {plan.name}")) for plan in plans]
@@ -79,7 +78,7 @@ def design_next(
     facts: dict[str, Any] = plain(
         {
             "study": study.name,
-            "hypothesis": chosen.name,
+            "hypothesis": under.name,
             "synthetic": data.synthetic,
             "assumed_camera": data.field is None,
             "now": dict(zip(names, x.std(axis=0), strict=True)),
@@ -90,16 +89,6 @@ def design_next(
     write_json(paths[0], facts)
     save_png(gains_figure(facts), paths[1])
     return facts, paths
-
-
-def _hypothesis(study: Study, name: str | None) -> Hypothesis:
-    known = {hypothesis.name: hypothesis for hypothesis in study.hypotheses}
-    if name is None and len(known) == 1:
-        return study.hypotheses[0]
-    if name not in known:
-        expected = ", ".join(known)
-        raise ValueError(f"--hypothesis: found {name or 'none'}, expected one of {expected}")
-    return known[name]
 
 
 def _draws(context: Context, hypothesis: Hypothesis) -> Array:

@@ -49,8 +49,9 @@ def direct_chain(
 ) -> tuple[Table, list[Path]]:
     """Make `n_steps` in all, each of `n_inner` by the emulator; returns what came out and files.
 
-    Of the first hypothesis where none is named. `context` stands in for that of the folder.
-    Raises ValueError where the folder holds no finished study or direct FE found no maximum.
+    `hypothesis` may be left out where there is one only. `context` stands in for that of the
+    folder. Raises ValueError where the folder holds no finished study, the study has no such
+    hypothesis, or direct FE found no maximum.
     """
     context = context or finished(out)
     under = chosen(context.study, hypothesis)
