@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -116,6 +117,21 @@ def test_wrong_questions_are_refused_in_one_sentence(
     truth = ["--truth", "0.01", "0.01", "0.001"]
     assert main(["baseline", str(run), "--hypothesis", "stuck", *truth]) == 2
     assert "the study has a field" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("missing", ["samples_sliding.npz", "emulator_sliding.npz", "data.npz"])
+def test_what_a_damaged_study_lacks_is_named_by_every_verb(
+    run: Path, missing: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "copy"
+    shutil.copytree(run, out)
+    (out / missing).unlink()
+    for verb, *options in (["evidence"], ["direct-chain", "--hypothesis", "sliding"]):
+        assert main([verb, str(out), *options]) == 2
+        error = capsys.readouterr().err
+        assert error.startswith(f"calib: {out / missing}: found no such file, the study is not ")
+        assert error.endswith(": run `calib run` on it\n") and error.count("\n") == 1
 
 
 def test_the_hypothesis_may_be_left_out_where_there_is_one_only() -> None:

@@ -18,7 +18,15 @@ from calib.inference.delayed_acceptance import DelayedChain, Densities, begin, e
 from calib.inference.forward import DirectForward
 from calib.inference.forward_errors import DirectWithErrors
 from calib.inference.posterior import Posterior
-from calib.study.artifacts import hash_of, hash_of_file, plain, read_json, write_json, write_npz
+from calib.study.artifacts import (
+    hash_of,
+    hash_of_file,
+    plain,
+    read_json,
+    read_npz,
+    write_json,
+    write_npz,
+)
 from calib.study.context import Context
 from calib.study.finished import chosen, finished, posteriors
 from calib.study.mesh_error import load_mesh_error
@@ -124,8 +132,7 @@ def _kept(path: Path, made_from: str, n_steps: int) -> DelayedChain | None:
     facts = path.with_suffix(".json")
     if not (path.is_file() and facts.is_file()) or read_json(facts)["made_from"] != made_from:
         return None
-    with np.load(path, allow_pickle=False) as stored:
-        parts = {name: stored[name] for name in PARTS}
+    parts = read_npz(path, PARTS)
     states = {name: parts[name][: n_steps + 1] for name in PARTS[:3]}
     steps = {name: parts[name][:n_steps] for name in PARTS[3:]}
     return DelayedChain(**states, **steps)

@@ -36,14 +36,9 @@ def finished(out: Path) -> Context:
 def posteriors(context: Context) -> dict[str, Posterior]:
     """Posterior of each hypothesis by its emulator of the prior's whole box.
 
-    Raises ValueError naming what is missing where the study was not finished.
+    Raises ValueError naming the file that is missing where the study was not finished.
     """
-    try:
-        return {
-            h.name: emulator_posterior(context, h, whole=True) for h in context.study.hypotheses
-        }
-    except OSError as error:
-        raise ValueError(f"{context.out}: not a finished study ({error})") from error
+    return {h.name: emulator_posterior(context, h, whole=True) for h in context.study.hypotheses}
 
 
 def chosen(study: Study, name: str | None) -> Hypothesis:
