@@ -63,6 +63,8 @@ def test_identify_says_what_each_part_of_the_data_knows(
 ) -> None:
     assert main(["identify", str(run)]) == 0
     text = capsys.readouterr().out
+    assert f"wrote {run / 'report.html'}" in text
+    assert "<h2>What the data know of each constant</h2>" in (run / "report.html").read_text()
     assert "force: SD left [%]" in text and "field: SD left [%]" in text
     assert "The field alone says nothing of C10 + C01" in text
     found = json.loads((run / "identify.json").read_text())
@@ -81,6 +83,8 @@ def test_evidence_gives_no_number_without_its_error(
 ) -> None:
     assert main(["evidence", str(run)]) == 0
     text = capsys.readouterr().out
+    assert f"wrote {run / 'report.html'}" in text
+    assert "<h2>Ranking of the hypotheses</h2>" in (run / "report.html").read_text()
     rows = [line for line in text.splitlines() if line.startswith(("stuck ", "sliding "))]
     assert len(rows) == 4
     assert all(row.count("±") >= 5 for row in rows)
@@ -100,6 +104,7 @@ def test_baseline_ends_at_one_error_and_many_stiffnesses(
     run: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["baseline", str(run), "--hypothesis", "sliding"]) == 0
+    assert "Spread of the nine answers" in (run / "report.html").read_text()
     text = capsys.readouterr().out
     assert "SYNTHETIC field" in text and "thesis Table 5.3, real data, as printed" in text
     found = json.loads((run / "baseline.json").read_text())
@@ -108,6 +113,13 @@ def test_baseline_ends_at_one_error_and_many_stiffnesses(
     assert exact["exact_gradients"] and len(exact["error"]) == 9
     assert np.ptp(exact["error"]) < 0.05 * min(exact["error"])
     assert force.max() > 2.0 * force.min()
+
+
+@pytest.mark.slow
+def test_what_to_measure_next_stands_in_the_report(run: Path) -> None:
+    assert main(["design-next", str(run), "--hypothesis", "sliding", "--no-runs"]) == 0
+    report = (run / "report.html").read_text()
+    assert "<h2>What to measure next</h2>" in report and "4 times the samples" in report
 
 
 @pytest.mark.slow

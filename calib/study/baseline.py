@@ -15,6 +15,7 @@ from calib.inference.baseline import Baseline, thesis_baseline
 from calib.inference.coordinates import CONSTANTS, constants_of, theta_of, theta_of_constants
 from calib.inference.field_noise import field_covariance
 from calib.inference.forward import EmulatorForward, ForwardModel, GivenInputs
+from calib.study.answers import keep_answer
 from calib.study.artifacts import write_json
 from calib.study.context import Context, stream
 from calib.study.data_stage import load_data
@@ -79,8 +80,10 @@ def baseline(
     write_json(out / FILE, facts(found))
     draws = _draws(context, under)
     save_png(baseline_figure(found, draws), out / "figures" / FIGURE)
+    tables = (starts_table(found), methods_table(found))
+    keep_answer(context, "baseline", tables, out / "figures" / FIGURE)
     lines = []
-    for table in (starts_table(found), methods_table(found)):
+    for table in tables:
         lines += [table.text(), ""]
     return lines, [out / FILE, out / "figures" / FIGURE]
 

@@ -16,6 +16,7 @@ from calib.inference.information_gain import laplace_gain, nested_gain
 from calib.inference.likelihood import DISCREPANCY, FIELD_NOISE, FORCE_NOISE, OF_FORCE
 from calib.inference.noise import field_scale_sd, travel_zero_sd
 from calib.inference.planned import Reduced, reduce_experiment
+from calib.study.answers import keep_answer
 from calib.study.artifacts import plain, write_json
 from calib.study.context import Context, stream
 from calib.study.data_stage import load_data
@@ -88,6 +89,7 @@ def design_next(
     paths = [out / "design_next" / name for name in ("design_next.json", "design_next.png")]
     write_json(paths[0], facts)
     save_png(gains_figure(facts), paths[1])
+    keep_answer(context, "design-next", [gains_table(facts)], paths[1])
     return facts, paths
 
 
