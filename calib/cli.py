@@ -159,7 +159,7 @@ def _add_questions(verbs: _Verbs) -> None:
         verb = verbs.add_parser(name, help=text)
         verb.add_argument("folder", type=Path, metavar="RUN", help="folder of a finished study")
         verb.set_defaults(verb=ask_verb, question=name)
-    verb.add_argument("--hypothesis", metavar="NAME", help="contact (default: the first)")
+    _add_hypothesis(verb)
     verb.add_argument(
         "--truth",
         type=float,
@@ -172,12 +172,12 @@ def _add_questions(verbs: _Verbs) -> None:
 def _add_direct_chain(verbs: _Verbs) -> None:
     verb = verbs.add_parser("direct-chain", help="sample a posterior by the FE model, few steps")
     verb.add_argument("folder", type=Path, metavar="RUN", help="folder of a finished study")
-    verb.add_argument("--hypothesis", metavar="NAME", help="contact (default: the first)")
+    _add_hypothesis(verb)
     verb.add_argument(
-        "--steps", type=_count, default=50, metavar="N", help="in all, one FE solve each (50)"
+        "--steps", type=_some, default=50, metavar="N", help="in all, one FE solve each (50)"
     )
     verb.add_argument(
-        "--inner", type=_count, default=20, metavar="N", help="by the emulator between them (20)"
+        "--inner", type=_some, default=20, metavar="N", help="by the emulator between them (20)"
     )
     verb.set_defaults(verb=direct_chain_verb)
 
@@ -192,9 +192,7 @@ def _add_predictions(verbs: _Verbs) -> None:
     text = "rank what to measure next by the information it is expected to give"
     following = verbs.add_parser("design-next", help=text)
     following.add_argument("folder", type=Path, metavar="RUNDIR", help="folder of a finished study")
-    following.add_argument(
-        "--hypothesis", metavar="NAME", help="whose posterior it starts from (needed if several)"
-    )
+    _add_hypothesis(following)
     following.add_argument(
         "--no-runs", action="store_true", help="increments and instruments only, without FE runs"
     )
@@ -234,6 +232,13 @@ def _add_laboratory(verbs: _Verbs) -> None:
     laboratory.set_defaults(verb=laboratory_verb)
 
 
+def _add_hypothesis(verb: argparse.ArgumentParser) -> None:
+    """Argument of the verbs that ask one hypothesis of a finished study."""
+    verb.add_argument(
+        "--hypothesis", metavar="NAME", help="whose posterior is asked (needed if several)"
+    )
+
+
 def _add_study(verb: argparse.ArgumentParser) -> None:
     """Arguments of the verbs that carry out a study, whole or in part."""
     verb.add_argument("study", metavar="STUDY", help="study file, or name of an embedded study")
@@ -255,14 +260,14 @@ def _add_study(verb: argparse.ArgumentParser) -> None:
 
 
 def _count(text: str, least: int = 0) -> int:
-    """Type of --workers."""
+    """Type of --workers and --seed."""
     if not (text.isascii() and text.isdigit() and int(text) >= least):
         raise argparse.ArgumentTypeError(f"found {text}, expected a whole number, {least} or more")
     return int(text)
 
 
 def _some(text: str) -> int:
-    """Type of --samples."""
+    """Type of --samples, --steps and --inner: a chain of no steps says nothing."""
     return _count(text, least=1)
 
 

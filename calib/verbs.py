@@ -110,9 +110,22 @@ def ask_verb(arguments: argparse.Namespace) -> int:
         from calib.study.evidence import evidence
 
         lines, paths = evidence(arguments.folder)
-    for line in [*lines, *(f"wrote {path}" for path in paths)]:
-        _say(line)
+    _say_answer(arguments.folder, lines, paths)
     return 0
+
+
+def _say_answer(folder: Path, lines: Sequence[str], paths: Sequence[Path]) -> None:
+    """Print what a finished study was asked, and draw its report, where it has one, with it."""
+    for line in lines:
+        _say(line)
+    written = list(paths)
+    if (folder / "report.html").is_file():
+        from calib.study.finished import finished
+        from calib.study.stages import report_again
+
+        written += report_again(finished(folder))
+    for path in written:
+        _say(f"wrote {path}")
 
 
 def direct_chain_verb(arguments: argparse.Namespace) -> int:
@@ -252,17 +265,8 @@ def validate_verb(arguments: argparse.Namespace) -> int:
 
     test, data_folder = load_second_test(arguments.second)
     found, paths = validate(arguments.folder, test, data_folder, _say)
-    report = arguments.folder / "report.html"
-    if report.is_file():
-        from calib.study.finished import finished
-        from calib.study.stages import report_again
-
-        report_again(finished(arguments.folder))
-        paths.append(report)
-    for table in validation_tables(found):
-        _say(f"\n{table.text()}")
-    for line in ("", *verdicts(found), *(f"wrote {path}" for path in paths)):
-        _say(line)
+    tables = [f"\n{table.text()}" for table in validation_tables(found)]
+    _say_answer(arguments.folder, [*tables, "", *verdicts(found)], paths)
     posteriors = [one for one in found["predictions"].values() if one["n_draws"] > 1]
     return 0 if all(one["passed"] for one in posteriors) else FAILED
 
@@ -274,6 +278,5 @@ def design_next_verb(arguments: argparse.Namespace) -> int:
     found, paths = design_next(
         arguments.folder, arguments.hypothesis, _say, with_runs=not arguments.no_runs
     )
-    for line in (gains_table(found).text(), *(f"wrote {path}" for path in paths)):
-        _say(line)
+    _say_answer(arguments.folder, [gains_table(found).text()], paths)
     return 0

@@ -160,6 +160,15 @@ def test_impossible_workers_are_refused(workers, capsys):
     assert expected in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("option", ["--steps", "--inner"])
+def test_a_chain_of_no_steps_is_refused(option, capsys):
+    with pytest.raises(SystemExit) as caught:
+        cli.main(["direct-chain", "runs/virtual", option, "0"])
+    assert caught.value.code == cli.WRONG_INPUT
+    expected = f"{option}: found 0, expected a whole number, 1 or more"
+    assert expected in capsys.readouterr().err
+
+
 def test_a_wrong_study_is_one_sentence_and_exit_code_2(tmp_path, capsys):
     path = tmp_path / "own.toml"
     path.write_text('name = "own"\nseeed = 1\n')

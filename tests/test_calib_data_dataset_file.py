@@ -100,7 +100,7 @@ def test_a_damaged_file_is_refused_in_one_sentence(tmp_path, keep):
     path = tmp_path / "d.npz"
     save_dataset(path, DATA)
     path.write_bytes(path.read_bytes()[:keep])
-    with pytest.raises(ValueError, match=r"d\.npz: found no readable dataset .* expected one") as e:
+    with pytest.raises(ValueError, match=r"d\.npz: found no npz file or a damaged") as e:
         load_dataset(path)
     assert "\n" not in str(e.value)
 
@@ -111,14 +111,30 @@ def test_another_version_and_another_npz_are_refused(tmp_path):
     with pytest.raises(ValueError, match="found version 99, expected 1"):
         load_dataset(path)
     np.savez(path, version=np.array(1), inputs=np.array(""))
-    with pytest.raises(ValueError, match="found no complete dataset"):
+    with pytest.raises(ValueError, match="found no name in it, expected a data set of `calib qc`"):
         load_dataset(path)
     np.savez(path, other=np.array(1))
-    with pytest.raises(ValueError, match="found no readable dataset"):
+    with pytest.raises(ValueError, match="found an npz file of another kind, expected a data set"):
+        load_dataset(path)
+    np.savez(path, version=np.array("new"))
+    with pytest.raises(ValueError, match="found a version that is no number"):
         load_dataset(path)
     np.savez(path, version=np.array([{}], dtype=object))
-    with pytest.raises(ValueError, match="found no readable dataset"):
+    with pytest.raises(ValueError, match="found no npz file or a damaged one"):
         load_dataset(path)
+
+
+def test_what_is_no_data_set_is_told_without_words_of_numpy(tmp_path):
+    path = tmp_path / "plate.npz"
+    path.write_bytes(b"travel,force\n0.2,0.1\n")
+    with pytest.raises(ValueError) as junk:
+        load_dataset(path)
+    expected = "expected a data set of `calib qc`"
+    assert str(junk.value) == f"{path}: found no npz file or a damaged one, {expected}"
+    path.unlink()
+    with pytest.raises(ValueError) as absent:
+        load_dataset(path)
+    assert str(absent.value) == f"{path}: found no such file, {expected}"
 
 
 def test_some_of_the_steps_are_the_same_data():

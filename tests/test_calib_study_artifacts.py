@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -17,9 +18,11 @@ from calib.study.artifacts import (
     hash_of_file,
     plain,
     read_json,
+    read_npz,
     why_stale,
     write_bytes,
     write_json,
+    write_npz,
     write_record,
 )
 
@@ -90,6 +93,30 @@ def test_a_damaged_json_file_is_named(tmp_path: Path) -> None:
     (tmp_path / "map.json").write_text('{"a": ')
     with pytest.raises(ValueError, match=r"map\.json: not a readable JSON file"):
         read_json(tmp_path / "map.json")
+
+
+@pytest.mark.parametrize("read", [read_json, read_npz])
+def test_a_file_that_is_not_there_says_that_the_study_is_not_finished(
+    read: Callable[[Path], object], tmp_path: Path
+) -> None:
+    path = tmp_path / "map"
+    with pytest.raises(ValueError) as refusal:
+        read(path)
+    expected = "found no such file, the study is not finished: run `calib run` on it"
+    assert str(refusal.value) == f"{path}: {expected}"
+
+
+def test_arrays_come_back_and_a_damaged_or_foreign_npz_file_is_named(tmp_path: Path) -> None:
+    path = tmp_path / "a.npz"
+    write_npz(path, {"x": np.arange(3)})
+    assert read_npz(path, ("x",))["x"].tolist() == [0, 1, 2]
+    with pytest.raises(ValueError, match=r"a\.npz: found no array y, z; delete it and rerun"):
+        read_npz(path, ("x", "y", "z"))
+    whole = path.read_bytes()
+    for content in (b"", b"junk", whole[:100], whole[:-30]):
+        path.write_bytes(content)
+        with pytest.raises(ValueError, match=r"a\.npz: not a readable npz file; delete it and"):
+            read_npz(path)
 
 
 def test_a_finished_stage_is_up_to_date(tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -37,6 +38,7 @@ from calib.study.figure_style import png_bytes
 from calib.study.finished import chosen
 from calib.study.identify import facts, identify_figure, tables
 from calib.study.stages import run_study
+from calib.study.study_file import write_study
 from fe.executors import serial_map
 
 
@@ -67,6 +69,8 @@ def test_identify_says_what_each_part_of_the_data_knows(
 ) -> None:
     assert main(["identify", str(run)]) == 0
     text = capsys.readouterr().out
+    assert f"wrote {run / 'report.html'}" in text
+    assert "<h2>What the data know of each constant</h2>" in (run / "report.html").read_text()
     assert "force: SD left [%]" in text and "field: SD left [%]" in text
     assert "The field alone says nothing of C10 + C01" in text
     found = json.loads((run / "identify.json").read_text())
@@ -85,6 +89,8 @@ def test_evidence_gives_no_number_without_its_error(
 ) -> None:
     assert main(["evidence", str(run)]) == 0
     text = capsys.readouterr().out
+    assert f"wrote {run / 'report.html'}" in text
+    assert "<h2>Ranking of the hypotheses</h2>" in (run / "report.html").read_text()
     rows = [line for line in text.splitlines() if line.startswith(("stuck ", "sliding "))]
     assert len(rows) == 4
     assert all(row.count("±") >= 5 for row in rows)
@@ -104,6 +110,7 @@ def test_baseline_ends_at_one_error_and_many_stiffnesses(
     run: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["baseline", str(run), "--hypothesis", "sliding"]) == 0
+    assert "Spread of the nine answers" in (run / "report.html").read_text()
     text = capsys.readouterr().out
     assert "SYNTHETIC field" in text and "thesis Table 5.3, real data, as printed" in text
     found = json.loads((run / "baseline.json").read_text())
@@ -115,11 +122,56 @@ def test_baseline_ends_at_one_error_and_many_stiffnesses(
 
 
 @pytest.mark.slow
+def test_what_to_measure_next_stands_in_the_report(run: Path) -> None:
+    assert main(["design-next", str(run), "--hypothesis", "sliding", "--no-runs"]) == 0
+    report = (run / "report.html").read_text()
+    assert "<h2>What to measure next</h2>" in report and "4 times the samples" in report
+
+
+@pytest.mark.slow
 def test_wrong_questions_are_refused_in_one_sentence(
     run: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["baseline", str(run), "--truth", "0.01", "0.01", "0.001"]) == 2
+    truth = ["--truth", "0.01", "0.01", "0.001"]
+    assert main(["baseline", str(run), "--hypothesis", "stuck", *truth]) == 2
     assert "the study has a field" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("missing", ["samples_sliding.npz", "emulator_sliding.npz", "data.npz"])
+def test_what_a_damaged_study_lacks_is_named_by_every_verb(
+    run: Path, missing: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "copy"
+    shutil.copytree(run, out)
+    (out / missing).unlink()
+    for verb, *options in (["evidence"], ["direct-chain", "--hypothesis", "sliding"]):
+        assert main([verb, str(out), *options]) == 2
+        error = capsys.readouterr().err
+        assert error.startswith(f"calib: {out / missing}: found no such file, the study is not ")
+        assert error.endswith(": run `calib run` on it\n") and error.count("\n") == 1
+
+
+def test_the_hypothesis_may_be_left_out_where_there_is_one_only() -> None:
+    study = load_study("virtual")
+    alone = replace(study, hypotheses=study.hypotheses[1:])
+    assert chosen(alone, None) == chosen(study, "sliding") == study.hypotheses[1]
+    with pytest.raises(ValueError, match="--hypothesis: found none, expected one of stuck, slid"):
+        chosen(study, None)
+    with pytest.raises(ValueError, match="--hypothesis: found stuck, expected one of sliding"):
+        chosen(alone, "stuck")
+
+
+@pytest.mark.parametrize("verb", ["baseline", "direct-chain", "design-next"])
+def test_every_verb_wants_the_hypothesis_named_where_there_are_several(
+    verb: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_study(tmp_path / "study.toml", load_study("virtual"))
+    for name in ("data.json", "posterior.nc"):
+        (tmp_path / name).touch()
+    assert main([verb, str(tmp_path)]) == 2
+    expected = "calib: --hypothesis: found none, expected one of stuck, sliding\n"
+    assert capsys.readouterr().err == expected
 
 
 def test_a_folder_without_a_study_and_an_unknown_hypothesis_are_refused(

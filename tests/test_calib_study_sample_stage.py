@@ -49,5 +49,13 @@ def test_a_stage_that_was_stopped_goes_on_with_its_chains(
     assert np.array_equal(whole.predictive, again.predictive)
 
 
+def test_a_hypothesis_that_was_not_sampled_is_told_in_one_sentence(tmp_path: Path) -> None:
+    hypothesis = load_study("thesis-forces").hypotheses[0]
+    with pytest.raises(ValueError) as refusal:
+        load_samples(tmp_path, hypothesis)
+    expected = "found no such file, the study is not sampled yet: run `calib run` on it"
+    assert str(refusal.value) == f"{tmp_path / 'samples_stuck.npz'}: {expected}"
+
+
 def _stopped(*_: object) -> None:
     raise KeyboardInterrupt

@@ -16,6 +16,7 @@ from analytic_block import AnalyticBlock, analytic_block
 from calib.inference import EmulatorForward
 from calib.inference.coordinates import CONSTANTS, theta_of
 from calib.inference.validation import judge
+from calib.study.answers import keep_answer
 from calib.study.artifacts import write_json
 from calib.study.config import Study, StudyError, load_study
 from calib.study.context import Context, stream
@@ -32,6 +33,7 @@ from calib.study.stage_list import stages_of
 from calib.study.stages import StudyResult, report_again, run_stages, run_study
 from calib.study.summary import load_summary
 from calib.study.summary_files import to_json
+from calib.study.tables import Table
 from calib.study.virtual_stage import run as run_virtual
 from calib.toml_file import Contradiction
 from fe.campaign import CampaignFailed
@@ -461,6 +463,28 @@ def test_a_validation_appears_in_the_report(thesis: Run, tmp_path: Path) -> None
     assert "PASS  sliding: answer 1.0 %" in after
     # What a run would draw is what is there.
     assert run_stages(context) == ()
+
+
+def test_an_answer_stands_in_every_report_after_it_and_tells_when_the_posterior_is_another(
+    thesis: Run, tmp_path: Path
+) -> None:
+    out = tmp_path / "copy"
+    shutil.copytree(thesis.out, out)
+    context = _context(thesis.study, out)
+    assert report_again(context) == [out / "report.html"]
+    assert (out / "report.html").read_bytes() == (thesis.out / "report.html").read_bytes()
+    table = Table("What is left", ("constant", "SD"), (("C10", "0.1234"),))
+    keep_answer(context, "identify", [table], out / "figures" / "forces.png", ["C10 is known."])
+    report_again(context)
+    after = (out / "report.html").read_text()
+    assert "C10 is known." in after and "0.1234" in after and "makes them anew" not in after
+    assert run_stages(context) == ()
+    (out / "report.html").unlink()
+    assert run_stages(context) == ("report",)
+    assert (out / "report.html").read_text() == after
+    shutil.copy(out / "samples_stuck.npz", out / "samples_sliding.npz")
+    report_again(context)
+    assert "`calib identify` makes them anew" in (out / "report.html").read_text()
 
 
 def test_a_chain_by_the_model_itself_goes_on_where_it_was_stopped(

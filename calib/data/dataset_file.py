@@ -16,6 +16,7 @@ from fe.response import Array
 VERSION = 1
 """of the file's layout; another one is refused"""
 _FORCES = ("travel", "force_mean", "force_sd")
+_EXPECTED = "expected a data set of `calib qc`"
 _NOISE = ("correlation_length", "reference_share", "nugget")
 
 Arrays = dict[str, Any]
@@ -97,10 +98,30 @@ def load_dataset(path: Path | str) -> tuple[Dataset, str]:
     Raises ValueError of one sentence for a file that is damaged, of another version, or no dataset.
     """
     path = Path(path)
+    arrays = _arrays(path)
+    if "version" not in arrays:
+        raise ValueError(f"{path}: found an npz file of another kind, {_EXPECTED}")
+    try:
+        version = int(arrays["version"])
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{path}: found a version that is no number, {_EXPECTED}") from error
+    if version != VERSION:
+        raise ValueError(f"{path}: found version {version}, expected {VERSION}")
+    try:
+        return dataset_of_arrays(arrays), str(arrays["inputs"])
+    except KeyError as error:
+        raise ValueError(f"{path}: found no {error.args[0]} in it, {_EXPECTED}") from error
+    except (ValueError, TypeError) as error:
+        raise ValueError(f"{path}: found no data set ({error}), {_EXPECTED}") from error
+
+
+def _arrays(path: Path) -> dict[str, Array]:
+    """What an npz file holds; raises ValueError of one sentence where it is none."""
     try:
         with path.open("rb") as stream, np.load(stream, allow_pickle=False) as stored:
-            arrays: dict[str, Array] = {name: stored[name] for name in stored.files}
-        version = int(arrays["version"])
+            return {name: stored[name] for name in stored.files}
+    except FileNotFoundError as error:
+        raise ValueError(f"{path}: found no such file, {_EXPECTED}") from error
     # RuntimeError: a damaged zip may claim to be encrypted or of an unknown compression
     except (
         OSError,
@@ -113,10 +134,4 @@ def load_dataset(path: Path | str) -> tuple[Dataset, str]:
         BadZipFile,
         zlib.error,
     ) as error:
-        raise ValueError(f"{path}: found no readable dataset ({error}), expected one") from error
-    if version != VERSION:
-        raise ValueError(f"{path}: found version {version}, expected {VERSION}")
-    try:
-        return dataset_of_arrays(arrays), str(arrays["inputs"])
-    except (KeyError, ValueError, TypeError) as error:
-        raise ValueError(f"{path}: found no complete dataset ({error}), expected one") from error
+        raise ValueError(f"{path}: found no npz file or a damaged one, {_EXPECTED}") from error

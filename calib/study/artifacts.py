@@ -11,7 +11,7 @@ import hashlib
 import io
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, is_dataclass
 from pathlib import Path
 from typing import Any, cast
@@ -74,13 +74,37 @@ def write_npz(path: Path, arrays: Mapping[str, npt.NDArray[np.generic]]) -> None
 
 
 def read_json(path: Path) -> Any:
-    """Read a JSON file; raises ValueError naming the file and the line when it is damaged."""
+    """Read a JSON file; raises ValueError naming the file, and the line when it is damaged."""
     try:
         return json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError as error:
+        raise not_made(path) from error
     except (json.JSONDecodeError, UnicodeDecodeError) as error:
         raise ValueError(
             f"{path}: not a readable JSON file ({error}); delete it and rerun"
         ) from error
+
+
+def read_npz(path: Path, expected: Sequence[str] = ()) -> dict[str, npt.NDArray[Any]]:
+    """Read the arrays of an npz file, `expected` among them; raises ValueError naming the file."""
+    try:
+        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as stored:
+            arrays = {name: stored[name] for name in stored.files}
+    except FileNotFoundError as error:
+        raise not_made(path) from error
+    except Exception as error:  # NumPy, zip and zlib errors: damage has many faces
+        raise ValueError(f"{path}: not a readable npz file; delete it and rerun") from error
+    lacking = [name for name in expected if name not in arrays]
+    if lacking:
+        raise ValueError(f"{path}: found no array {', '.join(lacking)}; delete it and rerun")
+    return arrays
+
+
+def not_made(path: Path) -> ValueError:
+    """What to raise for a file that a stage has yet to make."""
+    return ValueError(
+        f"{path}: found no such file, the study is not finished: run `calib run` on it"
+    )
 
 
 def hash_of(value: object) -> str:

@@ -15,6 +15,7 @@ from calib.inference.baseline import Baseline, thesis_baseline
 from calib.inference.coordinates import CONSTANTS, constants_of, theta_of, theta_of_constants
 from calib.inference.field_noise import field_covariance
 from calib.inference.forward import EmulatorForward, ForwardModel, GivenInputs
+from calib.study.answers import keep_answer
 from calib.study.artifacts import write_json
 from calib.study.context import Context, stream
 from calib.study.data_stage import load_data
@@ -68,9 +69,9 @@ def baseline(
     On the study's own field where it has one, else on a synthetic one: the emulator's field at
     `truth` (C10, C01, C11 in MPa; default those of thesis Table 5.4) with noise.
     The thesis knows the constants alone: further unknowns of the forward model (friction, height,
-    ...) are at their posterior means.
+    ...) are at their posterior means. `hypothesis` may be left out where there is one only.
     Raises ValueError where the folder holds no finished study, for a truth beside a field, and
-    for a hypothesis of another law than mooney-rivlin-3.
+    for a hypothesis that the study does not have or of another law than mooney-rivlin-3.
     """
     context = finished(out)
     under = chosen(context.study, hypothesis)
@@ -79,8 +80,10 @@ def baseline(
     write_json(out / FILE, facts(found))
     draws = _draws(context, under)
     save_png(baseline_figure(found, draws), out / "figures" / FIGURE)
+    tables = (starts_table(found), methods_table(found))
+    keep_answer(context, "baseline", tables, out / "figures" / FIGURE)
     lines = []
-    for table in (starts_table(found), methods_table(found)):
+    for table in tables:
         lines += [table.text(), ""]
     return lines, [out / FILE, out / "figures" / FIGURE]
 

@@ -10,7 +10,7 @@ import numpy as np
 from calib.data import PUBLISHED_CONSTANTS, Dataset
 from calib.data.dataset_file import dataset_arrays, dataset_of_arrays
 from calib.inference.field_noise import NUGGET
-from calib.study.artifacts import read_json, write_json, write_npz
+from calib.study.artifacts import read_json, read_npz, write_json, write_npz
 from calib.study.config import Study, StudyError
 from calib.study.data_checks import SAME_TRAVEL
 from calib.study.data_source import measured_dataset
@@ -100,11 +100,7 @@ def save_data(out: Path, data: StudyData) -> list[Path]:
 def load_data(out: Path) -> StudyData:
     """Read what `save_data` wrote; raises ValueError naming a damaged file."""
     facts = read_json(out / f"{DATA}.json")
-    try:
-        with np.load(out / f"{DATA}.npz", allow_pickle=False) as stored:
-            arrays: dict[str, Array] = {name: stored[name] for name in stored.files}
-    except (OSError, ValueError, EOFError) as error:
-        raise ValueError(f"{out / DATA}.npz: not readable ({error}); delete it") from error
+    arrays: dict[str, Array] = read_npz(out / f"{DATA}.npz", ("travel", "force_mean", "force_sd"))
     facts_of_old = ("name", "synthetic", "n_samples", "correlation_length", "reference_share")
     known = {name: np.asarray(facts[name]) for name in facts_of_old if name in facts}
     known["nugget"] = np.asarray(NUGGET)

@@ -16,11 +16,12 @@ from calib.inference.information_gain import laplace_gain, nested_gain
 from calib.inference.likelihood import DISCREPANCY, FIELD_NOISE, FORCE_NOISE, OF_FORCE
 from calib.inference.noise import field_scale_sd, travel_zero_sd
 from calib.inference.planned import Reduced, reduce_experiment
+from calib.study.answers import keep_answer
 from calib.study.artifacts import plain, write_json
-from calib.study.config import Study, load_study
-from calib.study.context import Context, block_pin_model, stream
+from calib.study.context import Context, stream
 from calib.study.data_stage import load_data
 from calib.study.figure_style import save_png
+from calib.study.finished import chosen, finished
 from calib.study.information_figures import gains_figure
 from calib.study.mesh_error import load_mesh_error
 from calib.study.plans import ASSUMED_NOISE, Errors, Plan, by_emulator, by_runs
@@ -28,7 +29,6 @@ from calib.study.posterior_setup import emulator_posterior, noise_of
 from calib.study.sample_stage import load_samples
 from calib.study.sections import Hypothesis
 from calib.study.tables import Table, number
-from fe.executors import serial_map
 from fe.response import Array
 
 RATIOS_ALONE = (("ln kappa", "r"), ("ln kappa", "r", "s"))
@@ -52,18 +52,18 @@ def design_next(
     """
     if not (out / "posterior.nc").is_file():
         raise ValueError(f"{out}: found no posterior.nc, expected the folder of a finished study")
-    study = load_study(out / "study.toml")
-    chosen = _hypothesis(study, hypothesis)
-    context = Context(study, out, block_pin_model, serial_map, echo, show_progress=False)
-    draws, data = _draws(context, chosen), load_data(out).dataset
-    posterior = emulator_posterior(context, chosen)
+    context = replace(finished(out), echo=echo)
+    study = context.study
+    under = chosen(study, hypothesis)
+    draws, data = _draws(context, under), load_data(out).dataset
+    posterior = emulator_posterior(context, under)
     space = posterior.prior.space
     x, sizes = draws[:, : space.n_forward], np.exp(draws[:, space.n_forward :].mean(axis=0))
     names = ("ln kappa", *space.x_names[1 : space.n_forward])
     known = {unknown.name: float(size) for unknown, size in zip(space.errors, sizes, strict=True)}
     forward = posterior.likelihood.forward
     assert isinstance(forward, EmulatorForward)
-    errors = errors_of(context, chosen, data, known, forward)
+    errors = errors_of(context, under, data, known, forward)
     theta = theta_of(x.mean(axis=0))
     points = None if data.field is None else data.field.points
     plans = list(by_emulator(forward, data.travel, points, errors, theta))
@@ -72,7 +72,7 @@ def design_next(
             "FE runs    left out: the pin is off the sample's centre, expected geometry.pin_shift 0"
         )
     elif with_runs and names in RATIOS_ALONE:
-        plans += by_runs(study, chosen, errors, theta, echo)
+        plans += by_runs(study, under, errors, theta, echo)
     elif with_runs:
         unknown = ", ".join(names)
         echo(
@@ -83,7 +83,7 @@ def design_next(
     facts: dict[str, Any] = plain(
         {
             "study": study.name,
-            "hypothesis": chosen.name,
+            "hypothesis": under.name,
             "synthetic": data.synthetic,
             "assumed_camera": data.field is None and any(plan.with_field for plan in plans),
             "now": dict(zip(names, x.std(axis=0), strict=True)),
@@ -93,17 +93,8 @@ def design_next(
     paths = [out / "design_next" / name for name in ("design_next.json", "design_next.png")]
     write_json(paths[0], facts)
     save_png(gains_figure(facts), paths[1])
+    keep_answer(context, "design-next", [gains_table(facts)], paths[1])
     return facts, paths
-
-
-def _hypothesis(study: Study, name: str | None) -> Hypothesis:
-    known = {hypothesis.name: hypothesis for hypothesis in study.hypotheses}
-    if name is None and len(known) == 1:
-        return study.hypotheses[0]
-    if name not in known:
-        expected = ", ".join(known)
-        raise ValueError(f"--hypothesis: found {name or 'none'}, expected one of {expected}")
-    return known[name]
 
 
 def _draws(context: Context, hypothesis: Hypothesis) -> Array:

@@ -18,7 +18,15 @@ from calib.inference.delayed_acceptance import DelayedChain, Densities, begin, e
 from calib.inference.forward import DirectForward
 from calib.inference.forward_errors import DirectWithErrors
 from calib.inference.posterior import Posterior
-from calib.study.artifacts import hash_of, hash_of_file, plain, read_json, write_json, write_npz
+from calib.study.artifacts import (
+    hash_of,
+    hash_of_file,
+    plain,
+    read_json,
+    read_npz,
+    write_json,
+    write_npz,
+)
 from calib.study.context import Context
 from calib.study.finished import chosen, finished, posteriors
 from calib.study.mesh_error import load_mesh_error
@@ -49,8 +57,9 @@ def direct_chain(
 ) -> tuple[Table, list[Path]]:
     """Make `n_steps` in all, each of `n_inner` by the emulator; returns what came out and files.
 
-    Of the first hypothesis where none is named. `context` stands in for that of the folder.
-    Raises ValueError where the folder holds no finished study or direct FE found no maximum.
+    `hypothesis` may be left out where there is one only. `context` stands in for that of the
+    folder. Raises ValueError where the folder holds no finished study, the study has no such
+    hypothesis, or direct FE found no maximum.
     """
     context = context or finished(out)
     under = chosen(context.study, hypothesis)
@@ -123,8 +132,7 @@ def _kept(path: Path, made_from: str, n_steps: int) -> DelayedChain | None:
     facts = path.with_suffix(".json")
     if not (path.is_file() and facts.is_file()) or read_json(facts)["made_from"] != made_from:
         return None
-    with np.load(path, allow_pickle=False) as stored:
-        parts = {name: stored[name] for name in PARTS}
+    parts = read_npz(path, PARTS)
     states = {name: parts[name][: n_steps + 1] for name in PARTS[:3]}
     steps = {name: parts[name][:n_steps] for name in PARTS[3:]}
     return DelayedChain(**states, **steps)
@@ -137,6 +145,8 @@ def _facts(
     x, mean, sd = chain.x[1:], draws.mean(axis=0), draws.std(axis=0)
     time = [integrated_time(column[:, None]) for column in x.T]
     own = x.std(axis=0)
+    with np.errstate(invalid="ignore"):  # a chain that never moved: no error is known, a dash
+        error = own / sd * np.sqrt(np.array(time) / max(1, len(x)))
     found: dict[str, Any] = plain(
         {
             "x": names,
@@ -147,7 +157,7 @@ def _facts(
             "direct_acceptance": chain.second_rate,
             "autocorrelation_time": time,
             "mean_off_emulator_sd": (x.mean(axis=0) - mean) / sd,
-            "mean_error_sd": own / sd * np.sqrt(np.array(time) / max(1, len(x))),
+            "mean_error_sd": error,
             "sd_ratio": own / sd,
         }
     )

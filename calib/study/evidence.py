@@ -26,6 +26,7 @@ from calib.inference.leave_out import (
 from calib.inference.nested import nested
 from calib.inference.posterior import Posterior
 from calib.inference.quadrature import Quadrature, integrate
+from calib.study.answers import keep_answer
 from calib.study.artifacts import write_json
 from calib.study.context import stream
 from calib.study.data_stage import load_data
@@ -137,8 +138,10 @@ def evidence(out: Path) -> tuple[list[str], list[Path]]:
     ranking = rank(standings, stream(context.study, "stacking"))
     write_json(out / FILE, facts(ranking))
     save_png(evidence_figure(ranking), out / "figures" / FIGURE)
+    tables = (ranking_table(ranking), scores_table(ranking))
+    keep_answer(context, "evidence", tables, out / "figures" / FIGURE, remarks(ranking))
     lines = []
-    for table in (ranking_table(ranking), scores_table(ranking)):
+    for table in tables:
         lines += [table.text(), ""]
     lines += [*remarks(ranking), ""]
     return lines, [out / FILE, out / "figures" / FIGURE]

@@ -9,6 +9,7 @@ from typing import Any
 
 from calib.data import Dataset
 from calib.inference.coordinates import CONSTANTS
+from calib.study.answers import read_answers
 from calib.study.artifacts import read_json
 from calib.study.assumptions import assumptions_table
 from calib.study.config import Study
@@ -77,6 +78,8 @@ class Findings:
     """of verification.json, hypothesis -> what was found and added"""
     validations: dict[str, dict[str, Any]]
     """second test -> validation.json of `calib validate`"""
+    answers: tuple[Section, ...]
+    """to questions that were put to the study"""
     summaries: tuple[Summary, ...]
 
     @property
@@ -107,6 +110,7 @@ def read_findings(out: Path, study: Study, summaries: Sequence[Summary]) -> Find
         prior=read_json(out / FACTS),
         rounds=load_rounds(out),
         validations={path.parent.name: read_json(path) for path in validation_files(out)},
+        answers=tuple(read_answers(out, study)),
         summaries=tuple(summaries),
     )
 
@@ -209,6 +213,7 @@ def sections(findings: Findings, pictures: dict[str, Picture], study: Study) -> 
             [pictures[name] for name in pictures if name.startswith("predictive_")],
         ),
         *_validations(findings, pictures),
+        *findings.answers,
         Section("Before the data", (), tables["prior"], (pictures["prior"],)),
         Section("Hypotheses", (), [*tables["comparison"], *tables["starts"], *tables["published"]]),
         Section(

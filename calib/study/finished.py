@@ -36,26 +36,22 @@ def finished(out: Path) -> Context:
 def posteriors(context: Context) -> dict[str, Posterior]:
     """Posterior of each hypothesis by its emulator of the prior's whole box.
 
-    Raises ValueError naming what is missing where the study was not finished.
+    Raises ValueError naming the file that is missing where the study was not finished.
     """
-    try:
-        return {
-            h.name: emulator_posterior(context, h, whole=True) for h in context.study.hypotheses
-        }
-    except OSError as error:
-        raise ValueError(f"{context.out}: not a finished study ({error})") from error
+    return {h.name: emulator_posterior(context, h, whole=True) for h in context.study.hypotheses}
 
 
 def chosen(study: Study, name: str | None) -> Hypothesis:
-    """A hypothesis by name, the first one when none is given.
+    """A hypothesis by name, which may be left out where the study has one only.
 
-    Raises ValueError for a name that the study does not have.
+    Raises ValueError for a name that the study does not have, and for none where it has several.
     """
     known = {hypothesis.name: hypothesis for hypothesis in study.hypotheses}
-    if name is None:
+    if name is None and len(known) == 1:
         return study.hypotheses[0]
-    if name not in known:
-        raise ValueError(f"--hypothesis: found {name}, expected one of {', '.join(known)}")
+    if name is None or name not in known:
+        expected = ", ".join(known)
+        raise ValueError(f"--hypothesis: found {name or 'none'}, expected one of {expected}")
     return known[name]
 
 

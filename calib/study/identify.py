@@ -11,6 +11,7 @@ from scipy.stats import chi2
 
 from calib.inference.knowledge import Constants, Knowledge, knowledge
 from calib.inference.profile import LEVEL
+from calib.study.answers import keep_answer
 from calib.study.artifacts import write_json
 from calib.study.context import stream
 from calib.study.figure_style import COLOURS, INK, LINES, MARKERS, save_png, tidy
@@ -33,6 +34,9 @@ def identify(out: Path) -> tuple[list[str], list[Path]]:
     }
     write_json(out / FILE, {name: facts(known) for name, known in found.items()})
     save_png(identify_figure(found), out / "figures" / FIGURE)
+    told = [table for name, known in found.items() for table in tables(name, known)]
+    remarks = [f"{name}: {each}" for name, known in found.items() for each in known.warnings]
+    keep_answer(context, "identify", told, out / "figures" / FIGURE, remarks)
     lines = []
     for name, known in found.items():
         for table in tables(name, known):

@@ -13,7 +13,7 @@ from calib.inference.forward import EmulatorForward
 from calib.inference.mesh_correction import CorrectionSlopes, MeshCorrection
 from calib.inference.noise import NoiseSettings, field_nuisances
 from calib.inference.tangent_errors import Mistaken, apart, mistaken, patterns_at, tangents_at
-from calib.study.artifacts import read_json, write_json, write_npz
+from calib.study.artifacts import read_json, read_npz, write_json, write_npz
 from calib.study.config import Study
 from calib.study.sections import Hypothesis
 from calib.study.training_runs import rows
@@ -218,20 +218,19 @@ def _slopes(fine: Campaign, coarse: Campaign, reach: Array) -> MeshSlopes | None
 
 
 def load_mesh_error(out: Path, hypothesis: Hypothesis) -> MeshError:
-    """Read what the check stage kept for one hypothesis."""
+    """Read what the check stage kept; raises ValueError naming a missing or damaged file."""
     facts = read_json(check_folder(out, hypothesis) / "mesh_error.json")
-    with np.load(check_folder(out, hypothesis) / "mesh_error.npz", allow_pickle=False) as stored:
-        field = stored["field"]
-        known = "field_slope" in stored
-        slopes = MeshSlopes(stored["field_slope"], stored["reach"]) if known else None
-        extent = stored.get("extent")
-        if extent is None and slopes is not None:
-            extent = slopes.reach / REACH  # as files before it have it
+    stored = read_npz(check_folder(out, hypothesis) / "mesh_error.npz", ("field",))
+    known = "field_slope" in stored
+    slopes = MeshSlopes(stored["field_slope"], stored["reach"]) if known else None
+    extent = stored.get("extent")
+    if extent is None and slopes is not None:
+        extent = slopes.reach / REACH  # as files before it have it
     return MeshError(
         refinement=float(facts["refinement"]),
         ratios=np.asarray(facts["ratios"], dtype=float),
         signed_force=np.asarray(facts["signed_force"], dtype=float),
-        field=field,
+        field=stored["field"],
         slopes=slopes,
         extent=extent,
     )

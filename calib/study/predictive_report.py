@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from calib.study.artifacts import read_npz
 from calib.study.config import Study
 from calib.study.predict_stage import maps_path
 from calib.study.predictive_figures import face_maps, region_checks
@@ -28,8 +29,7 @@ def predictive_figures(
         checks = predictive["hypotheses"][name]
         if "field" not in checks:
             continue
-        with np.load(maps_path(out, hypothesis), allow_pickle=False) as stored:
-            maps = {key: stored[key] for key in stored.files}
+        maps = read_npz(maps_path(out, hypothesis))
         drawn[f"predictive_face_{name}"] = (
             face_maps(name, maps),
             f"Front face under {name}: correlation R over the increments and RMS error of the "

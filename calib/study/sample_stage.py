@@ -7,8 +7,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from calib.inference.coordinates import Space, Unknown, theta_of
 from calib.inference.laws import LawCoordinates
 from calib.inference.prediction import predictive_forces
@@ -18,7 +16,7 @@ from calib.inference.sampling import (
     SamplingStatus,
     sample_posterior,
 )
-from calib.study.artifacts import read_json, write_json, write_npz
+from calib.study.artifacts import read_json, read_npz, write_json, write_npz
 from calib.study.config import Study
 from calib.study.context import Context, stream
 from calib.study.posterior_setup import emulator_posterior
@@ -114,11 +112,17 @@ def save_samples(out: Path, hypothesis: Hypothesis, stored: StoredSamples) -> li
 
 
 def load_samples(out: Path, hypothesis: Hypothesis) -> StoredSamples:
-    """Read what `save_samples` wrote."""
+    """Read what `save_samples` wrote.
+
+    Raises ValueError naming the file where the hypothesis was not sampled or a file is damaged.
+    """
     path = samples_path(out, hypothesis)
+    if not path.is_file():
+        raise ValueError(
+            f"{path}: found no such file, the study is not sampled yet: run `calib run` on it"
+        )
     facts = read_json(path.with_suffix(".json"))
-    with np.load(path, allow_pickle=False) as stored:
-        arrays = {name: stored[name] for name in stored.files}
+    arrays = read_npz(path, ("chains", "log_prob", "predictive"))
     predictive = arrays.pop("predictive")
     result = SamplingResult(
         **arrays,

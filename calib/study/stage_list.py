@@ -26,6 +26,7 @@ from calib.study import (
     train_stage,
     virtual_stage,
 )
+from calib.study.answers import answer_files
 from calib.study.artifacts import hash_of_file, plain
 from calib.study.config import Study, StudyError
 from calib.study.context import Context
@@ -117,10 +118,12 @@ def _checked(context: Context) -> dict[str, object]:
 
 
 def _whole_study(context: Context) -> dict[str, object]:
-    """The validations too, where there are some: the report shows them."""
+    """What was asked of the study too, where something was: the report shows it."""
     found = {**_models()(context), "study": plain(replace(context.study, compute=Compute()))}
-    files = validation_files(context.out)
-    return {**found, "validations": [hash_of_file(path) for path in files]} if files else found
+    files = {"validations": validation_files(context.out), "answers": answer_files(context.out)}
+    return found | {
+        name: [hash_of_file(path) for path in paths] for name, paths in files.items() if paths
+    }
 
 
 def _design(context: Context) -> dict[str, object]:

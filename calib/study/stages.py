@@ -125,15 +125,16 @@ def _run_stage(context: Context, stage: Stage, inputs: dict[str, str]) -> StageR
     return record
 
 
-def report_again(context: Context) -> None:
-    """Draw the report once more, with validations made since; nothing where there is none."""
+def report_again(context: Context) -> list[Path]:
+    """Draw the report once more, with what was asked since; returns its path, if there was one."""
     record = read_record(context.out, "report")
     if record is None:
-        return
+        return []
     [stage] = [stage for stage in STAGES if stage.name == "report"]
     found = stage.settings(context)
-    added = {name: hash_of(found[name]) for name in ("validations",) if name in found}
+    added = {name: hash_of(found[name]) for name in ("validations", "answers") if name in found}
     _run_stage(context, stage, record.inputs | added)
+    return [context.out / "report.html"]
 
 
 def run_study(study: Study, out: Path, **how: Unpack[HowToRun]) -> StudyResult:

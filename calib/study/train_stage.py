@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from calib.study.artifacts import read_json, write_json, write_npz
+from calib.study.artifacts import not_made, read_json, read_npz, write_json, write_npz
 from calib.study.campaign_tables import label_of
 from calib.study.config import Study
 from calib.study.context import Context
@@ -121,14 +121,17 @@ def maps_path(out: Path, hypothesis: Hypothesis) -> Path:
 
 
 def load_emulator(out: Path, hypothesis: Hypothesis) -> Emulator:
-    """Read a hypothesis' emulator; raises ValueError naming a damaged file."""
-    return Emulator.load(emulator_path(out, hypothesis))
+    """Read a hypothesis' emulator; raises ValueError naming a missing or damaged file."""
+    path = emulator_path(out, hypothesis)
+    try:
+        return Emulator.load(path)
+    except FileNotFoundError as error:
+        raise not_made(path) from error
 
 
 def load_maps(out: Path, hypothesis: Hypothesis) -> dict[str, Array]:
     """Read points (n_point, 2) mm and maps (n_step, n_point) mm of an emulator's error."""
-    with np.load(maps_path(out, hypothesis), allow_pickle=False) as stored:
-        return {name: stored[name] for name in stored.files}
+    return read_npz(maps_path(out, hypothesis))
 
 
 def load_local_diagnostics(out: Path) -> dict[str, dict[str, Any]]:
