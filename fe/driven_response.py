@@ -23,7 +23,7 @@ from fe.newton import NewtonOptions
 from fe.parameters import Parameters, check_names
 from fe.plate import PlateSlopes
 from fe.progress import Progress, listener
-from fe.response import Response
+from fe.response import XYZ, Response
 from fe.seen import FieldObjective, Seen
 from fe.sensitivity import Objective
 from fe.steps import StepOptions
@@ -43,6 +43,8 @@ class DrivenSpecimen:
     """what the field points see of nodal values"""
     symmetry: float
     """how many such parts the whole specimen has"""
+    components: tuple[str, str, str] = XYZ
+    """of the displacement that is seen"""
 
     @property
     def elements(self) -> Elements:
@@ -182,6 +184,7 @@ def _run(
             motion=passing(passed, discrete.probe),
             factor=discrete.symmetry,
             names=names,
+            components=discrete.components,
         ),
     )
 

@@ -9,23 +9,20 @@ from fe.response import Response
 if TYPE_CHECKING:
     import xarray as xr
 
-XYZ = ("x", "y", "z")
 
-
-def labelled(response: Response, components: tuple[str, str, str] = XYZ) -> xr.Dataset:
+def labelled(response: Response) -> xr.Dataset:
     """The response as a Dataset: select by travel, place or parameter, plot, write as netCDF.
 
     Dimensions are `travel` (mm; steps that were not reached hold NaN), `point`, `component` and
-    `parameter`; positions of the points, mm, are coordinates, named after the first two of
-    `components`. Of an axisymmetric specimen these are ("radius", "height", "none"). Every variable
-    has its unit as an attribute, the Dataset what became of the run. At asked forces the travels
-    found are the coordinate.
+    `parameter`; positions of the points, mm, are coordinates, named after the first two of the
+    response's components. Every variable has its unit as an attribute, the Dataset what became of
+    the run. At asked forces the travels found are the coordinate.
     """
     import xarray as xr  # here: it takes as long to import as all of fe
 
     seen: dict[str, Any] = {"travel": ("travel", response.travel, {"units": "mm"})}
     if len(response.points) == response.displacement.shape[1]:
-        for axis, position in zip(components, response.points.T, strict=False):
+        for axis, position in zip(response.components, response.points.T, strict=False):
             seen[axis] = ("point", position, {"units": "mm"})
     field = ("travel", "point", "component")
     variables: dict[str, Any] = {
@@ -51,11 +48,14 @@ def labelled(response: Response, components: tuple[str, str, str] = XYZ) -> xr.D
         )
     return xr.Dataset(
         variables,
-        coords=seen | {"component": list(components), "parameter": list(response.parameters)},
+        coords=seen
+        | {"component": list(response.components), "parameter": list(response.parameters)},
         attrs={
             "status": str(response.status),
             "message": response.message,
             "reached_mm": response.reached,
+            "n_steps": response.n_steps,
+            "n_iterations": response.n_iterations,
             "n_factorisations": response.n_factorisations,
             "seconds": response.seconds,
             "solver": response.solver,

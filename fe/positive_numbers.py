@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import fields
+from numbers import Real
 from typing import Any
 
 
@@ -11,5 +12,5 @@ def positive_numbers(options: Any) -> None:
     """Raise ValueError for a field of a dataclass that is not a finite number above 0."""
     for field in fields(options):
         value = getattr(options, field.name)
-        if not (0.0 < value < math.inf):
-            raise ValueError(f"{field.name}: expected a finite number above 0, found {value}")
+        if not (isinstance(value, Real) and 0.0 < float(value) < math.inf):
+            raise ValueError(f"{field.name}: expected a finite number above 0, found {value!r}")

@@ -17,6 +17,10 @@ from fe.atomic_file import replacing
 Array = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 
+XYZ = ("x", "y", "z")
+OF_REVOLUTION = ("radius", "height", "none")
+"""names of what is seen of a specimen, and of an axisymmetric one"""
+
 
 class Status(StrEnum):
     """How a simulation ended."""
@@ -74,6 +78,12 @@ class Response:
     """the library that factorised the tangents; empty when not known"""
     travel_gradient: Array = field(default_factory=lambda: np.zeros((0, 0)))
     """(n_step, n_parameter) mm per unit of the parameter, at asked forces; none at asked travels"""
+    n_steps: int = 0
+    """steps that the solver accepted, asked for or not; 0 when not kept"""
+    n_iterations: int = 0
+    """Newton iterations in them"""
+    components: tuple[str, str, str] = XYZ
+    """of the displacement, the first two those of the points, too"""
 
     def __post_init__(self) -> None:
         n_step = self.travel.size
@@ -112,8 +122,13 @@ def load_response(path: Path) -> Response:
     for name in ("points", "travel_gradient"):
         if name in values:
             labels[name] = values[name]
+    for name in ("n_steps", "n_iterations"):
+        if name in values:
+            labels[name] = int(values[name])
     if "parameters" in values:
         labels["parameters"] = tuple(str(name) for name in values["parameters"])
+    if "components" in values:
+        labels["components"] = tuple(str(name) for name in values["components"])
     if "solver" in values:
         labels["solver"] = str(values["solver"])
     return Response(

@@ -13,7 +13,7 @@ from fe.ending import ending
 from fe.field_motion import FieldMotion
 from fe.force_control import Control
 from fe.linear_solver import installed_library
-from fe.response import Response
+from fe.response import XYZ, Response
 from fe.sensitivity import Objective
 from fe.steps import March
 
@@ -83,6 +83,8 @@ class Seen(NamedTuple):
     """how many of the modelled parts the whole sample has"""
     names: tuple[str, ...]
     """of the parameters"""
+    components: tuple[str, str, str] = XYZ
+    """of the displacement"""
 
 
 def response(
@@ -125,6 +127,9 @@ def response(
         parameters=seen.names,
         solver=installed_library().name,
         travel_gradient=travel_gradient,
+        n_steps=outcome.n_steps,
+        n_iterations=outcome.n_iterations,
+        components=seen.components,
     )
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from numbers import Real
 from typing import Protocol
 
 import numpy as np
@@ -42,9 +43,16 @@ def simulate(
     after each step of the solver, asked for or not: `progress=print` shows them.  The logger "fe"
     has the same lines at level info.
 
-    Raises ValueError for an unknown law, names or numbers that are not those of the law, and
-    what `fe.materials.Material` refuses.
+    Raises ValueError for what is no model, for an unknown law, names or numbers that are not those
+    of the law, and what `fe.materials.Material` refuses.
     """
+    if not hasattr(specimen, "respond"):
+        raise ValueError(
+            f"specimen: found {specimen!r}, expected a model that is meshed and loaded, such as "
+            "BlockPinModel(BlockPin(), ...)"
+        )
+    if progress is not None and not callable(progress):
+        raise ValueError(f"progress: expected a function, such as print, found {progress!r}")
     name = law.name if isinstance(law, Law) else law
     return specimen.respond(_material(name, theta, volumetric), progress)
 
@@ -59,9 +67,14 @@ def _material(
         if set(theta) != set(names):
             found = ", ".join(map(str, theta))
             raise ValueError(f"theta: expected {', '.join(names)}, found {found}")
-        values = [float(theta[n]) for n in names]
+        values = [_number(n, theta[n]) for n in names]
     else:
-        array = np.asarray(theta, dtype=np.float64)
+        try:
+            array = np.asarray(theta, dtype=np.float64)
+        except (TypeError, ValueError) as error:
+            raise ValueError(
+                f"theta: expected {len(names)} numbers ({', '.join(names)}), found {theta!r}"
+            ) from error
         if array.shape != (len(names),):
             raise ValueError(
                 f"theta: expected {len(names)} numbers ({', '.join(names)}), "
@@ -69,3 +82,9 @@ def _material(
             )
         values = array.tolist()
     return material(law, values[:-1], values[-1], volumetric)
+
+
+def _number(name: str, value: object) -> float:
+    if isinstance(value, Real):
+        return float(value)
+    raise ValueError(f"theta: expected a number of MPa for {name}, found {value!r}")

@@ -38,6 +38,8 @@ class March:
     reached: float = 0.0
     reason: str = ""
     n_steps: int = 0
+    n_iterations: int = 0
+    """of the accepted steps"""
     n_cuts: int = 0
     largest_force: float = 0.0
     """of the modelled part in accepted steps, N"""
@@ -57,6 +59,7 @@ class March:
         at = found.equilibrium
         self.reached = found.travel
         self.n_steps += 1
+        self.n_iterations += at.iterations
         self.largest_force = max(self.largest_force, at.assembly.pin_force)
         if found.negative > 0:
             self.n_unstable += 1

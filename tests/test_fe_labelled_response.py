@@ -8,7 +8,19 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from fe import BlockPin, BlockPinModel, Contact, Response, labelled
+from fe import (
+    BlockPin,
+    BlockPinModel,
+    Contact,
+    Cylinder,
+    CylinderModel,
+    Disc,
+    DiscPinModel,
+    Response,
+    labelled,
+    load_response,
+    save_response,
+)
 
 
 @pytest.fixture(scope="module")
@@ -55,3 +67,26 @@ def test_an_asked_force_brings_the_travels_found() -> None:
     found = labelled(response)
     np.testing.assert_array_equal(found.travel, response.travel)
     assert found.travel_gradient.dims == ("travel", "parameter")
+
+
+def test_what_is_seen_of_a_body_of_revolution_is_named_by_radius_and_height(
+    tmp_path: Path,
+) -> None:
+    models = (
+        CylinderModel(Cylinder(), (3, 2), (1.0,), n_point=4),
+        DiscPinModel(Disc(), Contact("slide", "slide"), (3, 2), (0.1,), n_point=4),
+    )
+    for model in models:
+        response = model(np.array([0.3, 0.1]))
+        found = labelled(response)
+        assert list(found.component.values) == ["radius", "height", "none"]
+        np.testing.assert_array_equal(found.radius, response.points[:, 0])
+        save_response(tmp_path / "run.npz", response)
+        assert load_response(tmp_path / "run.npz").components == response.components
+
+
+def test_how_much_the_solver_did_is_told(response: Response) -> None:
+    assert 2 <= response.n_steps <= response.n_iterations
+    attributes = labelled(response).attrs
+    assert attributes["n_steps"] == response.n_steps
+    assert attributes["n_iterations"] == response.n_iterations

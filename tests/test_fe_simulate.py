@@ -163,3 +163,46 @@ def test_a_run_that_stops_says_so_and_keeps_what_is_good():
     assert response.reached == 0.0
     assert np.isnan(response.force).all()
     assert response.negative_pivots.tolist() == [-1]
+
+
+@pytest.mark.parametrize(
+    ("make", "said"),
+    [
+        (
+            lambda: fe.simulate(fe.BlockPin(), "neo-hookean", (0.02, 6.0)),
+            "specimen: found BlockPin",
+        ),
+        (
+            lambda: fe.BlockPinModel(fe.Disc(), fe.Contact(), (3, 2, 1), (0.1,)),
+            "specimen: expected",
+        ),
+        (lambda: fe.BlockPinModel(fe.BlockPin(), "stick", (3, 2, 1), (0.1,)), "contact: expected"),
+        (lambda: replace(SPECIMENS["cylinder"], newton=None), "newton: expected NewtonOptions"),
+        (lambda: replace(SPECIMENS["uniaxial"], steps=None), "steps: expected StepOptions"),
+        (lambda: replace(SPECIMENS["tensile"], specimen=fe.Bar()), "specimen: expected Notched"),
+        (lambda: replace(SPECIMENS["cylinder"], friction="0.3"), "friction: expected a finite"),
+        (lambda: fe.Bar(width="a"), "width: expected a length above 0 mm, found 'a'"),
+    ],
+)
+def test_what_is_of_another_kind_is_refused_by_name(make, said):
+    with pytest.raises(ValueError, match=said):
+        make()
+
+
+@pytest.mark.parametrize("theta", [{"C10": "x", "bulk": 6.0}, {"C10": [0.1], "bulk": 6.0}, "many"])
+def test_numbers_of_the_material_that_are_none_are_refused(theta):
+    with pytest.raises(ValueError, match="theta: expected"):
+        fe.simulate(SPECIMENS["uniaxial"], "neo-hookean", theta)
+
+
+def test_a_progress_that_cannot_be_called_is_refused():
+    with pytest.raises(ValueError, match="progress: expected a function"):
+        fe.simulate(SPECIMENS["uniaxial"], "neo-hookean", (0.02, 6.0), progress=True)
+
+
+def test_field_points_may_be_given_as_lists():
+    block = SPECIMENS["block_pin"]
+    listed = replace(block, field_grid=[[1.0, 1.0], [3.0, 2.0]])
+    tuples = replace(block, field_grid=((1.0, 1.0), (3.0, 2.0)))
+    found, expected = (fe.simulate(m, "mooney-rivlin-3", THETA) for m in (listed, tuples))
+    np.testing.assert_array_equal(found.displacement, expected.displacement)

@@ -50,7 +50,7 @@ from fe.specimens.block_pin_part import (
     check_plane_strain,
     modelled_part,
 )
-from fe.specimens.checks import check_bulk_ratio, check_counts, check_travel
+from fe.specimens.checks import check_bulk_ratio, check_counts, check_kinds, check_travel
 from fe.specimens.ring_mesh import Cells, Rings, check_rings
 from fe.specimens.under_pin import pressed_of, problem_of
 from fe.steps import March, StepOptions
@@ -112,6 +112,8 @@ class BlockPinModel:
     plane_strain: bool = False
 
     def __post_init__(self) -> None:
+        check_kinds(self, specimen=BlockPin, contact=Contact, penalty=PenaltyLaw)
+        check_kinds(self, steps=StepOptions, newton=NewtonOptions)
         if not isinstance(self.cells, Rings):
             check_counts("cells", self.cells, (1, 1, 1))
         check_asked(self.sensitivities)

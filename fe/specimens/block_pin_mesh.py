@@ -111,7 +111,7 @@ def front_points(specimen: BlockPin, symmetry: Symmetry, grid: FieldGrid) -> Arr
     equal rectangles.  Or it is the points themselves, which stay where they are when the
     specimen's geometry changes.
     """
-    if isinstance(grid[0], tuple):
+    if np.ndim(grid) == 2:
         return np.array(grid, dtype=np.float64)
     nx, ny = (int(n) for n in np.asarray(grid))
     x = (np.arange(nx) + 0.5) * specimen.width / 2.0 / nx

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import fields
+from numbers import Real
 from typing import Any
 
 import numpy as np
@@ -17,8 +18,16 @@ def check_lengths(dimensions: Any) -> None:
 
 def check_length(name: str, value: float) -> None:
     """Raise ValueError for a length that is not finite and above 0 mm."""
-    if not 0.0 < value < math.inf:
-        raise ValueError(f"{name}: expected a length above 0 mm, found {value}")
+    if not (isinstance(value, Real) and 0.0 < value < math.inf):
+        raise ValueError(f"{name}: expected a length above 0 mm, found {value!r}")
+
+
+def check_kinds(model: Any, **kinds: type) -> None:
+    """Raise ValueError for a field of a model that is not of the kind given for its name."""
+    for name, kind in kinds.items():
+        found = getattr(model, name)
+        if not isinstance(found, kind):
+            raise ValueError(f"{name}: expected {kind.__name__}(...), found {found!r}")
 
 
 def check_counts(name: str, found: object, least: int | tuple[int, ...]) -> None:
@@ -38,5 +47,5 @@ def check_travel(travel: tuple[float, ...], length: float, name: str) -> None:
 
 def check_bulk_ratio(bulk_ratio: float) -> None:
     """Raise ValueError for a bulk modulus over mu that is not finite and above 0."""
-    if not 0.0 < bulk_ratio < math.inf:
-        raise ValueError(f"bulk_ratio: expected a finite ratio above 0, found {bulk_ratio}")
+    if not (isinstance(bulk_ratio, Real) and 0.0 < bulk_ratio < math.inf):
+        raise ValueError(f"bulk_ratio: expected a finite ratio above 0, found {bulk_ratio!r}")

@@ -8,6 +8,7 @@ Displacements of the response are (u_r, u_z, 0) on the side r = diameter / 2.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from numbers import Real
 from typing import Literal
 
 import numpy as np
@@ -25,9 +26,11 @@ from fe.newton import NewtonOptions
 from fe.parameters import check_asked
 from fe.plane_elements import axisymmetric_elements, hoop_equations, with_hoop
 from fe.plate import Edges, Plate, ring_edges
+from fe.response import OF_REVOLUTION
 from fe.specimens.checks import (
     check_bulk_ratio,
     check_counts,
+    check_kinds,
     check_length,
     check_lengths,
     check_travel,
@@ -75,7 +78,7 @@ class CylinderModel:
     bulk_ratio: float = 200.0
     n_point: int = 20
     slip: float = 0.01
-    """length over which friction builds up in a step, mm"""
+    """slip from which on friction is its limit, mm"""
     penalty: PenaltyLaw = field(default_factory=lambda: PenaltyLaw(500.0, 0.2))
     """of the side that rolls over, softer than for the thin block: 1/mm, mm"""
     steps: StepOptions = field(default_factory=lambda: StepOptions(0.25, 1.0, 0.005))
@@ -84,6 +87,8 @@ class CylinderModel:
     sensitivities: tuple[str, ...] | None = None
 
     def __post_init__(self) -> None:
+        check_kinds(self, specimen=Cylinder, penalty=PenaltyLaw)
+        check_kinds(self, steps=StepOptions, newton=NewtonOptions)
         check_counts("cells", self.cells, (1, 1))
         check_counts("n_point", self.n_point, 1)
         check_targets(self.travel, self.force)
@@ -91,9 +96,9 @@ class CylinderModel:
         check_travel(self.travel, self.specimen.height, "height")
         if self.ends not in ("bonded", "slide"):
             raise ValueError(f"ends: expected 'bonded' or 'slide', found {self.ends!r}")
-        if not 0.0 <= self.friction < np.inf:
+        if not (isinstance(self.friction, Real) and 0.0 <= self.friction < np.inf):
             raise ValueError(
-                f"friction: expected a finite coefficient of at least 0, found {self.friction}"
+                f"friction: expected a finite coefficient of at least 0, found {self.friction!r}"
             )
         check_length("slip", self.slip)
         check_bulk_ratio(self.bulk_ratio)
@@ -151,6 +156,7 @@ class CylinderModel:
             points=self.points(),
             probe=field_probe(basis, self.points(), n_hidden=basis.N),
             symmetry=SYMMETRY_FACTOR,
+            components=OF_REVOLUTION,
         )
 
     def shape(self, specimen: Cylinder) -> Shape:

@@ -31,13 +31,19 @@ from fe.plane_elements import axisymmetric_elements, hoop_equations
 from fe.plate import ring_edges
 from fe.pressing import press
 from fe.progress import Progress, listener
-from fe.response import Response
+from fe.response import OF_REVOLUTION, Response
 from fe.seen import FieldObjective, Seen, objective_gradients, response
 from fe.sensitivity import Objective
 from fe.specimens.block_pin_geometry import BlockPin, Contact
 from fe.specimens.block_pin_mesh import Discretisation, block_mesh
 from fe.specimens.block_pin_parameters import by_geometry, known_names, mesh_motion, parameters
-from fe.specimens.checks import check_bulk_ratio, check_counts, check_lengths, check_travel
+from fe.specimens.checks import (
+    check_bulk_ratio,
+    check_counts,
+    check_kinds,
+    check_lengths,
+    check_travel,
+)
 from fe.specimens.under_pin import pressed_of, problem_of
 from fe.steps import March, StepOptions
 
@@ -112,6 +118,8 @@ class DiscPinModel:
     force: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
+        check_kinds(self, specimen=Disc, contact=Contact, penalty=PenaltyLaw)
+        check_kinds(self, steps=StepOptions, newton=NewtonOptions)
         check_counts("cells", self.cells, (1, 1))
         check_counts("n_point", self.n_point, 1)
         check_targets(self.travel, self.force)
@@ -258,6 +266,7 @@ class DiscPinModel:
             motion=passing(passed, discrete.probe),
             factor=1.0,
             names=names,
+            components=OF_REVOLUTION,
         )
 
 

@@ -23,7 +23,7 @@ from fe.field_motion import field_probe
 from fe.force_control import check_targets
 from fe.newton import NewtonOptions
 from fe.parameters import check_asked
-from fe.specimens.checks import check_bulk_ratio, check_counts, check_lengths
+from fe.specimens.checks import check_bulk_ratio, check_counts, check_kinds, check_lengths
 from fe.steps import StepOptions
 
 Array = npt.NDArray[np.float64]
@@ -96,6 +96,7 @@ class TensileModel:
     sensitivities: tuple[str, ...] | None = None
 
     def __post_init__(self) -> None:
+        check_kinds(self, specimen=NotchedPlate, steps=StepOptions, newton=NewtonOptions)
         check_counts("cells", self.cells, (1, 2, 1))
         check_counts("field_grid", self.field_grid, (1, 1))
         check_targets(self.travel, self.force)

@@ -24,7 +24,13 @@ from fe.field_motion import field_probe
 from fe.force_control import check_targets
 from fe.newton import NewtonOptions
 from fe.parameters import check_asked
-from fe.specimens.checks import check_bulk_ratio, check_counts, check_lengths, check_travel
+from fe.specimens.checks import (
+    check_bulk_ratio,
+    check_counts,
+    check_kinds,
+    check_lengths,
+    check_travel,
+)
 from fe.steps import StepOptions
 
 Array = npt.NDArray[np.float64]
@@ -65,6 +71,7 @@ class UniaxialModel:
     sensitivities: tuple[str, ...] | None = None
 
     def __post_init__(self) -> None:
+        check_kinds(self, specimen=Bar, steps=StepOptions, newton=NewtonOptions)
         check_counts("field_grid", self.field_grid, (1, 1))
         check_targets(self.travel, self.force)
         check_asked(self.sensitivities)
