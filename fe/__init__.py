@@ -9,9 +9,12 @@ from fe.campaign import (
 )
 from fe.campaign_parameters import RATIOS, Parameter
 from fe.campaign_result import Campaign
+from fe.contact import PenaltyLaw
 from fe.dask_executor import dask_map, dask_workers
 from fe.executors import process_map, serial_map
 from fe.labelled_response import labelled
+from fe.materials import Material, material
+from fe.newton import NewtonOptions
 from fe.progress import StepReport
 from fe.progress_bar import progress_bar
 from fe.response import Response, Status, load_response, save_response
@@ -22,6 +25,7 @@ from fe.specimens.cylinder import Cylinder, CylinderModel
 from fe.specimens.disc_pin import Disc, DiscPinModel
 from fe.specimens.tensile import NotchedPlate, TensileModel
 from fe.specimens.uniaxial import Bar, UniaxialModel
+from fe.steps import StepOptions
 from fe.vtk_export import export_vtk
 
 __all__ = [
@@ -39,12 +43,16 @@ __all__ = [
     "CylinderModel",
     "Disc",
     "DiscPinModel",
+    "Material",
+    "NewtonOptions",
     "NotchedPlate",
     "Parameter",
+    "PenaltyLaw",
     "Response",
     "Rings",
     "Specimen",
     "Status",
+    "StepOptions",
     "StepReport",
     "TensileModel",
     "UniaxialModel",
@@ -54,6 +62,7 @@ __all__ = [
     "labelled",
     "load_campaign",
     "load_response",
+    "material",
     "process_map",
     "progress_bar",
     "run_campaign",
