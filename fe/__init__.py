@@ -11,6 +11,7 @@ from fe.campaign_parameters import RATIOS, Parameter
 from fe.campaign_result import Campaign
 from fe.dask_executor import dask_map, dask_workers
 from fe.executors import process_map, serial_map
+from fe.fingerprint import NO_PHYSICS
 from fe.labelled_response import labelled
 from fe.progress import StepReport
 from fe.progress_bar import progress_bar
@@ -26,6 +27,7 @@ from fe.vtk_export import export_vtk
 
 __all__ = [
     "FAMILY",
+    "NO_PHYSICS",
     "RATIOS",
     "Bar",
     "BlockPin",
