@@ -12,6 +12,7 @@ from fe.campaign_result import Campaign
 from fe.contact import PenaltyLaw
 from fe.dask_executor import dask_map, dask_workers
 from fe.executors import process_map, serial_map
+from fe.fingerprint import NO_PHYSICS
 from fe.labelled_response import labelled
 from fe.materials import Material, material
 from fe.newton import NewtonOptions
@@ -30,6 +31,7 @@ from fe.vtk_export import export_vtk
 
 __all__ = [
     "FAMILY",
+    "NO_PHYSICS",
     "RATIOS",
     "Bar",
     "BlockPin",

@@ -5,22 +5,27 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, is_dataclass
+from dataclasses import fields, is_dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+
+NO_PHYSICS = {"fingerprint": False}
+"""metadata of a dataclass field that says how a row is held, not what is solved for it: the names,
+units, values and levels of a row are in the key of its run already"""
 
 
 def fingerprint(simulate: object) -> dict[str, object]:
     """All that a model's result depends on besides its argument: its name and fields.
 
+    Fields with the metadata `NO_PHYSICS` are left out, also those of dataclasses within.
     Raises TypeError when the model is not a dataclass, whose fields would say what it is, or has a
     field that JSON cannot hold.
     """
     if not is_dataclass(simulate) or isinstance(simulate, type):
         raise TypeError(f"simulate: expected a dataclass, found {type(simulate).__name__}")
-    fields = {name: _plain(value) for name, value in asdict(simulate).items()}
-    return {"model": type(simulate).__qualname__, **fields}
+    return {"model": type(simulate).__qualname__, **_fields(simulate)}
 
 
 def canonical_json(values: Mapping[str, object]) -> str:
@@ -36,7 +41,18 @@ def canonical_json(values: Mapping[str, object]) -> str:
         ) from error
 
 
+def _fields(instance: Any) -> dict[str, object]:
+    """Fields of a dataclass that the physics depends on, as JSON values."""
+    return {
+        field.name: _plain(getattr(instance, field.name))
+        for field in fields(instance)
+        if field.metadata.get("fingerprint", True)
+    }
+
+
 def _plain(value: object) -> object:
+    if is_dataclass(value) and not isinstance(value, type):
+        return _fields(value)
     if isinstance(value, np.generic | np.ndarray):
         return _plain(value.tolist())
     if isinstance(value, float) and not math.isfinite(value):

@@ -46,7 +46,7 @@ class Emulator:
 
     def __post_init__(self) -> None:
         mean = self.force_scale.mean
-        if mean.shape != (self.n_step,) or not (mean > 0.0).all():
+        if mean.shape != (self.n_step,) or not ((mean > 0.0) & np.isfinite(mean)).all():
             raise ValueError(f"force_scale: expected {self.n_step} positive forces, got {mean}")
         if (self.field is None) != (self.field_shape is None):
             raise ValueError("field_shape: must be given with a field and only with one")
@@ -123,7 +123,7 @@ class Emulator:
             n_step, n_point, n_dim = (int(value) for value in shape)
             field = modal_from_arrays(arrays, "field_")
             return cls(force, scale, field, (n_step, n_point, n_dim), header)
-        except (KeyError, ValueError) as error:
+        except (KeyError, ValueError, IndexError, TypeError) as error:
             raise ValueError(f"{path}: not a complete emulator ({error}); train again") from error
 
     @property
@@ -289,6 +289,7 @@ def _fit_force(
         n_restarts=n_restarts,
         sharing=sharing,
         chosen=chosen,
+        max_modes=y.shape[1],
         n_step=y.shape[1],
     )
     return modal, scale

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -14,8 +15,11 @@ from surrogate.design import unit_design
 
 Array = npt.NDArray[np.float64]
 
-TAIL = 1e-3
-"""probability left out at either end of a prior, whose ends may be infinite"""
+N_HALVINGS = 52
+"""of [0, 1] in the search for the probability of a bound: quantiles at 0 and 1 are never asked for,
+which may be infinite"""
+LEAST_SHARE = 1e-9
+"""probability that a prior must have between the bounds: quantiles are not known closer"""
 
 
 @dataclass(frozen=True)
@@ -26,19 +30,43 @@ class Factor:
     low: float
     high: float
     inverse_cdf: Callable[[Array], Array] | None = None
-    """quantiles of a prior; the design is then uniform in its probability, cut at the bounds"""
+    """quantiles (n,) of a prior at probabilities (n,), which grow; the design is then uniform in
+    its probability between the bounds"""
 
     def __post_init__(self) -> None:
         if not (np.isfinite([self.low, self.high]).all() and self.low < self.high):
             raise ValueError(
                 f"{self.name}: expected finite low < high, found {self.low} and {self.high}"
             )
+        if self.inverse_cdf is not None:
+            below_low, below_high = self._probabilities
+            if not below_high - below_low > LEAST_SHARE:
+                raise ValueError(
+                    f"{self.name}: expected bounds that hold some of its prior's probability, "
+                    f"found less than {LEAST_SHARE:g} between {self.low} and {self.high}"
+                )
 
     def values(self, unit: Array) -> Array:
         """Factor at places (n,) of the unit interval; its ends are the bounds of the design."""
         if self.inverse_cdf is None:
             return self.low + (self.high - self.low) * unit
-        return np.clip(self.inverse_cdf(TAIL + (1.0 - 2.0 * TAIL) * unit), self.low, self.high)
+        below_low, below_high = self._probabilities
+        inside = self.inverse_cdf(below_low + (below_high - below_low) * unit)
+        # A prior may end before a bound does, and the box of a design is that of its corners.
+        ends = np.where(unit == 0.0, self.low, np.where(unit == 1.0, self.high, inside))
+        return np.clip(ends, self.low, self.high)
+
+    @cached_property
+    def _probabilities(self) -> tuple[float, float]:
+        """Probabilities of the prior below `low` and below `high`, by halving [0, 1]."""
+        assert self.inverse_cdf is not None
+        first, last = np.zeros(2), np.ones(2)
+        for _ in range(N_HALVINGS):
+            middle = 0.5 * (first + last)
+            value = self.inverse_cdf(middle)
+            below = np.array([value[0] < self.low, value[1] <= self.high])
+            first, last = np.where(below, middle, first), np.where(below, last, middle)
+        return float(last[0]), float(first[1])
 
 
 @dataclass(frozen=True)

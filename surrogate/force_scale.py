@@ -36,8 +36,11 @@ class ForceScale:
     def force(self, y: Array, covariance: Array) -> tuple[Array, Array]:
         """Force (m, n_step) N and its covariance (m, n_step, n_step) from mean and covariance of y.
 
-        Of a lognormal force the median, whose derivatives are exact, and the covariance
-        median^2 (exp(covariance) - 1); its mean is larger by half the relative variance.
+        Of a lognormal force the median, whose derivatives are exact, and the covariance that the
+        force has over its mean, times the medians: median_i median_j (exp(covariance_ij) - 1).
+        This is not the covariance of the force itself, which is larger by
+        exp((covariance_ii + covariance_jj) / 2), as its mean is larger by the roots of these
+        factors: a Gaussian about the median has the relative spread of the force.
         """
         if not self.log:
             return self.mean * y, self.mean[:, None] * self.mean * covariance

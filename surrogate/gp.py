@@ -83,6 +83,8 @@ class GaussianProcesses:
     """(k, n_rows) what they change of alpha"""
 
     def __post_init__(self) -> None:
+        if self.inputs.ndim != 2 or not np.isfinite(self.inputs).all():
+            raise ValueError(f"inputs: expected finite (n, d), got shape {self.inputs.shape}")
         n, d, k, g = *self.inputs.shape, len(self.offset), len(self.family)
         n_rows = n + int(np.count_nonzero(self.usable))
         shapes = {
@@ -98,9 +100,11 @@ class GaussianProcesses:
         if q := len(self.further):
             shapes |= {"further": (q, d), "further_alpha": (k, q), "further_shift": (k, n_rows)}
         for name, shape in shapes.items():
-            found = getattr(self, name).shape
-            if found != shape:
-                raise ValueError(f"{name}: expected shape {shape}, got {found}")
+            found = getattr(self, name)
+            if found.shape != shape:
+                raise ValueError(f"{name}: expected shape {shape}, got {found.shape}")
+            if not np.isfinite(found).all():
+                raise ValueError(f"{name}: expected finite numbers, found others")
         if not np.isin(self.group, np.arange(g)).all():
             raise ValueError(f"group: expected places among {g} groups, got {self.group}")
         if not np.isin(self.family, np.arange(len(FAMILIES))).all():

@@ -25,6 +25,23 @@ class Pod:
     weight: Array
     """(n,) share of each run in the truncation covariance, sums to 1"""
 
+    def __post_init__(self) -> None:
+        n_obs, n = self.offset.size, self.weight.size
+        k = self.modes.shape[1] if self.modes.ndim == 2 else 0
+        shapes = {
+            "offset": (n_obs,),
+            "modes": (n_obs, k),
+            "scale": (n_obs,),
+            "truncation": (n, n_obs),
+            "weight": (n,),
+        }
+        for name, shape in shapes.items():
+            found = getattr(self, name)
+            if found.shape != shape:
+                raise ValueError(f"{name}: expected shape {shape}, got {found.shape}")
+            if not np.isfinite(found).all():
+                raise ValueError(f"{name}: expected finite numbers, found others")
+
     @property
     def truncation_factor(self) -> Array:
         """(n_obs, n) factor L of the truncation covariance L @ L.T."""

@@ -79,6 +79,13 @@ def test_a_design_of_the_priors_shape_has_its_quantiles() -> None:
     assert np.std(fillet) < 0.5 * np.std(even)  # sd 0.02 in a box of some eight
 
 
+def test_a_prior_wider_than_its_box_is_cut_off_there_and_not_heaped_up() -> None:
+    text = TEXT + LOGNORMAL.replace("sd = 0.02", "sd = 0.2")
+    wide = read_study(text.encode(), file="study.toml", folder=Path())
+    found = unit(replace(wide, design=replace(wide.design, n_runs=60, shape="prior")))[8:]
+    assert ((found > 0.0) & (found < 1.0)).all()
+
+
 def test_sequences_differ_and_the_default_is_sobol() -> None:
     sobol, latin = unit(study_of(sequence="sobol")), unit(study_of(sequence="latin"))
     np.testing.assert_array_equal(unit(study_of()), sobol)

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fe import FAMILY, BlockPin, BlockPinFamily, BlockPinModel, Contact, run_campaign
+from fe import FAMILY, BlockPin, BlockPinFamily, BlockPinModel, CampaignPlan, Contact, run_campaign
 
 TEMPLATE = BlockPinModel(
     specimen=BlockPin(), contact=Contact("stick", "stick"), cells=(3, 2, 2), travel=(0.1, 0.2)
@@ -115,6 +115,41 @@ def test_friction_of_a_block_that_sticks_everywhere_is_refused() -> None:
 def test_a_row_that_is_no_block_is_refused() -> None:
     with pytest.raises(ValueError, match="height: expected a length above 0 mm, found -1"):
         _of("height")(np.array([-1.0]))
+
+
+def _key(template: BlockPinModel, levels: tuple[str, ...], level: str) -> str:
+    pin = replace(FAMILY["pin"], levels=levels)
+    parameters = (FAMILY["r"], pin)
+    theta = np.array([[0.4, levels.index(level)]])
+    family = BlockPinFamily(template, parameters)
+    [key] = CampaignPlan(family, theta, Path("unused"), parameters).keys()
+    return key
+
+
+def test_a_point_has_one_key_whatever_the_order_of_the_levels() -> None:
+    key = _key(TEMPLATE, ("bar", "round"), "bar")
+    assert _key(TEMPLATE, ("round", "bar"), "bar") == key
+    assert _key(TEMPLATE, ("round", "bar"), "round") != key
+
+
+def test_a_level_more_runs_no_point_anew(monkeypatch: pytest.MonkeyPatch) -> None:
+    key = _key(TEMPLATE, ("bar", "round"), "round")
+    pins = replace(FAMILY["pin"], levels=("cone", "bar", "round"))
+    monkeypatch.setitem(FAMILY, "pin", pins)
+    assert _key(TEMPLATE, pins.levels, "round") == key
+
+
+def test_a_point_of_another_template_has_another_key() -> None:
+    keys = {
+        _key(template, ("bar", "round"), "bar")
+        for template in (
+            TEMPLATE,
+            replace(TEMPLATE, cells=(4, 2, 2)),
+            replace(TEMPLATE, specimen=replace(TEMPLATE.specimen, height=2.7)),
+            replace(TEMPLATE, contact=Contact("slide", "stick")),
+        )
+    }
+    assert len(keys) == 4
 
 
 needs_sensitivities = pytest.mark.skipif(

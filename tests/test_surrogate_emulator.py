@@ -170,6 +170,32 @@ def test_a_file_without_one_of_its_arrays_is_refused(tmp_path: Path, missing: st
         Emulator.load(path)
 
 
+@pytest.mark.parametrize("name", ["force_pod_modes", "field_pod_truncation", "force_inputs"])
+@pytest.mark.parametrize("damage", ["flat", "short", "nan"])
+def test_a_file_with_arrays_that_do_not_fit_is_refused_by_name(
+    tmp_path: Path, name: str, damage: str
+) -> None:
+    path = tmp_path / "emulator.npz"
+    _emulator().save(path)
+    with np.load(path) as stored:
+        arrays = dict(stored)
+    whole = arrays[name]
+    arrays[name] = {"flat": whole.ravel(), "short": whole[:-1], "nan": np.nan * whole}[damage]
+    np.savez(path, **arrays)
+    with pytest.raises(ValueError, match=r"emulator\.npz: not a complete emulator .*expected"):
+        Emulator.load(path)
+
+
+def test_as_many_modes_of_the_force_as_increments_are_kept() -> None:
+    """16 increments that vary in 16 ways: nothing is left out of the training forces."""
+    x = sobol_design(24, BOX, seed=5)
+    noise = np.random.default_rng(1).normal(size=(24, 16))
+    force = np.linspace(1.0, 5.0, 16) * np.exp(0.3 * x[:, :1] + 0.02 * noise)
+    emulator = Emulator.fit(TrainingSet(x, force, None, n_excluded=0), 3, n_restarts=0)
+    assert emulator.force.pod.modes.shape == (16, 16)
+    assert not emulator.force.pod.truncation.any()
+
+
 def test_the_same_runs_and_seed_give_the_same_bits() -> None:
     again = Emulator.fit(_runs(), 3, n_restarts=0)
     for a, b in zip(again.unit_force(_new()), _emulator().unit_force(_new()), strict=True):

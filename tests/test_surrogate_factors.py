@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 from scipy.spatial.distance import pdist
-from scipy.stats import norm
+from scipy.stats import norm, truncnorm, uniform
 
 from surrogate import Factor, Levels, design, maximin_design, sobol_design, unit_design
 from surrogate.latin_hypercube import latin_hypercube
@@ -101,6 +103,33 @@ def test_a_factor_with_a_prior_follows_it() -> None:
         np.quantile(height, [0.1, 0.25, 0.5, 0.75, 0.9]), expected, atol=5e-4
     )
     assert height.min() >= 2.4 and height.max() <= 2.8
+
+
+def test_a_prior_wider_than_its_bounds_is_cut_off_there_and_not_heaped_up() -> None:
+    """Quantiles are those of the normal distribution that ends at the bounds."""
+    wide = Factor("height", 2.5, 2.7, norm(2.6, 0.2).ppf)
+    unit = np.linspace(0.0, 1.0, 201)
+    expected = truncnorm(-0.5, 0.5, 2.6, 0.2).ppf(unit)
+    np.testing.assert_allclose(wide.values(unit), expected, rtol=0.0, atol=1e-12)
+    drawn = design([wide, FACTORS[0]], 64, 1).values[:, 0]
+    assert ((drawn > 2.5) & (drawn < 2.7)).all()
+
+
+@pytest.mark.parametrize(
+    "quantiles",
+    [norm(5.0, 0.5).ppf, uniform(4.0, 2.0).ppf, lambda u: 5.0 + np.log(u / (1.0 - u))],
+)
+def test_the_ends_of_a_design_are_the_bounds_whatever_the_prior(
+    quantiles: Callable[[np.ndarray], np.ndarray],
+) -> None:
+    with np.errstate(divide="raise"):
+        ends = Factor("height", 0.0, 10.0, quantiles).values(np.array([0.0, 0.5, 1.0]))
+    np.testing.assert_allclose(ends, [0.0, 5.0, 10.0], rtol=1e-12)
+
+
+def test_bounds_without_any_of_the_prior_are_refused() -> None:
+    with pytest.raises(ValueError, match="height: expected bounds that hold some of its prior's"):
+        Factor("height", 9.0, 10.0, norm(5.0, 0.5).ppf)
 
 
 def test_factors_that_are_none_are_refused() -> None:

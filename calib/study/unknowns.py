@@ -181,7 +181,7 @@ def _by_prior(unit: Array, prior: Prior, box: Array) -> Array:
     probability = np.full((len(unit), prior.space.size), 0.5)
     probability[:, 1 : prior.space.n_forward] = unit
     points = np.clip(prior.quantile(probability)[:, 1 : prior.space.n_forward], *box.T)
-    # The box may be narrower than a prior without an end.
+    # Each prior ends at its face of the box; logarithms are rounded there.
     low, high = np.broadcast_to(box.T[:, None], (2, *unit.shape))
     found: Array = np.where(unit == 0.0, low, np.where(unit == 1.0, high, points))
     return found

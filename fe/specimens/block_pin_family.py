@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 
 from fe.campaign_parameters import RATIOS, Parameter, checked_theta
+from fe.fingerprint import NO_PHYSICS
 from fe.response import Response
 from fe.specimens.block_pin import BlockPinModel
 from fe.specimens.block_pin_geometry import Interface
@@ -60,7 +61,9 @@ class BlockPinFamily:
     """
 
     template: BlockPinModel
-    parameters: tuple[Parameter, ...] = RATIOS
+    parameters: tuple[Parameter, ...] = field(default=RATIOS, metadata=NO_PHYSICS)
+    """columns of a design; a campaign knows a run by those of its row, so that other levels or
+    another order of them runs no point anew"""
 
     def __post_init__(self) -> None:
         for parameter in self.parameters:
