@@ -53,8 +53,13 @@ class CampaignPlan:
     design: Mapping[str, object] = field(default_factory=dict)
     """JSON values: how theta was made, its seed among them; kept in the manifest"""
     max_failure_rate: float = 0.2
+    """share of the runs, 0 to 1, that may fail before the campaign stops"""
 
     def __post_init__(self) -> None:
+        if not 0.0 <= self.max_failure_rate <= 1.0:
+            raise ValueError(
+                f"max_failure_rate: expected a share from 0 to 1, found {self.max_failure_rate}"
+            )
         object.__setattr__(self, "theta", checked_theta(self.theta, self.parameters))
         if not self.fingerprint:
             object.__setattr__(self, "fingerprint", fingerprint_of(self.simulate))

@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from analytic_block import AnalyticBlock, analytic_block
 
-from calib.data import thesis_forces
+from calib.data import FieldData, thesis_forces
 from calib.study.config import Study, load_study
 from calib.study.context import Context
 from calib.study.judgement import measurement_noise
@@ -198,6 +199,19 @@ def test_noise_is_the_standard_error_of_the_measured_mean() -> None:
     stated = measurement_noise(virtual)
     np.testing.assert_allclose(stated.force, 0.08 / np.sqrt(23))
     assert stated.field == 0.01
+    forces = replace(virtual, data=replace(virtual.data, level="summary"))
+    assert measurement_noise(forces).field is None
+
+
+def test_noise_of_a_measured_field_is_that_of_its_most_exact_component(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Refinement and the check of the mesh then know that the field counts."""
+    data = thesis_forces()
+    field = FieldData(np.zeros((2, 2)), np.zeros((5, 2, 3)), np.array([0.02, 0.01, 0.05]), 0.5, 0.3)
+    found = SimpleNamespace(dataset=replace(data, field=field))
+    monkeypatch.setattr("calib.study.judgement.measured", lambda _: found)
+    assert measurement_noise(STUDY).field == 0.01
 
 
 def trained(out: Path, stops_above: float = np.inf, gradients: bool = True) -> Context:

@@ -242,3 +242,9 @@ def test_a_design_that_does_not_fit_its_parameters_is_refused(
 def test_levels_that_do_not_differ_are_refused(levels: tuple[str, ...]) -> None:
     with pytest.raises(ValueError, match="levels: expected two or more different levels of pin"):
         Parameter("pin", "1", "factor", levels)
+
+
+@pytest.mark.parametrize("rate", [float("nan"), 20.0, -1.0])
+def test_a_failure_rate_that_is_no_share_is_refused(tmp_path: Path, rate: float) -> None:
+    with pytest.raises(ValueError, match="max_failure_rate: expected a share from 0 to 1"):
+        run(tmp_path, Toy(), RATIOS[:2], max_failure_rate=rate)

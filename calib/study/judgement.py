@@ -54,9 +54,11 @@ def measurement_noise(study: Study) -> Noise:
     virtual = study.virtual
     if virtual is not None:
         share = virtual.force_sd_share / np.sqrt(virtual.n_samples)
-        return Noise(np.full(len(study.increments), share), min(virtual.field_noise_std))
+        field = min(virtual.field_noise_std) if has_field(study) else None
+        return Noise(np.full(len(study.increments), share), field)
     data = measured(study).dataset
-    return Noise(data.force_sd / data.force_mean / np.sqrt(data.n_samples), None)
+    field = None if data.field is None else float(min(data.field.noise_std))
+    return Noise(data.force_sd / data.force_mean / np.sqrt(data.n_samples), field)
 
 
 def judge(
