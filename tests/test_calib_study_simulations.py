@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from analytic_block import AnalyticBlock
 
+from calib.study.run_identity import run_identity
 from calib.study.simulations import StoredSimulate
 from fe.campaign import run_campaign
 
@@ -29,7 +30,7 @@ def test_a_stored_simulation_is_solved_once_and_listed(tmp_path: Path) -> None:
 
 
 def test_a_stored_simulation_takes_runs_of_the_design(tmp_path: Path) -> None:
-    run_campaign(BLOCK, RATIOS, tmp_path / "design")
+    run_campaign(BLOCK, RATIOS, tmp_path / "design", fingerprint=run_identity(BLOCK))
     StoredSimulate(BLOCK, tmp_path / "map", (tmp_path / "design",))(RATIOS[2])
     assert not (tmp_path / "map").exists()
 

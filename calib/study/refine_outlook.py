@@ -18,6 +18,7 @@ from calib.study.mesh_error import MeshError, check_folder, mesh_error
 from calib.study.posterior_setup import noise_of, sizes_of
 from calib.study.refine_rounds import Loop
 from calib.study.refinement import Outlook, outlook
+from calib.study.run_identity import run_identity
 from calib.study.sections import Hypothesis
 from calib.study.train_stage import FIRST, design_runs, load_emulator
 from calib.study.training_runs import rows
@@ -47,17 +48,20 @@ def check_plan(context: Context, hypothesis: Hypothesis, ratios: Array) -> Campa
         ratios,
         folder,
         parameters=parameters_of(context.study, hypothesis),
+        fingerprint=run_identity(model),
         max_failure_rate=1.0,
     )
 
 
 def plan(context: Context, hypothesis: Hypothesis, ratios: Array) -> CampaignPlan:
     """Runs at the posterior."""
+    model = context.sampling_model(hypothesis)
     return CampaignPlan(
-        context.sampling_model(hypothesis),
+        model,
         ratios,
         refine_folder(context.out, hypothesis),
         parameters=parameters_of(context.study, hypothesis),
+        fingerprint=run_identity(model),
         design={"kind": "posterior", "seed": context.study.seed},
         max_failure_rate=1.0,  # held against the rate of all runs by `refine_stage`
     )

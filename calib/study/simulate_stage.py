@@ -10,6 +10,7 @@ from calib.study.campaign_tables import campaign_table, design_figure, failures_
 from calib.study.config import Study
 from calib.study.context import Context
 from calib.study.figure_style import save_png
+from calib.study.run_identity import run_identity
 from calib.study.sections import Hypothesis
 from calib.study.tables import Table
 from calib.study.unknowns import design_points, parameters_of
@@ -53,12 +54,13 @@ def load_design(context: Context, hypothesis: Hypothesis) -> Campaign:
 
 def design_plan(context: Context, hypothesis: Hypothesis) -> CampaignPlan:
     """The runs that train and judge the emulator of one hypothesis."""
-    study = context.study
+    study, model = context.study, context.sampling_model(hypothesis)
     return CampaignPlan(
-        context.sampling_model(hypothesis),
+        model,
         design_points(study, hypothesis),
         campaign_folder(context.out, hypothesis),
         parameters=parameters_of(study, hypothesis),
+        fingerprint=run_identity(model),
         design={
             "kind": _KIND[study.design.sequence],
             "shape": study.design.shape,

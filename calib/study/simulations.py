@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from calib.study.context import Simulate
+from calib.study.run_identity import run_identity
 from fe.campaign import CampaignPlan, load_response_at, run_campaigns
 from fe.campaign_parameters import RATIOS, Parameter
 from fe.fingerprint import canonical_json
@@ -40,7 +41,12 @@ class StoredSimulate:
 
     def _plan(self, theta: Array, store: Path) -> CampaignPlan:
         return CampaignPlan(
-            self.simulate, theta, store, parameters=self.parameters, max_failure_rate=1.0
+            self.simulate,
+            theta,
+            store,
+            parameters=self.parameters,
+            fingerprint=run_identity(self.simulate),
+            max_failure_rate=1.0,
         )
 
     def _kept(self, row: Array) -> list[Array]:

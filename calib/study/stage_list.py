@@ -31,10 +31,10 @@ from calib.study.artifacts import hash_of_file, plain
 from calib.study.config import Study, StudyError
 from calib.study.context import Context
 from calib.study.findings import validation_files
+from calib.study.run_identity import run_identity
 from calib.study.unknowns import by_constants, design_box, parameters_of
 from calib.study.work_sections import Compute
 from fe.campaign_parameters import RATIOS
-from fe.fingerprint import fingerprint
 
 LATER = ("force_freedom",)
 """keys that studies finished before had not"""
@@ -98,7 +98,7 @@ def _models(*names: str) -> Settings:
 
     def settings(context: Context) -> dict[str, object]:
         hypotheses = context.study.hypotheses
-        models = {h.name: fingerprint(context.sampling_model(h)) for h in hypotheses}
+        models = {h.name: run_identity(context.sampling_model(h)) for h in hypotheses}
         return {"forward model": models, **_sections(*names)(context)}
 
     return settings

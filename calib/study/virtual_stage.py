@@ -14,6 +14,7 @@ from calib.study.context import Context, Simulate, stream
 from calib.study.data_checks import check_load_cell
 from calib.study.data_source import at_level
 from calib.study.data_stage import StudyData, load_data, measured, save_data, with_mu
+from calib.study.run_identity import run_identity
 from calib.study.sections import Hypothesis, Virtual
 from calib.study.simulate_stage import manifest_files
 from calib.study.unknowns import fixed_values, law_of, parameters_of
@@ -76,11 +77,13 @@ def _true_hypothesis(study: Study) -> Hypothesis:
 def truth_run(context: Context) -> Response:
     """The truth at kappa = 1 MPa: from disk when it has been run."""
     ratios = truth_of(context.study)[None, 1:]
+    model = truth_model(context)
     plan = CampaignPlan(
-        truth_model(context),
+        model,
         ratios,
         context.out / FOLDER / "run",
         parameters=parameters_of(context.study, _true_hypothesis(context.study)),
+        fingerprint=run_identity(model),
         max_failure_rate=1.0,
     )
     with progress_bar("virtual", "run", shown=context.show_progress) as progress:
