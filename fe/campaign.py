@@ -60,6 +60,9 @@ class CampaignPlan:
             raise ValueError(
                 f"max_failure_rate: expected a share from 0 to 1, found {self.max_failure_rate}"
             )
+        own = getattr(self.simulate, "parameters", None)
+        if isinstance(own, tuple) and own and isinstance(own[0], Parameter):
+            _check_same(own, self.parameters)
         object.__setattr__(self, "theta", checked_theta(self.theta, self.parameters))
         if not self.fingerprint:
             object.__setattr__(self, "fingerprint", fingerprint_of(self.simulate))
@@ -247,3 +250,12 @@ def _tell(progress: Progress | None, ledgers: Sequence[_Ledger]) -> None:
     if progress is not None:
         done = sum(len(ledger.done()) for ledger in ledgers)
         progress(done, sum(len(ledger.keys) for ledger in ledgers))
+
+
+def _check_same(own: tuple[Parameter, ...], stated: tuple[Parameter, ...]) -> None:
+    """Raise ValueError where columns mean something else to a model than to its campaign."""
+    by_model, by_campaign = ([(p.name, p.levels) for p in each] for each in (own, stated))
+    if by_model != by_campaign:
+        raise ValueError(
+            f"parameters: found {by_campaign}, expected those of the model, {by_model}"
+        )

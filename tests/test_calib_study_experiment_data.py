@@ -16,9 +16,10 @@ from calib.code_hash import code_hash, hash_of_modules
 from calib.data import Dataset
 from calib.data.dataset_file import load_dataset, save_dataset
 from calib.study import experiment_data, stage_list
-from calib.study.config import load_study
+from calib.study.config import Study, load_study
 from calib.study.context import Context, block_pin_model
 from calib.study.experiment_data import MEASURED, experiment_dataset
+from calib.study.judgement import measurement_noise
 from calib.study.stages import run_stages
 from fe.executors import serial_map
 
@@ -74,18 +75,31 @@ def test_a_data_set_whose_key_tells_no_code_is_made_anew(lab):
     assert dataset_of(lab).name == data.name
 
 
-def test_a_study_of_the_files_reads_them_again_by_other_code_and_says_so(
-    lab, tmp_path, monkeypatch
-):
+def study_of(lab: Path, folder: Path, more: str = "") -> Study:
+    """A study of the laboratory's files, with `more` lines of its section [data]."""
     text = (resources.files("calib.study") / "embedded" / STUDY).read_text()
     for old, new in (
-        ('source = "thesis-table-5.1"', f'source = "experiment"\nfolder = "{lab}"'),
+        ('source = "thesis-table-5.1"', f'source = "experiment"\nfolder = "{lab}"{more}'),
         ("increments = [0.6, 0.8, 1.0, 1.2, 1.4]", "increments = [0.4, 0.6, 0.8]"),
     ):
         assert old in text
         text = text.replace(old, new)
-    (tmp_path / "study.toml").write_text(text)
-    study = load_study(tmp_path / "study.toml")
+    (folder / "study.toml").write_text(text)
+    return load_study(folder / "study.toml")
+
+
+def test_the_noise_of_a_measured_field_is_that_by_which_an_emulator_is_judged(lab, tmp_path):
+    field = dataset_of(lab).field
+    assert field is not None
+    assert measurement_noise(study_of(lab, tmp_path)).field == field.noise_std.min()
+    forces_only = study_of(lab, tmp_path, '\nlevel = "summary"')
+    assert measurement_noise(forces_only).field is None
+
+
+def test_a_study_of_the_files_reads_them_again_by_other_code_and_says_so(
+    lab, tmp_path, monkeypatch
+):
+    study = study_of(lab, tmp_path)
     lines: list[str] = []
     context = Context(study, tmp_path / "out", block_pin_model, serial_map, lines.append, False)
     assert run_stages(context, "data") == ("data",)

@@ -173,3 +173,10 @@ def test_gradients_are_the_slopes_along_every_continuous_parameter(contact: str)
         ends = [family(row + sign * step).force for sign in (1.0, -1.0)]
         slope = (ends[0] - ends[1]) / (2.0 * step[column])
         np.testing.assert_allclose(response.force_gradient[:, j], slope, rtol=2e-4, atol=1e-5)
+
+
+def test_a_campaign_whose_columns_mean_something_else_to_the_family_is_refused() -> None:
+    pin = replace(FAMILY["pin"], levels=tuple(reversed(FAMILY["pin"].levels)))
+    family = BlockPinFamily(TEMPLATE, (FAMILY["r"], FAMILY["pin"]))
+    with pytest.raises(ValueError, match="parameters: found .* expected those of the model"):
+        CampaignPlan(family, np.zeros((1, 2)), Path("unused"), (FAMILY["r"], pin))

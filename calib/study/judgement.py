@@ -27,7 +27,7 @@ and above 3 once in 3 million, so that only an emulator that is too sure of itse
 
 
 class Noise(NamedTuple):
-    """What the measurement leaves unknown, as the study states it."""
+    """What the measurement leaves unknown: as the study states it, or as its data have it."""
 
     force: Array
     """(n_step,) standard error of the mean force over the force"""
@@ -50,14 +50,17 @@ def has_field(study: Study) -> bool:
 
 
 def measurement_noise(study: Study) -> Noise:
-    """The noise by which errors of an emulator are measured; before there are data, too."""
+    """The noise by which errors of an emulator are measured; before there are data, too.
+
+    Raises StudyError when measured data cannot be read.
+    """
     virtual = study.virtual
     if virtual is not None:
         share = virtual.force_sd_share / np.sqrt(virtual.n_samples)
         field = min(virtual.field_noise_std) if has_field(study) else None
         return Noise(np.full(len(study.increments), share), field)
     data = measured(study).dataset
-    field = None if data.field is None else float(min(data.field.noise_std))
+    field = None if data.field is None else float(np.min(data.field.noise_std))
     return Noise(data.force_sd / data.force_mean / np.sqrt(data.n_samples), field)
 
 
