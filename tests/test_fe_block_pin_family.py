@@ -178,5 +178,5 @@ def test_gradients_are_the_slopes_along_every_continuous_parameter(contact: str)
 def test_a_campaign_whose_columns_mean_something_else_to_the_family_is_refused() -> None:
     pin = replace(FAMILY["pin"], levels=tuple(reversed(FAMILY["pin"].levels)))
     family = BlockPinFamily(TEMPLATE, (FAMILY["r"], FAMILY["pin"]))
-    with pytest.raises(ValueError, match="parameters: found .* expected those of the model"):
+    with pytest.raises(ValueError, match=r"parameters: found .* expected those of the model"):
         CampaignPlan(family, np.zeros((1, 2)), Path("unused"), (FAMILY["r"], pin))
