@@ -78,7 +78,7 @@ class CylinderModel:
     bulk_ratio: float = 200.0
     n_point: int = 20
     slip: float = 0.01
-    """slip from which on friction is its limit, mm"""
+    """length over which friction builds up in a step, mm"""
     penalty: PenaltyLaw = field(default_factory=lambda: PenaltyLaw(500.0, 0.2))
     """of the side that rolls over, softer than for the thin block: 1/mm, mm"""
     steps: StepOptions = field(default_factory=lambda: StepOptions(0.25, 1.0, 0.005))
