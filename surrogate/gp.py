@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
+from surrogate.array_checks import check_arrays
 from surrogate.covariance import FAMILIES, Rows, covariance, mean_gradient, rows_of, values_only
 from surrogate.design import unit_design
 from surrogate.evidence import Hyperparameters, noise_shape
@@ -99,12 +100,7 @@ class GaussianProcesses:
         }
         if q := len(self.further):
             shapes |= {"further": (q, d), "further_alpha": (k, q), "further_shift": (k, n_rows)}
-        for name, shape in shapes.items():
-            found = getattr(self, name)
-            if found.shape != shape:
-                raise ValueError(f"{name}: expected shape {shape}, got {found.shape}")
-            if not np.isfinite(found).all():
-                raise ValueError(f"{name}: expected finite numbers, found others")
+        check_arrays(self, shapes)
         if not np.isin(self.group, np.arange(g)).all():
             raise ValueError(f"group: expected places among {g} groups, got {self.group}")
         if not np.isin(self.family, np.arange(len(FAMILIES))).all():

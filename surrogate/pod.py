@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from surrogate.array_checks import check_arrays
+
 Array = npt.NDArray[np.float64]
 
 
@@ -35,12 +37,7 @@ class Pod:
             "truncation": (n, n_obs),
             "weight": (n,),
         }
-        for name, shape in shapes.items():
-            found = getattr(self, name)
-            if found.shape != shape:
-                raise ValueError(f"{name}: expected shape {shape}, got {found.shape}")
-            if not np.isfinite(found).all():
-                raise ValueError(f"{name}: expected finite numbers, found others")
+        check_arrays(self, shapes)
 
     @property
     def truncation_factor(self) -> Array:

@@ -11,10 +11,12 @@ import hashlib
 import io
 import json
 import math
+import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, is_dataclass
 from pathlib import Path
 from typing import Any, cast
+from zipfile import BadZipFile
 
 import numpy as np
 import numpy.typing as npt
@@ -92,7 +94,8 @@ def read_npz(path: Path, expected: Sequence[str] = ()) -> dict[str, npt.NDArray[
             arrays = {name: stored[name] for name in stored.files}
     except FileNotFoundError as error:
         raise not_made(path) from error
-    except Exception as error:  # NumPy, zip and zlib errors: damage has many faces
+    # RuntimeError: a damaged zip may claim to be encrypted or of an unknown compression.
+    except (OSError, ValueError, KeyError, EOFError, RuntimeError, BadZipFile, zlib.error) as error:
         raise ValueError(f"{path}: not a readable npz file; delete it and rerun") from error
     lacking = [name for name in expected if name not in arrays]
     if lacking:
