@@ -211,7 +211,7 @@ def contact_system(
             if faces.base[c]:
                 e = _base_point(x, pin.base_stiffness, f, h)
                 energy += w * e
-                if with_derivatives and e != 0.0:
+                if with_derivatives:  # the spring of a base at rest holds the body, too
                     n = _put(rows, n, faces.shape[c, q], w, f, h, 0.0, 0.0)
                 continue
             held = 0.0 if tied[c, q] == FREE else hold[c, q]

@@ -28,7 +28,7 @@ from fe.linear_solver import SymmetricSolver
 from fe.materials.material import Material
 from fe.newton import Equilibrium, NewtonOptions, descent_direction, equilibrate
 from fe.parameters import Parameters
-from fe.plate import PlateMemory, PlateSlopes, initial_memory, no_slopes, renewed_anchors
+from fe.plate import PlateMemory, PlateSlopes, initial_memory, moved_anchors, no_slopes
 from fe.progress import Progress
 from fe.sensitivity import Objective, Tangent, adjoint, direct
 from fe.steps import March, StepOptions, stride
@@ -157,7 +157,10 @@ def drive(
             outcome.warn("derivatives", lost)
         if not potential.has_friction or plate is None or slopes is None:
             return found.as_start()
-        memory = renewed_anchors(plate, slopes, state.u, state.u_gradient)
+        assert memory is not None
+        limits = found.equilibrium.assembly.frame
+        pressed = limits.ends > 0.0, limits.edges > 0.0
+        memory = moved_anchors(plate, slopes, memory, pressed, state.u, state.u_gradient)
         return restore(found.as_start())
 
     def restore(start: Start) -> Start:

@@ -19,6 +19,7 @@ from fe.discretisation import FACE_ORDER
 
 Array = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
+BoolArray = npt.NDArray[np.bool_]
 
 
 class Edges(NamedTuple):
@@ -48,7 +49,7 @@ class Plate:
     friction: float = 0.0
     """coefficient, on ends and edges; bonded ends do not slip"""
     slip: float = 0.01
-    """a of the friction potential, mm"""
+    """a of the friction potential, mm: from this slip on friction is its limit"""
     law: PenaltyLaw = field(default_factory=PenaltyLaw)
 
     def __post_init__(self) -> None:
@@ -135,16 +136,51 @@ def initial_memory(plate: Plate, slopes: PlateSlopes) -> PlateMemory:
     )
 
 
-def renewed_anchors(plate: Plate, slopes: PlateSlopes, u: Array, u_gradient: Array) -> PlateMemory:
-    """The memory from which the next step's slip counts.
+def moved_anchors(
+    plate: Plate,
+    slopes: PlateSlopes,
+    memory: PlateMemory,
+    pressed: tuple[BoolArray, BoolArray],
+    u: Array,
+    u_gradient: Array,
+) -> PlateMemory:
+    """The memory at the end of a step (return mapping): what slid draws its anchor behind it.
 
-    u (n_node, 3) mm and its derivatives (n_node, 3, n_p).
+    To the slip a, from which friction is its limit; what sticks keeps it, and what is not `pressed`
+    ((n_end,), (n_edge, n_q)) takes it along.  u (n_node, 3) mm, its derivatives (n_node, 3, n_p).
     """
     edges = plate.edges
-    moved = np.einsum("cqa,caj->cqj", edges.shape, u_gradient[edges.nodes, 0])
-    return PlateMemory(
-        end_anchor=u[plate.ends, 0].copy(),
-        edge_anchor=edge_positions(edges, u)[..., 0],
-        end_gradient=u_gradient[plate.ends, 0].copy(),
-        edge_gradient=slopes.points[..., 0, :] + moved,
+    along = np.einsum("cqa,caj->cqj", edges.shape, u_gradient[edges.nodes, 0])
+    moved = slopes.points[..., 0, :] + along
+    place = edge_positions(edges, u)[..., 0]
+    ends, end_gradient = _drawn(
+        plate.slip,
+        slopes.slip,
+        pressed[0],
+        (u[plate.ends, 0], u_gradient[plate.ends, 0]),
+        (memory.end_anchor, memory.end_gradient),
     )
+    on_edges, edge_gradient = _drawn(
+        plate.slip,
+        slopes.slip,
+        pressed[1],
+        (place, moved),
+        (memory.edge_anchor, memory.edge_gradient),
+    )
+    return PlateMemory(ends, on_edges, end_gradient, edge_gradient)
+
+
+def _drawn(
+    a: float,
+    a_slope: Array,
+    pressed: BoolArray,
+    here: tuple[Array, Array],
+    anchor: tuple[Array, Array],
+) -> tuple[Array, Array]:
+    """Anchors (..., ) drawn behind places, each with its derivatives (..., n_p), mm."""
+    slip = here[0] - anchor[0]
+    behind = np.where(pressed, np.sign(slip), 0.0)
+    drawn = ~pressed | (np.abs(slip) > a)
+    place = np.where(drawn, here[0] - a * behind, anchor[0])
+    gradient = here[1] - behind[..., None] * a_slope
+    return place, np.where(drawn[..., None], gradient, anchor[1])

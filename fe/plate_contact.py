@@ -1,12 +1,13 @@
 """Normal contact with a rigid plate and Coulomb friction on it.
 
-Friction acts on the ends and on edges that touch: a force limit * s / sqrt(s^2 + a^2) against the
-radial slip s since the last step.  The limit is the coefficient times the normal force of the same
-state: on edges the penalty's, on ends the nodal reaction of the solid.  The force has no potential.
-For the line search there is one, limit * (sqrt(s^2 + a^2) - a), with the limits frozen (`Limits`)
-at an iterate, where both have the same gradient; its Hessian is the symmetric matrix that is
-factorised.  What the tangent has beyond it is `Coupling`: an end's radial force changes with its
-axial one, so its row of the tangent is the axial row times a factor.
+Friction acts on the ends and on edges that touch: a force that grows with the radial slip s from an
+anchor and is the limit from a slip of a on, as under a pin (`fe.friction.slip_potential`).  At the
+end of a step anchors are drawn behind (`fe.plate.moved_anchors`).  The limit is the coefficient
+times the normal force of the same state: on edges the penalty's, on ends the nodal reaction of the
+solid.  The force has no potential.  For the line search there is one with the limits frozen
+(`Limits`) at an iterate, where both have the same gradient; its Hessian is the symmetric matrix
+that is factorised.  What the tangent has beyond it is `Coupling`: an end's radial force changes
+with its axial one, so its row of the tangent is the axial row times a factor.
 """
 
 from __future__ import annotations
@@ -153,8 +154,20 @@ def slips(plate: Plate, u: Array, memory: PlateMemory) -> tuple[Array, Array]:
 
 
 def _friction(slip: Array, limit: Array, a: float) -> Friction:
-    root = np.sqrt(slip**2 + a**2)
-    return Friction(limit * (root - a), limit * slip / root, limit * a**2 / root**3)
+    x2 = np.minimum((slip / a) ** 2, 1.0)
+    inside = a * x2 * (0.75 - 0.125 * x2)
+    energy = np.where(x2 < 1.0, inside, np.abs(slip) - 0.375 * a)
+    share, rate = slip_share(slip, a)
+    return Friction(limit * energy, limit * share, limit * rate)
+
+
+def slip_share(slip: Array, a: float) -> tuple[Array, Array]:
+    """Share of its limit that friction has at a slip, mm, with its sign, and its slope, 1/mm.
+
+    The gradient of `fe.friction.slip_potential` along a line.
+    """
+    x = np.clip(slip / a, -1.0, 1.0)
+    return x * (1.5 - 0.5 * x**2), 1.5 * (1.0 - x**2) / a
 
 
 def add_friction_forces(plate: Plate, ends: Friction, edges: Friction, forces: Array) -> None:
@@ -173,7 +186,7 @@ def coupling(
     plate: Plate, u: Array, memory: PlateMemory, normal: Normal, limits: Limits
 ) -> Coupling:
     """How friction follows its limits at u (n_node, 3) mm."""
-    ends, edges = (s / np.sqrt(s**2 + plate.slip**2) for s in slips(plate, u, memory))
+    ends, edges = (slip_share(s, plate.slip)[0] for s in slips(plate, u, memory))
     pressed = limits.ends > 0.0
     return Coupling(
         ends=np.where(pressed, -plate.friction * ends, 0.0),

@@ -7,7 +7,7 @@ import numpy.typing as npt
 from numba import njit
 
 from fe.plate import Plate, PlateMemory, PlateSlopes
-from fe.plate_contact import Coupling, Limits, Normal, slips
+from fe.plate_contact import Coupling, Limits, Normal, slip_share, slips
 from fe.surface_slopes import penalty_slope
 
 Array = npt.NDArray[np.float64]
@@ -79,6 +79,6 @@ def _force_slopes(
 
     `moved` (..., n_p) is that of the slip, mm.
     """
-    root = np.sqrt(slip**2 + a**2)
-    rate = (limit * a / root**3)[..., None]
-    return slip / root, rate * (a * moved - slip[..., None] * slopes.slip)
+    share, rate = slip_share(slip, a)
+    along = moved - (slip / a)[..., None] * slopes.slip
+    return share, (limit * rate)[..., None] * along

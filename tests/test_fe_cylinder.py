@@ -19,7 +19,8 @@ from fe.driven import DrivenPotential, DrivenProblem, equations, unknowns
 from fe.driving import DrivenState, Solution, solve
 from fe.materials import Material, bulk_modulus, material
 from fe.newton import NewtonOptions
-from fe.plate import initial_memory, no_slopes
+from fe.plate import initial_memory, moved_anchors, no_slopes
+from fe.plate_contact import slip_share, slips
 from fe.potential import Assembly
 from fe.specimens.cylinder import GRADING
 from fe.steps import StepOptions
@@ -171,7 +172,7 @@ def test_friction_raises_the_force_from_sliding_to_bonded_ends():
         return CylinderModel(SIZE, (5, 4), (3.0, 9.0), ends, friction).respond(m).force
 
     found = np.array([force("slide", mu) for mu in (0.0, 0.05, 0.15, 0.4, 3.0)])
-    bonded = force("bonded", 0.0)
+    bonded = force("bonded", 3.0)  # its side rubs where it lies on the plate, like that of the last
     assert (np.diff(found, axis=0) > 0.0).all()
     assert (found[-1] < bonded).all()
     np.testing.assert_allclose(found[-1], bonded, rtol=0.02)
@@ -192,15 +193,37 @@ def test_ends_that_slide_carry_coulomb_friction():
     np.testing.assert_allclose(-radial[outer], -friction * forces[outer, 1], rtol=1e-2)
 
 
-def test_the_force_with_friction_settles_as_steps_get_shorter():
+@pytest.mark.parametrize("friction", [0.05, 0.15, 1.0])
+def test_the_force_with_friction_does_not_depend_on_how_many_travels_are_asked(friction):
+    """Friction is from where a point began to stick or slid to, not from where the step began."""
     m = make("mooney-rivlin-2", 50.0)
     forces = []
-    for step in (1.0, 0.5, 0.25):
-        model = CylinderModel(
-            SIZE, (4, 3), (6.0,), friction=0.15, slip=0.01 * step, steps=StepOptions(0.25, step)
-        )
-        forces.append(model.respond(m).force[0])
-    assert abs(forces[2] / forces[1] - 1) < 2e-3
+    for n in (1, 10, 200):
+        travel = tuple(np.linspace(0.0, 6.0, n + 1)[1:])
+        forces.append(CylinderModel(SIZE, (4, 3), travel, friction=friction).respond(m).force[-1])
+    assert forces == pytest.approx([forces[0]] * 3, rel=1e-5)
+    frictionless = CylinderModel(SIZE, (4, 3), (6.0,)).respond(m).force[0]
+    assert forces[0] > 1.01 * frictionless
+
+
+def test_a_plate_that_goes_back_is_met_by_friction_the_other_way():
+    """What slides draws its anchor behind it by a, what sticks leaves it, going back as well."""
+    plate = CylinderModel(SIZE, (4, 3), (6.0,), friction=0.3).discretise().problem.plate
+    slopes = no_slopes(plate.edges, 0)
+    memory = initial_memory(plate, slopes)
+    n_node = int(max(plate.edges.nodes.max(), plate.ends.max())) + 1
+    pressed = (
+        np.ones(plate.ends.size, dtype=bool),
+        np.ones(plate.edges.weights.shape, dtype=bool),
+    )
+    places, shares = [], []
+    for r in (0.5, 1.0, 0.7, 0.0) * np.full(4, plate.slip) * 4.0:
+        u = np.full((n_node, 3), r)
+        shares.append(slip_share(slips(plate, u, memory)[0], plate.slip)[0])
+        memory = moved_anchors(plate, slopes, memory, pressed, u, np.zeros((n_node, 3, 0)))
+        places.append(memory.end_anchor / plate.slip)
+    assert np.array(places)[:, 0] == pytest.approx([1.0, 3.0, 3.0, 1.0])
+    assert np.array(shares)[:, 0] == pytest.approx([1.0, 1.0, slip_share(-0.2, 1.0)[0], -1.0])
 
 
 def test_plate_forces_and_the_whole_tangent_are_derivatives():

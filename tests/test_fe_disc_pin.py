@@ -228,3 +228,21 @@ def test_it_is_simulated_like_any_specimen_and_survives_pickling():
 def test_wrong_arguments_are_refused(make_model, message):
     with pytest.raises(ValueError, match=message):
         make_model()
+
+
+@pytest.mark.parametrize("contact", [Contact(0.3, 0.3), Contact(0.05, 0.3), Contact(1.0, 1.0)])
+def test_a_disc_that_rubs_starts_from_however_small_a_travel(contact):
+    """At rest the springs under the base hold the body though they carry nothing yet."""
+    model = DiscPinModel(Disc(), contact, (5, 2), (0.001, 0.1), n_point=4)
+    whole = replace(model, travel=(0.1,))
+    found, alone = model.respond(rubber()), whole.respond(rubber())
+    assert found.status is Status.CONVERGED, found.message
+    assert 0.0 < found.force[0] < 0.05 * found.force[1]
+    assert found.force[1] == pytest.approx(alone.force[0], rel=1e-3)  # along other steps
+
+
+def test_a_block_that_rubs_is_pressed_with_however_small_a_force():
+    model = BlockPinModel(BlockPin(), Contact(0.3, 0.3), (4, 2, 1), (), force=(1e-4, 1e-2))
+    found = model.respond(rubber())
+    assert found.status is Status.CONVERGED, found.message
+    assert found.force == pytest.approx([1e-4, 1e-2], rel=1e-4)
