@@ -12,10 +12,14 @@ import pytest
 from calib.data import FieldData, thesis_forces
 from calib.study import data_checks
 from calib.study.assumptions import assumptions_table
-from calib.study.config import Study, StudyError, read_study
-from calib.study.context import block_pin_model
+from calib.study.config import Study, StudyError, load_study, read_study
+from calib.study.context import Context, block_pin_model, stiffened
 from calib.study.unknowns import fixed_values
 from calib.study.varied_block import VariedBlock
+from calib.study.virtual_stage import truth_model
+from fe import NotchedPlate, TensileModel
+from fe.contact import PenaltyLaw
+from fe.executors import serial_map
 from fe.specimens.block_pin import BlockPinModel
 
 TEXT = (Path(__file__).parents[1] / "calib/study/embedded/thesis-forces.toml").read_text()
@@ -42,6 +46,44 @@ def model(study: Study, name: str) -> BlockPinModel:
     found = block_pin_model(study, hypothesis, study.sampling_cells(hypothesis))
     assert isinstance(found, BlockPinModel)
     return found
+
+
+def penalty(found: object) -> PenaltyLaw:
+    block = found.template if isinstance(found, VariedBlock) else found
+    assert isinstance(block, BlockPinModel)
+    return block.penalty
+
+
+@pytest.mark.parametrize("more", ["", uniform("height", 2.4, 2.6)])
+def test_the_pin_of_the_check_gives_way_less_than_that_of_the_emulators_runs(more: str) -> None:
+    study = read(TEXT + more)
+    context = Context(study, Path(), block_pin_model, serial_map, lambda _: None, False)
+    for hypothesis in study.hypotheses:
+        assert penalty(context.sampling_model(hypothesis)) == PenaltyLaw()
+        assert penalty(context.check_model(hypothesis)) == PenaltyLaw().stiffened(4.0)
+    rows = [
+        name for name, value, _ in assumptions_table(study, thesis_forces()).rows if value == "4"
+    ]
+    assert rows == ["how many times less its pin gives way"] * len(study.hypotheses)
+    same = replace(context, study=replace(study, mesh=replace(study.mesh, check_stiffening=1.0)))
+    assert penalty(same.check_model(study.hypotheses[0])) == PenaltyLaw()
+
+
+def test_the_pin_of_a_synthetic_truth_gives_way_less_still() -> None:
+    context = Context(load_study("virtual"), Path(), block_pin_model, serial_map, print, False)
+    assert penalty(truth_model(context)) == PenaltyLaw().stiffened(8.0)
+
+
+def test_a_model_without_a_pin_is_not_stiffened() -> None:
+    plate = TensileModel(NotchedPlate(), (2, 3, 1), (1.0,))
+    assert stiffened(plate, 4.0) is plate
+
+
+@pytest.mark.parametrize("value", ["0.5", "0", "100", "true"])
+def test_a_stiffening_that_is_none_is_refused_by_its_line(value: str) -> None:
+    text = TEXT.replace("check = [18, 6, 4]", f"check = [18, 6, 4]\ncheck_stiffening = {value}")
+    with pytest.raises(StudyError, match="mesh.check_stiffening: found"):
+        read(text)
 
 
 def test_a_hypothesis_may_have_its_own_bulk_modulus() -> None:

@@ -16,7 +16,13 @@ from calib.inference.forward import Jacobian
 from calib.inference.noise import COMPLIANCE, FACE, ZERO, field_nuisances
 from calib.inference.tangent_errors import FOLLOWED, Mistaken, patterns_at, tangents_at
 from calib.study.config import load_study
-from calib.study.mesh_error import MeshError, load_mesh_error, mesh_error, save_mesh_error
+from calib.study.mesh_error import (
+    MeshError,
+    left_share,
+    load_mesh_error,
+    mesh_error,
+    save_mesh_error,
+)
 from calib.study.plans import Errors, planned_likelihood
 from fe.campaign_result import Campaign
 from fe.response import Array, Response, Status
@@ -322,7 +328,7 @@ def test_files_before_the_extent_was_kept_tell_it_by_the_reach(tmp_path: Path) -
 def test_a_mesh_error_is_read_as_it_was_kept(with_slopes: bool, tmp_path: Path) -> None:
     study = load_study("thesis-forces")
     hypothesis = study.hypotheses[0]
-    error = mesh_error(*both(CHECKS), 1.5, "stuck", EXTENT)
+    error = mesh_error(*both(CHECKS), 1.5, "stuck", EXTENT, 4.0)
     if not with_slopes:
         error = replace(error, slopes=None)
     save_mesh_error(tmp_path, hypothesis, study, error, ["r", "s"])
@@ -330,6 +336,21 @@ def test_a_mesh_error_is_read_as_it_was_kept(with_slopes: bool, tmp_path: Path) 
     np.testing.assert_array_equal(found.field, error.field)
     np.testing.assert_array_equal(found.extent, EXTENT)
     assert (found.slopes is None) is not with_slopes
+    assert found.stiffening == 4.0
     if found.slopes is not None and error.slopes is not None:
         np.testing.assert_array_equal(found.slopes.field, error.slopes.field)
         np.testing.assert_array_equal(found.slopes.reach, error.slopes.reach)
+
+
+@pytest.mark.parametrize(
+    ("refinement", "stiffening", "left"), [(1.5, 4.0, 1.2), (3.0, 4.0, 1 / 3), (3.0, 1.0, 0.1875)]
+)
+def test_of_a_stiffer_pin_at_least_what_it_leaves_of_a_rigid_one_is_stated(
+    refinement: float, stiffening: float, left: float
+) -> None:
+    """A force that misses c / k under a pin k times as stiff: of c - c / k, c / k is left."""
+    assert left_share(refinement, stiffening) == pytest.approx(left)
+    error = mesh_error(*both(CHECKS), refinement, "stuck", EXTENT, stiffening)
+    same = replace(error, refinement=np.sqrt(1.0 + 1.5 / left), stiffening=1.0)
+    np.testing.assert_allclose(error.force, same.force)
+    np.testing.assert_allclose(error.field_floor, same.field_floor)

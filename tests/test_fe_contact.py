@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from fe.contact import (
     TIED_TO_FLOOR,
     TIED_TO_PIN,
+    PenaltyLaw,
     contact_system,
     empty_system,
     penalty,
@@ -124,3 +127,28 @@ def test_glued_points_of_the_base_are_refused():
     initial_memory(faces, np.repeat(~faces.base[:, None], faces.weights.shape[1], axis=1), PIN)
     with pytest.raises(ValueError, match="other faces than those of the base"):
         initial_memory(faces, np.ones(faces.weights.shape, bool), PIN)
+
+
+@pytest.mark.parametrize("depth", [0.01, 0.09, 0.3])
+def test_a_stiffened_law_gives_way_that_many_times_less_at_every_pressure(depth):
+    law = PenaltyLaw()
+    stiff = law.stiffened(4.0)
+    pressure = penalty(-depth, law.stiffness, law.ramp)[1]
+    assert penalty(-depth / 4.0, stiff.stiffness, stiff.ramp)[1] == pytest.approx(
+        pressure, rel=1e-12
+    )
+    assert law.stiffened(1.0) == law
+
+
+def test_the_force_comes_to_that_of_a_rigid_pin_as_the_penetration():
+    """What is missing halves with it, so that two laws tell what a third one adds."""
+    model = BlockPinModel(BlockPin(), Contact("slide", "slide"), (6, 2, 1), (0.4, 0.8))
+    found = [
+        replace(model, penalty=PenaltyLaw().stiffened(times), sensitivities=())(
+            np.array([0.4, 0.1])
+        ).force
+        for times in (1.0, 2.0, 4.0)
+    ]
+    added = np.diff(found, axis=0)
+    assert (added > 0.004 * found[0]).any() and (added > 0.0).all()
+    np.testing.assert_allclose(added[1] / added[0], 0.5, atol=0.05)

@@ -83,7 +83,8 @@ def _mesh_rows(study: Study) -> list[tuple[str, str, str]]:
     rows = []
     for hypothesis in study.hypotheses:
         sampling, check = study.sampling_cells(hypothesis), study.check_cells(hypothesis)
-        share = left_share(study.refinement(hypothesis))
+        stiffening = study.mesh.check_stiffening
+        share = left_share(study.refinement(hypothesis), stiffening)
         part = "half" if off_centre(study, hypothesis) else "quarter"
         rows += [
             (
@@ -92,6 +93,7 @@ def _mesh_rows(study: Study) -> list[tuple[str, str, str]]:
                 "elements",
             ),
             (f"mesh of the check under {hypothesis.name}", written(check), "elements"),
+            ("how many times less its pin gives way", f"{stiffening:g}", "-"),
             (
                 "mesh error left after the correction, SD over the measured difference",
                 f"{share:.2f}, half of its square common to all increments",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Protocol
 
@@ -51,13 +51,20 @@ class Context:
     echo: Callable[[str], None]
     show_progress: bool
 
-    def model(self, hypothesis: Hypothesis, cells: Cells | RingCells) -> Simulate:
-        """Forward model of a hypothesis on a mesh."""
-        return self.simulate_factory(self.study, hypothesis, cells)
+    def model(
+        self, hypothesis: Hypothesis, cells: Cells | RingCells, stiffening: float = 1.0
+    ) -> Simulate:
+        """Forward model of a hypothesis on a mesh, whose pin gives way `stiffening` times less."""
+        return stiffened(self.simulate_factory(self.study, hypothesis, cells), stiffening)
 
     def sampling_model(self, hypothesis: Hypothesis) -> Simulate:
         """Forward model of a hypothesis on the mesh of the emulator's runs."""
         return self.model(hypothesis, self.study.sampling_cells(hypothesis))
+
+    def check_model(self, hypothesis: Hypothesis) -> Simulate:
+        """Forward model of a hypothesis that its sampling model is held against."""
+        cells = self.study.check_cells(hypothesis)
+        return self.model(hypothesis, cells, self.study.mesh.check_stiffening)
 
 
 def block_pin_model(study: Study, hypothesis: Hypothesis, cells: Cells | RingCells) -> Simulate:
@@ -85,6 +92,19 @@ def block_pin_model(study: Study, hypothesis: Hypothesis, cells: Cells | RingCel
     if not inputs and law == DEFAULT_LAW:
         return model
     return VariedBlock(model, law, inputs)
+
+
+def stiffened(model: Simulate, times: float) -> Simulate:
+    """The same model under a pin that gives way `times` less; without a pin it is itself."""
+    if times == 1.0:
+        return model
+    if isinstance(model, VariedBlock):
+        return replace(model, template=_stiffened(model.template, times))
+    return _stiffened(model, times) if isinstance(model, BlockPinModel) else model
+
+
+def _stiffened(model: BlockPinModel, times: float) -> BlockPinModel:
+    return replace(model, penalty=model.penalty.stiffened(times))
 
 
 def _field_grid(study: Study) -> FieldGrid:

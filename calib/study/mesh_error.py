@@ -32,13 +32,16 @@ stuck blocks they leave a fifth to two fifths of what a constant does within 0.1
 of r and 2 s), as much beyond 0.4"""
 
 
-def left_share(refinement: float) -> float:
+def left_share(refinement: float, stiffening: float = 1.0) -> float:
     """SD of the error that is left after the correction, as a share of the measured difference.
 
     Half the grid convergence index of the finer mesh, whose elements are `refinement` times
-    smaller, at second order and read as a 95 % band: 1.2 for elements 1.5 times smaller.
+    smaller, at second order and read as a 95 % band: 1.2 for elements 1.5 times smaller. Where its
+    pin gives way `stiffening` times less, at least what a difference of that alone would leave of
+    a rigid pin, as forces follow the penetration: a third for 4.
     """
-    return 0.5 * SAFETY / (refinement**2 - 1.0)
+    of_mesh = 0.5 * SAFETY / (refinement**2 - 1.0)
+    return of_mesh if stiffening == 1.0 else max(of_mesh, 1.0 / (stiffening - 1.0))
 
 
 @dataclass(frozen=True)
@@ -67,6 +70,13 @@ class MeshError:
     """None where derivatives of one of the runs are not known"""
     extent: Array | None = None
     """(d,) of the box of the ratios, for data with a field"""
+    stiffening: float = 1.0
+    """how many times less the pin of the finer mesh's runs gives way"""
+
+    @property
+    def left(self) -> float:
+        """SD of what the correction leaves, as a share of the difference."""
+        return left_share(self.refinement, self.stiffening)
 
     @property
     def correction(self) -> MeshCorrection:
@@ -105,7 +115,7 @@ class MeshError:
         size = np.sqrt(np.mean(self.signed_force**2, axis=0))
         overall = np.sqrt(np.mean(self.signed_force**2))
         spread = _variance_over_checks(self.signed_force)
-        share = left_share(self.refinement)
+        share = self.left
         sd: Array = np.sqrt((share * np.maximum(size, overall)) ** 2 + spread)
         return sd
 
@@ -114,7 +124,7 @@ class MeshError:
         """(n_step, 3) SD of the field's error after the correction, mm; as for the force."""
         size = np.mean(self.field**2, axis=(0, 2))
         spread = _variance_over_checks(self._carried).mean(axis=1)
-        floor: Array = np.sqrt(left_share(self.refinement) ** 2 * size + spread)
+        floor: Array = np.sqrt(self.left**2 * size + spread)
         return floor
 
     def field_patterns(
@@ -150,7 +160,7 @@ class MeshError:
         tangents = tangents_at(forward, self._theta(forward), nuisances)
         of_ratios = np.full(d, np.inf) if self.extent is None else self.extent / np.sqrt(12.0)
         held = np.append(of_ratios, [error.sd for error in nuisances])
-        share = left_share(self.refinement) ** 2 / len(self.ratios)
+        share = self.left**2 / len(self.ratios)
         found = share * mistaken(dataset.field, dataset.travel, tangents, self.field, held)
         return apart(found, tuple(error.name for error in nuisances), forward.bounds)
 
@@ -168,11 +178,17 @@ def _variance_over_checks(differences: Array) -> Array:
 
 
 def mesh_error(
-    fine: Campaign, coarse: Campaign, refinement: float, name: str, extent: Array | None = None
+    fine: Campaign,
+    coarse: Campaign,
+    refinement: float,
+    name: str,
+    extent: Array | None = None,
+    stiffening: float = 1.0,
 ) -> MeshError:
     """Difference between two meshes solved at the same ratios, at the last that both got through.
 
-    `refinement` is how many times smaller the fine one's elements are. With the `extent` (d,) of
+    `refinement` is how many times smaller the fine one's elements are, `stiffening` how many times
+    less its pin gives way. With the `extent` (d,) of
     the box of the ratios the difference of the fields goes with them: for data with a field, whose
     posterior is narrow. That of forces alone spreads far beyond where derivatives hold.
 
@@ -184,7 +200,8 @@ def mesh_error(
         mesh = "finer" if not fine.reached.any() else "sampling"
         raise CampaignFailed(
             f"{name}: the {mesh} mesh stopped at {worst.reached:.3g} mm ({worst.message}), so the "
-            "discretisation error is unknown; change mesh.check or lower the last increment",
+            "discretisation error is unknown; change mesh.check, lower mesh.check_stiffening or "
+            "lower the last increment",
             n_failed=len(both),
             n_done=len(both),
             n_total=len(both),
@@ -198,6 +215,7 @@ def mesh_error(
         field=coarse.displacement - fine.displacement,
         slopes=None if extent is None else _slopes(fine, coarse, REACH * extent),
         extent=extent,
+        stiffening=stiffening,
     )
 
 
@@ -233,6 +251,7 @@ def load_mesh_error(out: Path, hypothesis: Hypothesis) -> MeshError:
         field=stored["field"],
         slopes=slopes,
         extent=extent,
+        stiffening=float(facts.get("stiffening", 1.0)),  # files before it have none
     )
 
 
@@ -249,7 +268,8 @@ def save_mesh_error(
         "fine_cells": study.check_cells(hypothesis),
         "travel": study.increments,
         "refinement": error.refinement,
-        "left_share": left_share(error.refinement),
+        "stiffening": error.stiffening,
+        "left_share": error.left,
         "ratios": error.ratios,
         "names": names,
         "with_derivatives": error.slopes is not None,

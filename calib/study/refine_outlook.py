@@ -41,7 +41,7 @@ def refine_folder(out: Path, hypothesis: Hypothesis) -> Path:
 
 def check_plan(context: Context, hypothesis: Hypothesis, ratios: Array) -> CampaignPlan:
     """Runs on the finer mesh."""
-    model = context.model(hypothesis, context.study.check_cells(hypothesis))
+    model = context.check_model(hypothesis)
     folder = check_folder(context.out, hypothesis)
     return CampaignPlan(
         model,
@@ -137,4 +137,5 @@ def measured_mesh_error(
     """
     study = context.study
     extent = np.ptp(design_box(study, hypothesis), axis=1) if has_field(study) else None
-    return mesh_error(fine, coarse, study.refinement(hypothesis), hypothesis.name, extent)
+    finer, stiffer = study.refinement(hypothesis), study.mesh.check_stiffening
+    return mesh_error(fine, coarse, finer, hypothesis.name, extent, stiffer)

@@ -55,6 +55,7 @@ NotNegative = Annotated[float, Field(ge=0)]
 Share = Annotated[float, Field(ge=0, lt=1)]
 Correlation = Annotated[float, Field(ge=0, lt=1)]
 BulkRatio = Annotated[float, Field(gt=1, le=1e5)]
+Stiffening = Annotated[float, Field(ge=1, le=64)]
 Interface = SkipValidation[Literal["stick", "slide"] | float]
 """checked by `Hypothesis` as a whole, whose message names all that is possible"""
 PinShape = Literal["bar", "round"]
@@ -76,6 +77,8 @@ class Virtual:
     """true C11, MPa"""
     cells: BlockCells
     """three numbers of elements (x, y, z), at least those of mesh.sampling, or rings as there"""
+    stiffening: Stiffening = 8.0
+    """how many times less the pin's surface gives way than in the runs that train the emulator"""
     n_samples: Annotated[int, Field(ge=2)]
     """number of samples tested"""
     force_sd_share: Positive
@@ -163,6 +166,10 @@ class Mesh:
     check: BlockCells = (20, 8, 3)
     """three numbers of elements (x, y, z) for the runs that measure the discretisation error, or
     { rings, layers, sectors } where sampling has these"""
+    check_stiffening: Stiffening = 4.0
+    """how many times less the pin's surface gives way in the runs of check than in those that train
+    the emulator: a rigid pin does not, and what that is worth is corrected for with the mesh; 1 is
+    the same surface"""
 
     def __post_init__(self) -> None:
         if not shows_error(self.check, self.sampling):

@@ -114,7 +114,8 @@ def _checked(context: Context) -> dict[str, object]:
     """The forward models and the finer meshes that they are held against."""
     study = context.study
     cells = {h.name: plain(study.check_cells(h)) for h in study.hypotheses}
-    return {**_models()(context), "check": cells}
+    check = {"cells": cells, "stiffening": study.mesh.check_stiffening}
+    return {**_models()(context), "check": check}
 
 
 def _whole_study(context: Context) -> dict[str, object]:

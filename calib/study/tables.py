@@ -100,8 +100,11 @@ def mesh_table(errors: Mapping[str, Any]) -> Table:
     coarse = _mesh(first["coarse_cells"])
     fine = (f"{n}: {_mesh(e['fine_cells'])}" for n, e in errors.items())
     shares = (f"{error['left_share']:.2f} ({name})" for name, error in errors.items())
+    stiffer = first.get("stiffening", 1.0)
+    pin = f", under a pin that gives way {stiffer:g} times less" if stiffer > 1.0 else ""
     return Table(
-        f"Discretisation error: mesh {coarse} of the emulator's runs against {', '.join(fine)}",
+        f"Discretisation error: mesh {coarse} of the emulator's runs against "
+        f"{', '.join(fine)}{pin}",
         ("hypothesis", "measured at", *(f"{travel:g} mm" for travel in first["travel"])),
         tuple(rows),
         f"{_corrected(errors)} SD left: of the error "

@@ -66,7 +66,7 @@ def truth_of(study: Study) -> Array:
 def truth_model(context: Context) -> Simulate:
     """The forward model on the mesh of the truth."""
     virtual = _virtual(context.study)
-    return context.model(_true_hypothesis(context.study), virtual.cells)
+    return context.model(_true_hypothesis(context.study), virtual.cells, virtual.stiffening)
 
 
 def _true_hypothesis(study: Study) -> Hypothesis:

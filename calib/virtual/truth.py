@@ -11,6 +11,7 @@ import numpy as np
 from calib.code_hash import code_hash
 from calib.virtual.front_response import SAME, FrontResponse, load_front, save_front, solve_front
 from calib.virtual.smooth_front import smoothed
+from fe.contact import PenaltyLaw
 from fe.fingerprint import canonical_json, fingerprint
 from fe.response import Array
 from fe.specimens.block_pin import BlockPin, BlockPinModel, Contact
@@ -38,6 +39,8 @@ class BlockTruth:
     contact: Contact = field(default_factory=lambda: Contact(0.15, 0.15))
     cells: tuple[int, int, int] = (18, 6, 3)
     """Q2 elements of a quarter along x, y, z: finer than the meshes that are fitted"""
+    stiffening: float = 4.0
+    """how many times less the pin gives way than in models by default: a rigid one does not"""
     shift_cells: tuple[int, int, int] | None = (12, 4, 2)
     """of the half model with a shifted pin, or None: the field goes with the pin unchanged"""
     shift_solved: float = 0.4
@@ -75,7 +78,10 @@ class BlockTruth:
         """The fine quarter model."""
         is_whole = self.shift_cells is None
         travel = tuple(d for d in self.travel if is_whole or d <= self.fine_travel)
-        return BlockPinModel(self.specimen, self.contact, self.cells, travel, sensitivities=())
+        penalty = PenaltyLaw().stiffened(self.stiffening)
+        return BlockPinModel(
+            self.specimen, self.contact, self.cells, travel, penalty=penalty, sensitivities=()
+        )
 
     def shift_models(self) -> tuple[BlockPinModel, ...]:
         """The coarser models without and with a shift; none where the field just goes along."""
