@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -36,8 +37,9 @@ class CampaignFailed(RuntimeError):  # noqa: N818 - says what happened
 class CampaignPlan:
     """What is to be run and where it is kept.
 
-    Raises ValueError for a design that `checked_theta` refuses and for a fingerprint that does not
-    consist of finite JSON values, TypeError where none is given for a model that is no dataclass.
+    Raises ValueError for a design that `checked_theta` refuses and for a fingerprint or `design`
+    that does not consist of finite JSON values, TypeError where no fingerprint is given for a model
+    that is no dataclass.
     """
 
     simulate: Simulate
@@ -64,9 +66,12 @@ class CampaignPlan:
         if isinstance(own, tuple) and own and isinstance(own[0], Parameter):
             _check_same(own, self.parameters)
         object.__setattr__(self, "theta", checked_theta(self.theta, self.parameters))
+        object.__setattr__(self, "store", Path(self.store))
         if not self.fingerprint:
             object.__setattr__(self, "fingerprint", fingerprint_of(self.simulate))
-        canonical_json(self.fingerprint)
+        for what in ("fingerprint", "design"):
+            values = json.loads(canonical_json(getattr(self, what), what))
+            object.__setattr__(self, what, values)
 
     def keys(self) -> list[str]:
         """Names of the n runs."""
@@ -76,7 +81,7 @@ class CampaignPlan:
 def run_campaign(
     simulate: Simulate,
     theta: Array,
-    store: Path,
+    store: str | Path,
     *,
     parameters: tuple[Parameter, ...] = RATIOS,
     fingerprint: Mapping[str, object] | None = None,
@@ -90,7 +95,7 @@ def run_campaign(
     See `CampaignPlan` for the arguments and `run_campaigns` for what happens and is raised.
     """
     plan = CampaignPlan(
-        simulate, theta, store, parameters, fingerprint or {}, design or {}, max_failure_rate
+        simulate, theta, Path(store), parameters, fingerprint or {}, design or {}, max_failure_rate
     )
     [campaign] = run_campaigns([plan], map_fn, progress)
     return campaign
@@ -110,13 +115,18 @@ def run_campaigns(
     is called at the start and after each run, with the runs of all plans.
 
     Raises ValueError for a file in a store that is damaged or foreign (naming it), CampaignFailed
-    once more than `max_failure_rate` of all runs of a plan have failed, and whatever a simulation
-    raises (numerical failure is a status, not an exception).
+    once more than `max_failure_rate` of all runs of a plan have failed, TypeError for a result that
+    is no `Response`, and whatever a simulation raises (numerical failure is a status, not an
+    exception), with a note that names the run. What was done before is kept.
     """
     ledgers = [_Ledger.of(plan) for plan in plans]
     items = [(which, row) for which, ledger in enumerate(ledgers) for row in ledger.missing()]
-    models = _OneOf(tuple(plan.simulate for plan in plans))
-    rows = [(which, plans[which].theta[row]) for which, row in items]
+    models = _OneOf(
+        tuple(plan.simulate for plan in plans),
+        tuple(str(plan.store) for plan in plans),
+        tuple(plan.parameters for plan in plans),
+    )
+    rows = [(which, row, plans[which].theta[row]) for which, row in items]
     results = (map_fn or serial_map)(models, rows) if rows else iter(())
     try:
         for ledger in ledgers:
@@ -161,13 +171,28 @@ def load_response_at(plan: CampaignPlan, row: int = 0) -> Response | None:
 
 @dataclass(frozen=True)
 class _OneOf:
-    """Runs the model with the given index at the given row."""
+    """Runs the model with the given index at the given row.
+
+    Raises what the model raises, with a note that says of which run, and TypeError for a result
+    that is no `Response`.
+    """
 
     models: tuple[Simulate, ...]
+    stores: tuple[str, ...]
+    parameters: tuple[tuple[Parameter, ...], ...]
 
-    def __call__(self, item: tuple[int, Array]) -> Response:
-        which, row = item
-        return self.models[which](row)
+    def __call__(self, item: tuple[int, int, Array]) -> Response:
+        which, row, theta = item
+        try:
+            found: object = self.models[which](theta)
+            if not isinstance(found, Response):
+                raise TypeError(f"simulate: expected a Response, found {type(found).__name__}")
+        except Exception as error:
+            named = zip(self.parameters[which], theta, strict=True)
+            values = ", ".join(f"{p.name} = {p.text(value)}" for p, value in named)
+            error.add_note(f"in run {row} of {self.stores[which]}: {values}")
+            raise
+        return found
 
 
 @dataclass(frozen=True, eq=False)

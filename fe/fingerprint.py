@@ -24,21 +24,30 @@ def fingerprint(simulate: object) -> dict[str, object]:
     field that JSON cannot hold.
     """
     if not is_dataclass(simulate) or isinstance(simulate, type):
-        raise TypeError(f"simulate: expected a dataclass, found {type(simulate).__name__}")
+        raise TypeError(
+            f"simulate: expected a dataclass, found {type(simulate).__name__}; give fingerprint=, "
+            "all that its results depend on besides their row"
+        )
     return {"model": type(simulate).__qualname__, **_fields(simulate)}
 
 
-def canonical_json(values: Mapping[str, object]) -> str:
-    """One text for equal values, whatever the order of their keys.
+def canonical_json(values: Mapping[str, object], what: str = "fingerprint") -> str:
+    """One text for equal values, whatever the order of their keys; numpy's numbers are numbers.
 
-    Raises ValueError when they are not finite JSON values.
+    Raises ValueError, which begins with `what`, when they are not finite JSON values.
     """
     try:
-        return json.dumps(values, sort_keys=True, allow_nan=False)
+        return json.dumps(values, sort_keys=True, allow_nan=False, default=_number)
     except (TypeError, ValueError) as error:
         raise ValueError(
-            f"fingerprint: must consist of finite JSON values ({error}); convert arrays to lists"
+            f"{what}: must consist of finite JSON values ({error}); convert arrays to lists"
         ) from error
+
+
+def _number(value: object) -> object:
+    if isinstance(value, np.generic):
+        return value.item()
+    raise TypeError(f"found {type(value).__name__}")
 
 
 def _fields(instance: Any) -> dict[str, object]:
@@ -65,4 +74,7 @@ def _plain(value: object) -> object:
         return [_plain(item) for item in value]
     if isinstance(value, Path):
         return str(value)
-    raise TypeError(f"simulate: expected fields that JSON can hold, found {type(value).__name__}")
+    raise TypeError(
+        f"simulate: expected fields that JSON can hold, found {type(value).__name__}; give "
+        "fingerprint=, all that its results depend on besides their row"
+    )

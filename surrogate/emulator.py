@@ -95,7 +95,7 @@ class Emulator:
         header = Header(training_set.fingerprint, seed, len(x), training_set.n_excluded)
         return cls(force, scale, field, _field_shape(displacement), header)
 
-    def save(self, path: Path) -> None:
+    def save(self, path: str | Path) -> None:
         """Write one npz file with a JSON header, atomically."""
         arrays = modal_to_arrays(self.force, "force_") | {
             "scale": self.force_scale.mean,
@@ -104,16 +104,16 @@ class Emulator:
         if self.field is not None and self.field_shape is not None:
             arrays |= modal_to_arrays(self.field, "field_")
             arrays["shape"] = np.array(self.field_shape, dtype=np.float64)
-        write_arrays(path, self.header, arrays)
+        write_arrays(Path(path), self.header, arrays)
 
     @classmethod
-    def load(cls, path: Path, fingerprint: str | None = None) -> Emulator:
+    def load(cls, path: str | Path, fingerprint: str | None = None) -> Emulator:
         """Read what `save` wrote; predictions are the same bit for bit.
 
         Raises ValueError naming the file when it is damaged, of another version, or, with a
         `fingerprint`, trained on another `TrainingSet` than the one of this fingerprint.
         """
-        header, arrays = read_arrays(path, fingerprint)
+        header, arrays = read_arrays(Path(path), fingerprint)
         shape = arrays.pop("shape", None)
         try:
             scale = ForceScale(arrays.pop("scale"), bool(arrays.pop("log")))

@@ -6,6 +6,7 @@ import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -77,8 +78,19 @@ class Levels:
     levels: tuple[str, ...]
 
     def __post_init__(self) -> None:
-        if not self.levels or len(set(self.levels)) != len(self.levels):
-            raise ValueError(f"{self.name}: expected different levels, found {self.levels}")
+        if len(self.levels) < 2 or len(set(self.levels)) != len(self.levels):
+            raise ValueError(
+                f"{self.name}: expected two or more different levels, found {self.levels}"
+            )
+
+
+class Column(Protocol):
+    """What a column of a campaign holds: a factor by its name; a discrete one has `levels`, too."""
+
+    @property
+    def name(self) -> str:
+        """The factor's."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -93,20 +105,32 @@ class Design:
     levels: tuple[tuple[str, ...], ...]
     """n combinations of the levels of the discrete factors"""
 
-    def theta(self, factors: Sequence[Factor | Levels]) -> Array:
-        """(n, d) columns of all factors in their order; of a discrete one the index of its level.
+    def theta(self, columns: Sequence[Column]) -> Array:
+        """(n, d) values of the columns in their order; of a discrete one the index of its level.
 
-        As campaigns take them. `factors` are those that the design was made of, in any order.
+        As campaigns take them: `columns` are their parameters, or the factors that the design was
+        made of, in any order. A level is looked for by its name among those of the column.
+        Raises ValueError for names that are not those of the factors, and levels that a column
+        does not have.
         """
-        columns = []
-        for factor in factors:
-            if isinstance(factor, Factor):
-                columns.append(self.values[:, self.names.index(factor.name)])
-                continue
-            place = self.discrete_names.index(factor.name)
-            indices = [factor.levels.index(levels[place]) for levels in self.levels]
-            columns.append(np.array(indices, dtype=np.float64))
-        return np.column_stack(columns)
+        names, expected = [column.name for column in columns], self.names + self.discrete_names
+        if sorted(names) != sorted(expected):
+            raise ValueError(f"columns: expected {', '.join(expected)}, found {', '.join(names)}")
+        return np.column_stack([self._column(column) for column in columns])
+
+    def _column(self, column: Column) -> Array:
+        """(n,) values of one factor."""
+        if column.name in self.names:
+            return self.values[:, self.names.index(column.name)]
+        place = self.discrete_names.index(column.name)
+        known: Sequence[str] = getattr(column, "levels", ())
+        missing = sorted({levels[place] for levels in self.levels} - set(known))
+        if missing:
+            raise ValueError(
+                f"{column.name}: expected a column with the levels of the design, found "
+                f"{', '.join(missing)} not among {', '.join(known) or 'none'}"
+            )
+        return np.array([known.index(levels[place]) for levels in self.levels], dtype=np.float64)
 
     def rows(self, combination: tuple[str, ...]) -> npt.NDArray[np.int64]:
         """Rows with a combination of levels."""

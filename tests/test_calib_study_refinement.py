@@ -6,6 +6,7 @@ On an analytic stand-in for the FE model.
 from __future__ import annotations
 
 import json
+import shutil
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -13,6 +14,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from analytic_block import AnalyticBlock, analytic_block
+from toy_simulation import MANY
+from toy_simulation import run as run_toy
 
 import surrogate.refine
 from calib import cli
@@ -27,15 +30,24 @@ from calib.study.data_stage import load_data
 from calib.study.emulator_figures import refinement_loop, worst_errors
 from calib.study.emulator_tables import coverage_table, partial_table, refinement_table
 from calib.study.figure_style import png_bytes
-from calib.study.local_design import REFINEMENT
+from calib.study.local_design import LOCAL, REFINEMENT
 from calib.study.posterior_setup import emulator_posterior, noise_of
 from calib.study.refine_stage import load_refinement
 from calib.study.refinement import outlook
 from calib.study.sections import Cells, Hypothesis
 from calib.study.stages import run_stages
-from calib.study.train_report import WORST, EmulatorRefused
-from calib.study.train_stage import FIRST, load_diagnostics, load_emulator, load_maps
-from calib.study.training_runs import training_set
+from calib.study.train_report import WORST, EmulatorRefused, refuse_bad_emulators
+from calib.study.train_stage import (
+    DIAGNOSTICS,
+    FIRST,
+    LEAST_HELD_OUT,
+    StudyRuns,
+    load_diagnostics,
+    load_emulator,
+    load_maps,
+    maps_path,
+)
+from calib.study.training_runs import rows, training_set
 from calib.study.unknowns import design_points, prior_of
 from fe.campaign import CampaignFailed
 from fe.campaign_result import Campaign
@@ -214,6 +226,38 @@ def test_nothing_is_inferred_from_an_emulator_beyond_the_limits(tmp_path: Path) 
     with pytest.raises(EmulatorRefused):
         run_stages(replace(context, echo=lines.append), until="sample")
     assert any(line.startswith("refine") and "up to date" in line for line in lines)
+
+
+def test_a_refusal_of_the_emulator_of_a_box_alone_shows_where_that_one_errs(
+    refined: Context, tmp_path: Path
+) -> None:
+    shutil.copytree(refined.out, tmp_path / "run")
+    context = replace(refined, out=tmp_path / "run")
+    refuse_bad_emulators(context)  # those of the whole box are good
+    name = context.study.hypotheses[0].name
+    boxes = json.loads((context.out / REFINEMENT).read_text())
+    boxes[name]["box"] = [[0.1, 0.2], [0.05, 0.1]]
+    (context.out / REFINEMENT).write_text(json.dumps(boxes))
+    local = context.out / LOCAL
+    local.mkdir(exist_ok=True)
+    judged = load_diagnostics(context.out)[name] | {"failures": ["emulator: errs"]}
+    (local / DIAGNOSTICS).write_text(json.dumps({name: judged}))
+    shutil.copy(maps_path(context.out, context.study.hypotheses[0]), local)
+    with pytest.raises(EmulatorRefused, match=rf"{name} in its box: .* raise design\.n_local") as e:
+        refuse_bad_emulators(context)
+    assert str(local / WORST) in str(e.value) and (local / WORST).exists()
+    assert not (context.out / WORST).exists()
+
+
+def test_one_or_two_runs_held_out_in_a_box_judge_nothing(tmp_path: Path) -> None:
+    held_out = run_toy(tmp_path, theta=MANY[:20])
+    first = np.sort(held_out.theta[:, 0])
+    for n, expected in ((LEAST_HELD_OUT - 1, None), (LEAST_HELD_OUT, LEAST_HELD_OUT)):
+        box = np.array([[0.0, 0.5 * (first[n - 1] + first[n])], [0.0, 1.0]])
+        found = StudyRuns((held_out,), held_out, box).held_out_set()
+        assert (None if found is None else len(found.ratios)) == expected
+    two = StudyRuns((held_out,), rows(held_out, slice(2))).held_out_set()
+    assert two is not None and len(two.ratios) == 2  # without a box as many as were asked for
 
 
 def test_a_refusal_is_one_sentence_and_exit_code_1(

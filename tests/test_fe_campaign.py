@@ -15,6 +15,7 @@ from toy_simulation import FINGERPRINT, RATIOS, Raises, Toy, assert_same, files,
 from fe.campaign import CampaignFailed, run_campaign
 from fe.campaign_parameters import RATIOS as R_AND_S
 from fe.campaign_result import Campaign
+from fe.executors import process_map, serial_map
 from fe.response import Status
 from fe.run_files import run_key
 
@@ -191,3 +192,29 @@ def test_what_is_no_design_is_refused(tmp_path: Path, theta: np.ndarray, message
 def test_a_fingerprint_that_is_not_json_is_refused(tmp_path: Path, value: object) -> None:
     with pytest.raises(ValueError, match="fingerprint: must consist of finite JSON values"):
         run_campaign(Toy(), RATIOS, tmp_path, fingerprint={"mesh": value})
+
+
+def test_an_exception_of_a_simulation_says_of_which_run_it_is(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="r must be below 1") as found:
+        run(tmp_path / "store", Raises(), map_fn=serial_map)
+    assert f"in run 0 of {tmp_path / 'store'}: r = 0, s = 0" in found.value.__notes__
+
+
+def test_an_exception_in_a_worker_says_of_which_run_it_is(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="r must be below 1") as found:
+        run(tmp_path / "store", Raises(), map_fn=process_map(1))
+    assert f"in run 0 of {tmp_path / 'store'}: r = 0, s = 0" in found.value.__notes__
+
+
+def test_a_result_that_is_no_response_is_refused_and_what_was_done_is_kept(tmp_path: Path) -> None:
+    with pytest.raises(TypeError, match="expected a Response, found NoneType") as found:
+        run(tmp_path, lambda row: Toy()(row) if row[0] < 0.9 else None)
+    assert f"in run 1 of {tmp_path}: r = 1, s = 0" in found.value.__notes__
+    assert len(files(tmp_path)) == 1
+
+
+def test_a_store_may_be_a_text_and_a_design_hold_numbers_of_numpy(tmp_path: Path) -> None:
+    run_campaign(Toy(), RATIOS, str(tmp_path), fingerprint=FINGERPRINT, design={"n": np.int64(6)})
+    assert json.loads((tmp_path / "manifest.json").read_text())["design"] == {"n": 6}
+    with pytest.raises(ValueError, match="design: must consist of finite JSON values"):
+        run(tmp_path, design={"points": RATIOS})

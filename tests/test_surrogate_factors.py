@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 import pytest
@@ -135,8 +136,10 @@ def test_bounds_without_any_of_the_prior_are_refused() -> None:
 def test_factors_that_are_none_are_refused() -> None:
     with pytest.raises(ValueError, match="r: expected finite low < high"):
         Factor("r", 1.0, 0.0)
-    with pytest.raises(ValueError, match="pin: expected different levels"):
+    with pytest.raises(ValueError, match="pin: expected two or more different levels"):
         Levels("pin", ("bar", "bar"))
+    with pytest.raises(ValueError, match="pin: expected two or more different levels"):
+        Levels("pin", ("bar",))
     with pytest.raises(ValueError, match="factors: expected different names"):
         design((FACTORS[0], FACTORS[0]), 4, 1)
     with pytest.raises(ValueError, match="one continuous"):
@@ -152,3 +155,29 @@ def test_the_columns_of_a_campaign_hold_values_and_indices_of_levels() -> None:
     np.testing.assert_array_equal(theta[:, 1], found.values[:, 0])
     names = [(pin.levels[int(a)], contact.levels[int(b)]) for a, b in theta[:, [0, 2]]]
     assert names == list(found.levels)
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """Stands in for a campaign's, whose levels may be in another order than the design's."""
+
+    name: str
+    levels: tuple[str, ...] = ()
+
+
+def test_a_level_is_looked_for_by_its_name_among_those_of_the_column() -> None:
+    found = design([Factor("height", 2.5, 2.7), Levels("pin", ("round", "bar"))], 6, seed=1)
+    pin = Parameter("pin", ("bar", "round", "cone"))
+    theta = found.theta([pin, Parameter("height")])
+    assert [pin.levels[int(at)] for at in theta[:, 0]] == [levels[0] for levels in found.levels]
+
+
+def test_columns_that_a_design_cannot_fill_are_refused() -> None:
+    height, pin = Parameter("height"), Parameter("pin", ("bar", "cone"))
+    found = design([Factor("height", 2.5, 2.7), Levels("pin", ("round", "bar"))], 6, seed=1)
+    with pytest.raises(ValueError, match=r"pin: .* found round not among bar, cone"):
+        found.theta([height, pin])
+    with pytest.raises(ValueError, match=r"pin: .* found bar, round not among none"):
+        found.theta([height, Parameter("pin")])
+    with pytest.raises(ValueError, match="columns: expected height, pin, found height"):
+        found.theta([height])

@@ -15,10 +15,12 @@ from calib.study.emulator_figures import worst_errors
 from calib.study.emulator_tables import emulator_tables
 from calib.study.figure_style import save_png
 from calib.study.force_figures import EmulatorErrors, emulator_errors
+from calib.study.local_design import LOCAL
 from calib.study.tables import texts
 from calib.study.train_stage import (
     DIAGNOSTICS,
     FIRST,
+    IN_ITS_BOX,
     emulator_path,
     load_diagnostics,
     load_local_diagnostics,
@@ -59,17 +61,19 @@ def refuse_bad_emulators(context: Context) -> None:
 
     Raises EmulatorRefused with the first violation, what to do, and the figure that shows where.
     """
-    diagnostics = load_diagnostics(context.out)
-    failures = failures_of({**diagnostics, **load_local_diagnostics(context.out)})
+    judged, local = load_diagnostics(context.out), load_local_diagnostics(context.out)
+    failures = failures_of({**judged, **local})
     if not failures:
         return
-    figure = context.out / WORST
-    save_png(worst_figure(context.out, diagnostics, context.study), figure)
+    folder, more_runs = context.out, "raise design.n_runs, narrow the priors of r and s,"
+    if not failures_of(judged):
+        folder, judged, more_runs = folder / LOCAL, local, "raise design.n_local"
+    figure = folder / WORST
+    save_png(worst_figure(folder, judged, context.study), figure)
     more = f" (and {len(failures) - 1} more)" if len(failures) > 1 else ""
     raise EmulatorRefused(
         f"{failures[0]}{more}: nothing is inferred from such an emulator; {figure} shows where it "
-        "errs; raise design.n_runs, narrow the priors of r and s, or accept the error by the "
-        "limits in [emulator]"
+        f"errs; {more_runs} or accept the error by the limits in [emulator]"
     )
 
 
@@ -109,6 +113,10 @@ def emulator_figure(diagnostics: Mapping[str, Any], study: Study) -> Figure:
 
 
 def worst_figure(folder: Path, diagnostics: Mapping[str, Any], study: Study) -> Figure:
-    """Where the emulators kept in `folder` err most, in the design and on the front face."""
-    maps = {h.name: load_maps(folder, h) for h in study.hypotheses}
+    """Where the emulators kept in `folder` err most, in the design and on the front face.
+
+    `diagnostics` by hypothesis, whose names may end in `IN_ITS_BOX`.
+    """
+    hypotheses = {h.name: h for h in study.hypotheses}
+    maps = {n: load_maps(folder, hypotheses[n.removesuffix(IN_ITS_BOX)]) for n in diagnostics}
     return worst_errors(diagnostics, maps, study.increments)

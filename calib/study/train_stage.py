@@ -28,6 +28,10 @@ DIAGNOSTICS = "diagnostics.json"
 FINER = 0.1
 """of the share of the fields that the modes leave out, after each round of verification: what is
 left out moves a maximum by some tenths of an SD where a field is known from many points"""
+LEAST_HELD_OUT = 4
+"""runs in a posterior's box that judge its emulator; as many as a study holds out by itself"""
+IN_ITS_BOX = " in its box"
+"""after the name of a hypothesis: its emulator of the posterior's box is meant"""
 FIRST = "first"
 """folder of the emulators trained on the design alone"""
 
@@ -47,10 +51,15 @@ class StudyRuns:
         return within(found, self.box)
 
     def held_out_set(self) -> TrainingSet | None:
-        """The complete ones of those that judge; None without any."""
+        """The complete ones of those that judge; None without any, or with few in a box.
+
+        How many of the design's are in the box of a posterior is chance, and by one or two of them
+        no emulator can be told from a good one: runs left out judge it then.
+        """
         found = held_out_set(self.held_out)
         found = None if found is None else within(found, self.box)
-        return None if found is None or not len(found.ratios) else found
+        least = 1 if self.box is None else LEAST_HELD_OUT
+        return None if found is None or len(found.ratios) < least else found
 
     def campaigns(self) -> list[Campaign]:
         """All that are in the box."""
@@ -141,7 +150,7 @@ def load_local_diagnostics(out: Path) -> dict[str, dict[str, Any]]:
     if not names:
         return {}
     found = load_diagnostics(out / LOCAL)
-    return {f"{name} in its box": found[name] for name in names}
+    return {f"{name}{IN_ITS_BOX}": found[name] for name in names}
 
 
 def load_diagnostics(out: Path) -> dict[str, dict[str, Any]]:
