@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import ast
 import hashlib
-from functools import cache
 from pathlib import Path
 from typing import Any
 
-import fe
+from calib.code_hash import hash_of_syntax, syntax_hash
 from fe import run_campaign
 from fe.campaign import Simulate
 from fe.campaign_result import Campaign
@@ -23,34 +21,11 @@ def run_key(model: object, source: Path | None = None) -> str:
     can be mended without running everything again.
     """
     digest = hashlib.sha256(canonical_json(fingerprint(model)).encode())
-    digest.update(_code(source or Path(fe.__file__).parent).encode())
+    digest.update((hash_of_syntax(source) if source else syntax_hash("fe")).encode())
     return digest.hexdigest()[:12]
 
 
 def kept_campaign(simulate: Simulate, theta: Array, store: Path, **options: Any) -> Campaign:
-    """`fe.run_campaign` on a store that tells runs of other code of the package `fe` apart.
-
-    Those of studies are told apart by version, which does not change with every commit.
-    """
-    code = hashlib.sha256(_code(Path(fe.__file__).parent).encode()).hexdigest()[:12]
-    return run_campaign(
-        simulate, theta, store, fingerprint=fingerprint(simulate) | {"code": code}, **options
-    )
-
-
-class _Undocumented(ast.NodeTransformer):
-    """Removes texts that stand alone: docstrings, also those below constants and fields."""
-
-    def visit_Expr(self, node: ast.Expr) -> ast.Expr | None:
-        found = isinstance(node.value, ast.Constant) and isinstance(node.value.value, str)
-        return None if found else node
-
-
-@cache
-def _code(folder: Path) -> str:
-    """The syntax trees of all modules in a folder."""
-    trees = []
-    for path in sorted(folder.rglob("*.py")):
-        tree = _Undocumented().visit(ast.parse(path.read_text()))
-        trees.append(f"{path.relative_to(folder).as_posix()}: {ast.dump(tree)}")
-    return "\n".join(trees)
+    """`fe.run_campaign` on a store that tells runs of other code of the package `fe` apart."""
+    own = fingerprint(simulate) | {"code": syntax_hash("fe")[:12]}
+    return run_campaign(simulate, theta, store, fingerprint=own, **options)

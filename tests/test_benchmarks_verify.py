@@ -171,7 +171,7 @@ def test_a_stored_run_is_found_again_but_not_for_another_model_or_code(tmp_path)
 def test_a_kept_campaign_runs_again_what_other_code_has_run(tmp_path, monkeypatch):
     log = tmp_path / "log"
     for code, n_runs in (("one", 6), ("one", 6), ("other", 12)):
-        monkeypatch.setattr(benchmarks.run_key, "_code", lambda _, code=code: code)
+        monkeypatch.setattr(benchmarks.run_key, "syntax_hash", lambda _, code=code: code)
         kept_campaign(Toy(log=str(log)), RATIOS, tmp_path / "store")
         assert len(log.read_text().splitlines()) == n_runs
 
