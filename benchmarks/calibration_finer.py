@@ -57,7 +57,9 @@ def finer_arms(store: Path, n: int, name: str) -> dict[str, Arm]:
         stated = with_mesh_error(store, case, known, places)
         of_run = partial(_of_run, stated, drawn.run)
         arm = Arm(f"{arm_name}-checked-{k + 1}", drawn, of_run, seeds[2] + 100 * k)
-    shown = with_mesh_error(store, case, known, places, share=case.truth_share)
+    shown = with_mesh_error(
+        store, case, known, places, share=case.truth_share, pin_share=runs.PIN_SHARE
+    )
     of_run = partial(_of_run, shown, drawn.run)
     to_truth = replace(arm, name=f"{arm_name}-to-truth", likelihood=of_run)
     return {"stated": arm, "to_truth": to_truth, "left_out": without}
@@ -83,19 +85,22 @@ def with_mesh_error(
     places: Array,
     *,
     share: float = 1.0,
+    pin_share: float = 1.0,
 ) -> list[Likelihood]:
     """Likelihoods with the error of the mesh measured at places (n, n_check, 2), one for each n.
 
-    `share` of what is stated to be left of the difference of the meshes is stated.
+    `share` of what is stated to be left of the difference of the meshes is stated, `pin_share` of
+    that of the pins.
     """
     # One campaign for each check, so that places checked before are found again.
     checked = [runs.checks(store, case, ratios) for ratios in np.moveaxis(places, 1, 0)]
     extent = np.ptp(sbc_prior().bounds[1:], axis=1)
 
     def likelihood(truth: int) -> Likelihood:
-        fine, coarse = (_of_truth(campaigns, truth) for campaigns in zip(*checked, strict=True))
-        error: MeshError = mesh_error(fine, coarse, case.refinement, case.hypothesis, extent)
-        return likelihood_of(known, points(), mesh=stating(error, share))
+        fine, coarse, stiffer = (_of_truth(each, truth) for each in zip(*checked, strict=True))
+        pin = stiffer, runs.CHECK_STIFFENING
+        error = mesh_error(fine, coarse, case.refinement, case.hypothesis, extent, pin)
+        return likelihood_of(known, points(), mesh=stating(error, share, pin_share))
 
     return [likelihood(truth) for truth in range(len(places))]
 
@@ -106,12 +111,17 @@ def _of_truth(campaigns: tuple[Campaign, ...], truth: int) -> Campaign:
     return Campaign(theta, tuple(each.responses[truth] for each in campaigns), n_reused=len(theta))
 
 
-def stating(error: MeshError, share: float) -> MeshError:
-    """The error with a share of what is left after its correction: that of a finer check mesh.
+def stating(error: MeshError, share: float, pin_share: float = 1.0) -> MeshError:
+    """The error with shares of what is left after its correction: as of a finer check mesh and pin.
 
-    Left is a multiple of 1 / (refinement^2 - 1) (`calib.study.mesh_error.left_share`).
+    Left is a multiple of 1 / (refinement^2 - 1) (`calib.study.mesh_error.left_share`) and of
+    1 / (stiffening - 1).
     """
-    return replace(error, refinement=float(np.sqrt(1.0 + (error.refinement**2 - 1.0) / share)))
+    pin = error.pin
+    if pin is not None:
+        pin = replace(pin, stiffening=1.0 + (pin.stiffening - 1.0) / pin_share)
+    refinement = float(np.sqrt(1.0 + (error.refinement**2 - 1.0) / share))
+    return replace(error, refinement=refinement, pin=pin)
 
 
 def finer_case(

@@ -22,13 +22,14 @@ from calib.inference import Prior
 from calib.study.artifacts import read_json, write_json
 from calib.study.block_cells import refinement
 from calib.study.config import Study, load_study
-from calib.study.context import block_pin_model
+from calib.study.context import block_pin_model, stiffened
 from calib.study.posterior_setup import prior_of
 from calib.study.sections import Cells, Hypothesis
 from calib.study.unknowns import design_points
 from fe import BlockPin, BlockPinModel, Contact
 from fe.campaign_parameters import Parameter
 from fe.campaign_result import Campaign
+from fe.executors import process_map
 from fe.materials import material
 from fe.response import Array, Response
 from surrogate.design import sobol_design
@@ -47,6 +48,10 @@ OTHER_LAW = (
 OTHER_BOUNDS = np.array([[1.5, 4.0], [5.0, 20.0]])
 CONTACTS = {"sliding": "slide", "stuck": "stick"}
 """what benchmarks/emulator.py calls the hypotheses"""
+CHECK_STIFFENING, TRUTH_STIFFENING = 4.0, 8.0
+"""how many times less pins give way than that of the emulator's runs, as in studies"""
+PIN_SHARE = (1.0 / CHECK_STIFFENING - 1.0 / TRUTH_STIFFENING) * CHECK_STIFFENING
+"""share that truths show of what the check's pin leaves of a rigid one"""
 N_PLACED = 8
 """corners and centres of faces that come first in a design of (r, s)"""
 N_FINER, N_STUCK, N_OTHER, N_RUBBING = 24, 288, 100, 100
@@ -62,7 +67,8 @@ class MeshCase:
 
     Elements of the check are 1.5 (sliding) and 1.7 times (stuck; 1.6 on the sampling mesh of new
     studies) smaller than the emulator's (1.65 and 2.1 in the study), those of the truth 1.25 times
-    smaller than the check's.
+    smaller than the check's. The pin of the check gives way `CHECK_STIFFENING` times less than that
+    of the emulator's runs, that of the truth `TRUTH_STIFFENING` times.
     """
 
     hypothesis: str
@@ -80,7 +86,8 @@ class MeshCase:
         """Names what is stored of it."""
         check, truth = ("x".join(map(str, cells)) for cells in (self.check_cells, self.truth_cells))
         other = "" if self.other_cells is None else "x".join(map(str, self.other_cells)) + "-"
-        return f"{self.hypothesis}-{other}by-{check}-of-{truth}-{self.draw}"
+        pins = f"pins-{CHECK_STIFFENING:g}-{TRUTH_STIFFENING:g}"
+        return f"{self.hypothesis}-{other}by-{check}-of-{truth}-{pins}-{self.draw}"
 
     @property
     def cells(self) -> Cells:
@@ -157,11 +164,19 @@ def solved(
     ratios: Array,
     cells: Cells | None,
     progress: Progress | None = None,
+    stiffening: float = 1.0,
 ) -> Campaign:
-    """Runs under one hypothesis; `cells` None is its sampling mesh."""
+    """Runs under one hypothesis, side by side; `cells` None is its sampling mesh."""
     used, found = study(), hypothesis(name)
     model = block_pin_model(used, found, cells or used.sampling_cells(found))
-    return kept_campaign(model, ratios, store / folder, progress=progress, max_failure_rate=1.0)
+    return kept_campaign(
+        stiffened(model, stiffening),
+        ratios,
+        store / folder,
+        progress=progress,
+        max_failure_rate=1.0,
+        map_fn=process_map(0),
+    )
 
 
 def truths(store: Path, progress: Progress | None = None) -> Campaign:
@@ -210,7 +225,8 @@ def _benchmark_runs(
 def finer_truths(store: Path, case: MeshCase, progress: Progress | None = None) -> Campaign:
     """Truths drawn from the prior, on the finer mesh."""
     ratios, name = ratios_drawn(case.n_truths, case.draw), case.hypothesis
-    return solved(store, name, f"finer-{name}", ratios, case.truth_cells, progress)
+    folder = f"finer-{name}"
+    return solved(store, name, folder, ratios, case.truth_cells, progress, TRUTH_STIFFENING)
 
 
 def coarse_design(store: Path, name: str, progress: Progress | None = None) -> Campaign:
@@ -222,14 +238,21 @@ def coarse_design(store: Path, name: str, progress: Progress | None = None) -> C
 
 def checks(
     store: Path, case: MeshCase, ratios: Array, progress: Progress | None = None
-) -> tuple[Campaign, Campaign]:
-    """Runs on the check mesh and on that of the emulator at the same ratios (n, 2)."""
+) -> tuple[Campaign, Campaign, Campaign]:
+    """Runs of the check, of the emulator's model and on its mesh under the check's pin.
+
+    All at the same ratios (n, 2).
+    """
     name = case.hypothesis
-    fine, coarse = (
-        solved(store, name, f"check-{kind}-{name}", ratios, cells, progress)
-        for kind, cells in (("fine", case.check_cells), ("coarse", case.cells))
+    fine, coarse, stiffer = (
+        solved(store, name, f"check-{kind}-{name}", ratios, cells, progress, stiffening)
+        for kind, cells, stiffening in (
+            ("fine", case.check_cells, CHECK_STIFFENING),
+            ("coarse", case.cells, 1.0),
+            ("stiffer", case.cells, CHECK_STIFFENING),
+        )
     )
-    return fine, coarse
+    return fine, coarse, stiffer
 
 
 def other_truths(store: Path, progress: Progress | None = None) -> Campaign:

@@ -32,8 +32,13 @@ def figures(store: Path, name: str) -> dict[str, Any]:
     known, truths, _ = finer_case(store, case)
     ratios = truths.theta[:, :2]
     found = {}
-    for stated, share in (("stated", 1.0), ("to_truth", case.truth_share)):
-        likelihoods = with_mesh_error(store, case, known, ratios[:, None], share=share)
+    for stated, share, pin_share in (
+        ("stated", 1.0, 1.0),
+        ("to_truth", case.truth_share, runs.PIN_SHARE),
+    ):
+        likelihoods = with_mesh_error(
+            store, case, known, ratios[:, None], share=share, pin_share=pin_share
+        )
         each = zip(likelihoods, ratios, truths.force, truths.displacement, strict=True)
         found[stated] = told([fitted(*one) for one in each])
         print(f"{case} {stated}: {found[stated]}", flush=True)

@@ -20,7 +20,7 @@ from calib.inference.quadrature import integrate
 from calib.study.config import load_study
 from calib.study.context import Context, block_pin_model, stream
 from calib.study.data_stage import load_data
-from calib.study.mesh_error import load_mesh_error
+from calib.study.mesh_error_file import load_mesh_error
 from calib.study.posterior_setup import noise_of, posterior_of
 from calib.study.train_stage import load_emulator
 from calib.study.virtual_stage import noise, truth_model, truth_of, truth_run

@@ -14,6 +14,7 @@ from calib.study import data_checks
 from calib.study.assumptions import assumptions_table
 from calib.study.config import Study, StudyError, load_study, read_study
 from calib.study.context import Context, block_pin_model, stiffened
+from calib.study.refine_outlook import pin_plan
 from calib.study.unknowns import fixed_values
 from calib.study.varied_block import VariedBlock
 from calib.study.virtual_stage import truth_model
@@ -58,15 +59,20 @@ def penalty(found: object) -> PenaltyLaw:
 def test_the_pin_of_the_check_gives_way_less_than_that_of_the_emulators_runs(more: str) -> None:
     study = read(TEXT + more)
     context = Context(study, Path(), block_pin_model, serial_map, lambda _: None, False)
+    n_ratios = 3 if more else 2
     for hypothesis in study.hypotheses:
         assert penalty(context.sampling_model(hypothesis)) == PenaltyLaw()
         assert penalty(context.check_model(hypothesis)) == PenaltyLaw().stiffened(4.0)
+        of_pin = pin_plan(context, hypothesis, np.array([[0.5] * n_ratios]))
+        assert of_pin is not None
+        assert of_pin.simulate == stiffened(context.sampling_model(hypothesis), 4.0)
     rows = [
         name for name, value, _ in assumptions_table(study, thesis_forces()).rows if value == "4"
     ]
-    assert rows == ["how many times less its pin gives way"] * len(study.hypotheses)
+    assert rows == ["how many times less the pin of the check gives way"] * len(study.hypotheses)
     same = replace(context, study=replace(study, mesh=replace(study.mesh, check_stiffening=1.0)))
     assert penalty(same.check_model(study.hypotheses[0])) == PenaltyLaw()
+    assert pin_plan(same, study.hypotheses[0], np.array([[0.5] * n_ratios])) is None
 
 
 def test_the_pin_of_a_synthetic_truth_gives_way_less_still() -> None:

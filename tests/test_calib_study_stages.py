@@ -24,7 +24,7 @@ from calib.study.data_stage import at_increments, load_data
 from calib.study.design_next import design_next, errors_of
 from calib.study.direct_chain import direct_chain
 from calib.study.maxima_table import laplace_table
-from calib.study.mesh_error import check_folder, load_mesh_error
+from calib.study.mesh_error_file import check_folder, load_mesh_error
 from calib.study.plans import planned_likelihood
 from calib.study.posterior_setup import emulator_posterior, marginal
 from calib.study.posterior_stage import provenance

@@ -84,7 +84,7 @@ def _mesh_rows(study: Study) -> list[tuple[str, str, str]]:
     for hypothesis in study.hypotheses:
         sampling, check = study.sampling_cells(hypothesis), study.check_cells(hypothesis)
         stiffening = study.mesh.check_stiffening
-        share = left_share(study.refinement(hypothesis), stiffening)
+        share = left_share(study.refinement(hypothesis))
         part = "half" if off_centre(study, hypothesis) else "quarter"
         rows += [
             (
@@ -93,13 +93,16 @@ def _mesh_rows(study: Study) -> list[tuple[str, str, str]]:
                 "elements",
             ),
             (f"mesh of the check under {hypothesis.name}", written(check), "elements"),
-            ("how many times less its pin gives way", f"{stiffening:g}", "-"),
             (
                 "mesh error left after the correction, SD over the measured difference",
                 f"{share:.2f}, half of its square common to all increments",
                 "-",
             ),
+            ("how many times less the pin of the check gives way", f"{stiffening:g}", "-"),
         ]
+        if stiffening > 1.0:
+            left = f"{1.0 / (stiffening - 1.0):.2f}"
+            rows.append(("error of the pin's compliance left, SD over the difference", left, "-"))
     return rows
 
 

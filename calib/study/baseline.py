@@ -21,7 +21,7 @@ from calib.study.context import Context, stream
 from calib.study.data_stage import load_data
 from calib.study.figure_style import COLOURS, INK, MUTED, save_png, tidy
 from calib.study.finished import check_constants, chosen, finished
-from calib.study.mesh_error import load_mesh_error
+from calib.study.mesh_error_file import load_mesh_error
 from calib.study.sample_stage import load_samples, samples_path
 from calib.study.sections import Hypothesis
 from calib.study.tables import Table, number

@@ -10,7 +10,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from calib.study.context import Context
-from calib.study.mesh_error import check_folder, save_mesh_error
+from calib.study.mesh_error_file import check_folder, pin_folder, save_mesh_error
 from calib.study.refine_outlook import measured_mesh_error
 from calib.study.refine_stage import check_sets, checked_runs, load_refinement
 from calib.study.simulate_stage import manifest_files
@@ -20,19 +20,21 @@ from fe.progress_bar import progress_bar
 
 
 def run(context: Context) -> list[Path]:
-    """Solve the finer mesh at the last posterior mean and measure the difference.
+    """Solve finer mesh and stiffer pin at the last posterior mean and measure the difference.
 
     One npz and json a hypothesis. Raises CampaignFailed when no run on the finer mesh reaches
     the last increment.
     """
     with progress_bar("check mesh", "run", shown=context.show_progress) as progress:
-        fine = run_campaigns(check_sets(context), context.map_fn, progress)
+        found = run_campaigns(check_sets(context), context.map_fn, progress)
     paths = []
-    for hypothesis, campaign in zip(context.study.hypotheses, fine, strict=True):
+    for hypothesis, campaign in zip(context.study.hypotheses, found, strict=False):
         runs = load_refinement(context, hypothesis)
         coarse = rows(runs, checked_runs(context, hypothesis))
         error = measured_mesh_error(context, hypothesis, campaign, coarse)
         names = [parameter.name for parameter in runs.parameters]
         paths += save_mesh_error(context.out, hypothesis, context.study, error, names)
         paths += manifest_files(check_folder(context.out, hypothesis))
+        if context.study.mesh.check_stiffening > 1.0:
+            paths += manifest_files(pin_folder(context.out, hypothesis))
     return paths

@@ -23,7 +23,7 @@ from calib.study.data_stage import load_data
 from calib.study.figure_style import save_png
 from calib.study.finished import chosen, finished
 from calib.study.information_figures import gains_figure
-from calib.study.mesh_error import load_mesh_error
+from calib.study.mesh_error_file import load_mesh_error
 from calib.study.plans import ASSUMED_NOISE, Errors, Plan, by_emulator, by_runs
 from calib.study.posterior_setup import emulator_posterior, noise_of
 from calib.study.sample_stage import load_samples

@@ -29,7 +29,7 @@ from calib.study.artifacts import (
 )
 from calib.study.context import Context
 from calib.study.finished import chosen, finished, posteriors
-from calib.study.mesh_error import load_mesh_error
+from calib.study.mesh_error_file import load_mesh_error
 from calib.study.refine_outlook import refine_folder
 from calib.study.sample_stage import load_samples, samples_path
 from calib.study.sections import Hypothesis

@@ -23,7 +23,7 @@ from calib.study.emulator_tables import (
 from calib.study.further_table import further_table
 from calib.study.local_design import REFINEMENT
 from calib.study.maxima_table import laplace_table, map_table, rounds_table
-from calib.study.mesh_error import check_folder
+from calib.study.mesh_error_file import check_folder
 from calib.study.nuisances import correlation_table, nuisance_table
 from calib.study.population_report import every_population_table, population_sections
 from calib.study.predict_stage import CHECKS

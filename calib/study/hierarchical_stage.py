@@ -22,7 +22,7 @@ from calib.study.artifacts import plain
 from calib.study.config import Study
 from calib.study.context import Context, stream
 from calib.study.data_stage import load_data
-from calib.study.mesh_error import load_mesh_error
+from calib.study.mesh_error_file import load_mesh_error
 from calib.study.population_checks import SAMPLES
 from calib.study.population_summary import population_path
 from calib.study.posterior_setup import noise_of

@@ -18,7 +18,7 @@ from calib.study import verification
 from calib.study.artifacts import write_json
 from calib.study.context import Context, stream
 from calib.study.local_design import REFINEMENT
-from calib.study.mesh_error import load_mesh_error
+from calib.study.mesh_error_file import load_mesh_error
 from calib.study.posterior_setup import emulator_posterior
 from calib.study.refine_outlook import refine_folder
 from calib.study.refine_stage import load_refinement

@@ -1,10 +1,9 @@
-"""Error of the sampling mesh: its difference from a finer one, measured and kept on disk."""
+"""Error of the sampling mesh and of its pin: the difference from finer ones, and what is left."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
@@ -13,9 +12,6 @@ from calib.inference.forward import EmulatorForward
 from calib.inference.mesh_correction import CorrectionSlopes, MeshCorrection
 from calib.inference.noise import NoiseSettings, field_nuisances
 from calib.inference.tangent_errors import Mistaken, apart, mistaken, patterns_at, tangents_at
-from calib.study.artifacts import read_json, read_npz, write_json, write_npz
-from calib.study.config import Study
-from calib.study.sections import Hypothesis
 from calib.study.training_runs import rows
 from fe.campaign import CampaignFailed
 from fe.campaign_result import Campaign
@@ -32,16 +28,38 @@ stuck blocks they leave a fifth to two fifths of what a constant does within 0.1
 of r and 2 s), as much beyond 0.4"""
 
 
-def left_share(refinement: float, stiffening: float = 1.0) -> float:
-    """SD of the error that is left after the correction, as a share of the measured difference.
+def left_share(refinement: float) -> float:
+    """SD of the mesh error that is left after the correction, as a share of the difference.
 
     Half the grid convergence index of the finer mesh, whose elements are `refinement` times
-    smaller, at second order and read as a 95 % band: 1.2 for elements 1.5 times smaller. Where its
-    pin gives way `stiffening` times less, at least what a difference of that alone would leave of
-    a rigid pin, as forces follow the penetration: a third for 4.
+    smaller, at second order and read as a 95 % band: 1.2 for elements 1.5 times smaller.
     """
-    of_mesh = 0.5 * SAFETY / (refinement**2 - 1.0)
-    return of_mesh if stiffening == 1.0 else max(of_mesh, 1.0 / (stiffening - 1.0))
+    return 0.5 * SAFETY / (refinement**2 - 1.0)
+
+
+@dataclass(frozen=True)
+class PinError:
+    """What of the difference from the finer mesh's runs is the pin's, which gives way less there.
+
+    Measured on the sampling mesh: the pin's part may be as large as the mesh's, of the other sign,
+    and is followed far better, so that a share of their sum would tell of neither.
+    """
+
+    stiffening: float
+    """how many times less the pin of the finer mesh's runs gives way"""
+    signed_force: Array
+    """(n_check, n_step) force under the pin of the emulator's runs over that under the other - 1"""
+    field: Array
+    """(n_check, n_step, n_point, 3) displacement under the one minus that under the other, mm"""
+
+    @property
+    def left(self) -> float:
+        """SD of what the correction leaves of a rigid pin, as a share of the difference.
+
+        Forces follow the penetration, which `stiffening` divides at every pressure: of c they miss
+        c / k, which is c / (k - 1) of the difference.
+        """
+        return 1.0 / (self.stiffening - 1.0)
 
 
 @dataclass(frozen=True)
@@ -70,13 +88,20 @@ class MeshError:
     """None where derivatives of one of the runs are not known"""
     extent: Array | None = None
     """(d,) of the box of the ratios, for data with a field"""
-    stiffening: float = 1.0
-    """how many times less the pin of the finer mesh's runs gives way"""
+    pin: PinError | None = None
+    """what of it is the pin's; None where that is the same for both meshes"""
 
     @property
-    def left(self) -> float:
-        """SD of what the correction leaves, as a share of the difference."""
-        return left_share(self.refinement, self.stiffening)
+    def _parts(self) -> list[tuple[float, Array, Array]]:
+        """Shares that are left as an SD, of relative forces and of fields [mm]: mesh, then pin."""
+        share, pin = left_share(self.refinement), self.pin
+        if pin is None:
+            return [(share, self.signed_force, self.field)]
+        of_mesh = (1.0 + self.signed_force) / (1.0 + pin.signed_force) - 1.0
+        return [
+            (share, of_mesh, self.field - pin.field),
+            (pin.left, pin.signed_force, pin.field),
+        ]
 
     @property
     def correction(self) -> MeshCorrection:
@@ -108,23 +133,24 @@ class MeshError:
     def force(self) -> Array:
         """(n_step,) relative SD of the force's error after the correction.
 
-        Of the share that is left, and of the spread over the checks. The difference at one
-        increment never counts less than its root mean square over all: where it changes sign
-        between two increments, a small one is no sign of accuracy.
+        Of the shares that are left, of mesh and pin, and of the spread over the checks. A
+        difference at one increment never counts less than its root mean square over all: where it
+        changes sign between two increments, a small one is no sign of accuracy.
         """
-        size = np.sqrt(np.mean(self.signed_force**2, axis=0))
-        overall = np.sqrt(np.mean(self.signed_force**2))
-        spread = _variance_over_checks(self.signed_force)
-        share = self.left
-        sd: Array = np.sqrt((share * np.maximum(size, overall)) ** 2 + spread)
+        variance = _variance_over_checks(self.signed_force)
+        for share, force, _ in self._parts:
+            size = np.sqrt(np.mean(force**2, axis=0))
+            variance += (share * np.maximum(size, np.sqrt(np.mean(force**2)))) ** 2
+        sd: Array = np.sqrt(variance)
         return sd
 
     @property
     def field_floor(self) -> Array:
         """(n_step, 3) SD of the field's error after the correction, mm; as for the force."""
-        size = np.mean(self.field**2, axis=(0, 2))
-        spread = _variance_over_checks(self._carried).mean(axis=1)
-        floor: Array = np.sqrt(self.left**2 * size + spread)
+        variance: Array = _variance_over_checks(self._carried).mean(axis=1)
+        for share, _, field in self._parts:
+            variance += share**2 * np.mean(field**2, axis=(0, 2))
+        floor: Array = np.sqrt(variance)
         return floor
 
     def field_patterns(
@@ -160,8 +186,10 @@ class MeshError:
         tangents = tangents_at(forward, self._theta(forward), nuisances)
         of_ratios = np.full(d, np.inf) if self.extent is None else self.extent / np.sqrt(12.0)
         held = np.append(of_ratios, [error.sd for error in nuisances])
-        share = self.left**2 / len(self.ratios)
-        found = share * mistaken(dataset.field, dataset.travel, tangents, self.field, held)
+        found = np.zeros((held.size, held.size))
+        for share, _, field in self._parts:
+            of_part = mistaken(dataset.field, dataset.travel, tangents, field, held)
+            found += share**2 / len(self.ratios) * of_part
         return apart(found, tuple(error.name for error in nuisances), forward.bounds)
 
     def _theta(self, forward: EmulatorForward) -> Array:
@@ -183,30 +211,25 @@ def mesh_error(
     refinement: float,
     name: str,
     extent: Array | None = None,
-    stiffening: float = 1.0,
+    stiffer: tuple[Campaign, float] | None = None,
 ) -> MeshError:
-    """Difference between two meshes solved at the same ratios, at the last that both got through.
+    """Difference between two meshes solved at the same ratios, at the last that all got through.
 
-    `refinement` is how many times smaller the fine one's elements are, `stiffening` how many times
-    less its pin gives way. With the `extent` (d,) of
-    the box of the ratios the difference of the fields goes with them: for data with a field, whose
-    posterior is narrow. That of forces alone spreads far beyond where derivatives hold.
+    `refinement` is how many times smaller the fine one's elements are. Where its pin gives way
+    less, `stiffer` are runs of the coarse mesh under such a pin, and how many times less. With the
+    `extent` (d,) of the box of the ratios the difference of the fields goes with them: for data
+    with a field, whose posterior is narrow. That of forces alone spreads far beyond where
+    derivatives hold.
 
     Raises CampaignFailed when there is no such point.
     """
-    both = fine.reached & coarse.reached
-    if not both.any():
-        worst = min((*fine.responses, *coarse.responses), key=lambda found: found.reached)
-        mesh = "finer" if not fine.reached.any() else "sampling"
-        raise CampaignFailed(
-            f"{name}: the {mesh} mesh stopped at {worst.reached:.3g} mm ({worst.message}), so the "
-            "discretisation error is unknown; change mesh.check, lower mesh.check_stiffening or "
-            "lower the last increment",
-            n_failed=len(both),
-            n_done=len(both),
-            n_total=len(both),
-        )
-    last = np.flatnonzero(both)[-N_CHECKED:]
+    runs = {"finer mesh": fine, "sampling mesh": coarse}
+    if stiffer is not None:
+        runs["sampling mesh under a stiffer pin"] = stiffer[0]
+    every = np.all([own.reached for own in runs.values()], axis=0)
+    if not every.any():
+        raise _unknown(name, runs)
+    last = np.flatnonzero(every)[-N_CHECKED:]
     fine, coarse = rows(fine, last), rows(coarse, last)
     return MeshError(
         refinement=refinement,
@@ -215,7 +238,32 @@ def mesh_error(
         field=coarse.displacement - fine.displacement,
         slopes=None if extent is None else _slopes(fine, coarse, REACH * extent),
         extent=extent,
-        stiffening=stiffening,
+        pin=None if stiffer is None else _pin_error(coarse, rows(stiffer[0], last), stiffer[1]),
+    )
+
+
+def _pin_error(coarse: Campaign, stiffer: Campaign, stiffening: float) -> PinError:
+    return PinError(
+        stiffening,
+        coarse.force / stiffer.force - 1.0,
+        coarse.displacement - stiffer.displacement,
+    )
+
+
+def _unknown(name: str, runs: Mapping[str, Campaign]) -> CampaignFailed:
+    """Says which of the runs of each mesh stopped first."""
+    mesh, worst = min(
+        ((mesh, run) for mesh, own in runs.items() for run in own.responses),
+        key=lambda found: found[1].reached,
+    )
+    n = len(next(iter(runs.values())).theta)
+    return CampaignFailed(
+        f"{name}: the {mesh} stopped at {worst.reached:.3g} mm ({worst.message}), so the "
+        "discretisation error is unknown; change mesh.check, lower mesh.check_stiffening or "
+        "lower the last increment",
+        n_failed=n,
+        n_done=n,
+        n_total=n,
     )
 
 
@@ -233,62 +281,3 @@ def _slopes(fine: Campaign, coarse: Campaign, reach: Array) -> MeshSlopes | None
     )
     found = MeshSlopes(by_coarse - by_fine, reach)
     return found if np.isfinite(found.field).all() else None
-
-
-def load_mesh_error(out: Path, hypothesis: Hypothesis) -> MeshError:
-    """Read what the check stage kept; raises ValueError naming a missing or damaged file."""
-    facts = read_json(check_folder(out, hypothesis) / "mesh_error.json")
-    stored = read_npz(check_folder(out, hypothesis) / "mesh_error.npz", ("field",))
-    known = "field_slope" in stored
-    slopes = MeshSlopes(stored["field_slope"], stored["reach"]) if known else None
-    extent = stored.get("extent")
-    if extent is None and slopes is not None:
-        extent = slopes.reach / REACH  # as files before it have it
-    return MeshError(
-        refinement=float(facts["refinement"]),
-        ratios=np.asarray(facts["ratios"], dtype=float),
-        signed_force=np.asarray(facts["signed_force"], dtype=float),
-        field=stored["field"],
-        slopes=slopes,
-        extent=extent,
-        stiffening=float(facts.get("stiffening", 1.0)),  # files before it have none
-    )
-
-
-def save_mesh_error(
-    out: Path, hypothesis: Hypothesis, study: Study, error: MeshError, names: Sequence[str]
-) -> list[Path]:
-    """Keep the error of one hypothesis' mesh as json and npz; returns the files.
-
-    `names` are those of the ratios' columns.
-    """
-    folder = check_folder(out, hypothesis)
-    facts = {
-        "coarse_cells": study.sampling_cells(hypothesis),
-        "fine_cells": study.check_cells(hypothesis),
-        "travel": study.increments,
-        "refinement": error.refinement,
-        "stiffening": error.stiffening,
-        "left_share": error.left,
-        "ratios": error.ratios,
-        "names": names,
-        "with_derivatives": error.slopes is not None,
-        "force": error.force,
-        "signed_force": error.signed_force,
-        "field_rms": np.sqrt(np.mean(error.field**2, axis=(2, 3))),
-        "field_floor": error.field_floor,
-        "units": {"force": "relative", "field_rms": "mm", "field_floor": "mm", "travel": "mm"},
-    }
-    write_json(folder / "mesh_error.json", facts)
-    arrays = {"field": error.field}
-    if error.slopes is not None:
-        arrays |= {"field_slope": error.slopes.field, "reach": error.slopes.reach}
-    if error.extent is not None:
-        arrays |= {"extent": error.extent}
-    write_npz(folder / "mesh_error.npz", arrays)
-    return [folder / "mesh_error.json", folder / "mesh_error.npz"]
-
-
-def check_folder(out: Path, hypothesis: Hypothesis) -> Path:
-    """Where the finer mesh's runs of a hypothesis are kept."""
-    return out / "check" / hypothesis.name

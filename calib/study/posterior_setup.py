@@ -14,7 +14,8 @@ from calib.study.config import Study
 from calib.study.context import Context
 from calib.study.data_stage import load_data
 from calib.study.local_design import LOCAL, kept_box
-from calib.study.mesh_error import MeshError, load_mesh_error
+from calib.study.mesh_error import MeshError
+from calib.study.mesh_error_file import load_mesh_error
 from calib.study.sections import Hypothesis, ParameterPrior
 from calib.study.train_stage import load_emulator
 from calib.study.unknowns import prior_of

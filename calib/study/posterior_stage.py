@@ -20,7 +20,7 @@ from calib.study.config import Study
 from calib.study.context import Context, stream
 from calib.study.data_stage import StudyData, load_data
 from calib.study.local_design import LOCAL, kept_box
-from calib.study.mesh_error import load_mesh_error
+from calib.study.mesh_error_file import load_mesh_error
 from calib.study.mesh_remarks import distance_sentence, errors_sentence
 from calib.study.posterior_setup import emulator_posterior, noise_of
 from calib.study.sample_stage import load_samples, samples_path

@@ -14,7 +14,8 @@ from calib.study.context import Context, stream
 from calib.study.data_stage import load_data
 from calib.study.judgement import has_field
 from calib.study.local_design import within
-from calib.study.mesh_error import MeshError, check_folder, mesh_error
+from calib.study.mesh_error import MeshError, mesh_error
+from calib.study.mesh_error_file import check_folder, pin_folder
 from calib.study.posterior_setup import noise_of, sizes_of
 from calib.study.refine_rounds import Loop
 from calib.study.refinement import Outlook, outlook
@@ -23,7 +24,7 @@ from calib.study.sections import Hypothesis
 from calib.study.train_stage import FIRST, design_runs, load_emulator
 from calib.study.training_runs import rows
 from calib.study.unknowns import design_box, parameters_of, prior_of
-from fe.campaign import CampaignPlan, load_campaign
+from fe.campaign import CampaignFailed, CampaignPlan, load_campaign
 from fe.campaign_result import Campaign
 from fe.response import Array
 from surrogate import Emulator, ScaledEmulator, TrainingSet
@@ -48,6 +49,23 @@ def check_plan(context: Context, hypothesis: Hypothesis, ratios: Array) -> Campa
         ratios,
         folder,
         parameters=parameters_of(context.study, hypothesis),
+        fingerprint=run_identity(model),
+        max_failure_rate=1.0,
+    )
+
+
+def pin_plan(context: Context, hypothesis: Hypothesis, ratios: Array) -> CampaignPlan | None:
+    """Runs on the sampling mesh under the finer mesh's pin; None where it has the same."""
+    study = context.study
+    if study.mesh.check_stiffening == 1.0:
+        return None
+    cells = study.sampling_cells(hypothesis)
+    model = context.model(hypothesis, cells, study.mesh.check_stiffening)
+    return CampaignPlan(
+        model,
+        ratios,
+        pin_folder(context.out, hypothesis),
+        parameters=parameters_of(study, hypothesis),
         fingerprint=run_identity(model),
         max_failure_rate=1.0,
     )
@@ -123,9 +141,10 @@ def _mesh_error_so_far(
     """As the last runs on the finer mesh say; None where none reached the last increment."""
     fine = load_campaign(check_plan(context, hypothesis, loop.ratios[list(loop.checked)]))
     coarse = rows(added, list(loop.checked))
-    if not (fine.reached & coarse.reached).any():
+    try:
+        return measured_mesh_error(context, hypothesis, fine, coarse)
+    except CampaignFailed:
         return None
-    return measured_mesh_error(context, hypothesis, fine, coarse)
 
 
 def measured_mesh_error(
@@ -137,5 +156,12 @@ def measured_mesh_error(
     """
     study = context.study
     extent = np.ptp(design_box(study, hypothesis), axis=1) if has_field(study) else None
-    finer, stiffer = study.refinement(hypothesis), study.mesh.check_stiffening
-    return mesh_error(fine, coarse, finer, hypothesis.name, extent, stiffer)
+    stiffer = pin_plan(context, hypothesis, fine.theta)
+    return mesh_error(
+        fine,
+        coarse,
+        study.refinement(hypothesis),
+        hypothesis.name,
+        extent,
+        None if stiffer is None else (load_campaign(stiffer), study.mesh.check_stiffening),
+    )

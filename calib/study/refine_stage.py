@@ -22,7 +22,7 @@ from calib.study.context import Context, stream
 from calib.study.judgement import has_field, measurement_noise
 from calib.study.local_design import LOCAL, REFINEMENT, kept_box
 from calib.study.next_runs import Choice
-from calib.study.refine_outlook import check_plan, look, plan, refine_folder
+from calib.study.refine_outlook import check_plan, look, pin_plan, plan, refine_folder
 from calib.study.refine_rounds import Loop, described
 from calib.study.sections import Hypothesis
 from calib.study.simulate_stage import load_design, manifest_files
@@ -89,13 +89,12 @@ def load_refinement(context: Context, hypothesis: Hypothesis) -> Campaign:
 
 
 def check_sets(context: Context) -> list[CampaignPlan]:
-    """The runs on the finer mesh at the posterior's means, one set a hypothesis."""
+    """The runs on the finer mesh at the posterior's means, one set a hypothesis; then the pin's."""
     kept = read_json(context.out / REFINEMENT)
     ratios = {name: np.asarray(own["ratios"], dtype=float) for name, own in kept.items()}
-    return [
-        check_plan(context, h, ratios[h.name][checked_runs(context, h)])
-        for h in context.study.hypotheses
-    ]
+    places = [(h, ratios[h.name][checked_runs(context, h)]) for h in context.study.hypotheses]
+    of_pin = [pin_plan(context, h, at) for h, at in places]
+    return [*(check_plan(context, h, at) for h, at in places), *(p for p in of_pin if p)]
 
 
 def checked_runs(context: Context, hypothesis: Hypothesis) -> list[int]:
@@ -137,18 +136,20 @@ def _may_have_box(study: Study, hypothesis: Hypothesis) -> bool:
 
 def _run_round(context: Context, before: dict[str, Loop], loops: dict[str, Loop]) -> None:
     """Run what the round chose for all hypotheses; the long runs on the finer mesh go first."""
-    checks, plans = [], []
+    checks, pins, plans = [], [], []
     for hypothesis in context.study.hypotheses:
         old, new = before[hypothesis.name], loops[hypothesis.name]
         if old.done:
             continue
         # The last ones of all hypotheses run together in stage `check`.
         if not new.done and len(new.checked) > len(old.checked):
-            checks.append(check_plan(context, hypothesis, new.ratios[list(new.checked)]))
+            at = new.ratios[list(new.checked)]
+            checks.append(check_plan(context, hypothesis, at))
+            pins.append(pin_plan(context, hypothesis, at))
         plans.append(plan(context, hypothesis, new.ratios))
     number = max(len(loop.rounds) for loop in loops.values())
     with progress_bar(f"refine {number}", "run", shown=context.show_progress) as progress:
-        run_campaigns([*checks, *plans], context.map_fn, progress)
+        run_campaigns([*checks, *(p for p in pins if p), *plans], context.map_fn, progress)
     for hypothesis in context.study.hypotheses:
         _stop_beyond_rate(context, hypothesis, loops[hypothesis.name])
 

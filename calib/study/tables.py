@@ -93,6 +93,7 @@ def mesh_table(errors: Mapping[str, Any]) -> Table:
             at = ", ".join(f"{column} = {value:.3g}" for column, value in named)
             rows.append((f"{name}, force [%]", at, *(percent(value) for value in signed)))
             rows.append((f"{name}, field RMS [mm]", at, *(number(value, 2) for value in field)))
+        rows += _pin_rows(name, error.get("pin"))
         left = (f"{100 * value:.2f}" for value in error["force"])
         rows.append((f"{name}, SD of force left [%]", "", *left))
         floors = (number(max(value), 2) for value in error["field_floor"])
@@ -100,25 +101,47 @@ def mesh_table(errors: Mapping[str, Any]) -> Table:
     coarse = _mesh(first["coarse_cells"])
     fine = (f"{n}: {_mesh(e['fine_cells'])}" for n, e in errors.items())
     shares = (f"{error['left_share']:.2f} ({name})" for name, error in errors.items())
-    stiffer = first.get("stiffening", 1.0)
-    pin = f", under a pin that gives way {stiffer:g} times less" if stiffer > 1.0 else ""
+    pin, of_pin = _pin_words(first.get("pin"))
     return Table(
         f"Discretisation error: mesh {coarse} of the emulator's runs against "
         f"{', '.join(fine)}{pin}",
         ("hypothesis", "measured at", *(f"{travel:g} mm" for travel in first["travel"])),
         tuple(rows),
         f"{_corrected(errors)} SD left: of the error "
-        f"that the likelihood still allows for, {', '.join(shares)} times the difference (half the "
-        "grid convergence index of two meshes; of the force never less than that of the RMS over "
-        "the increments) and its spread over the points; of the field, the worst component, and "
-        "a field has the same share again of the changes of each constant and of nuisances of the "
-        "test that the difference would be mistaken for. It is an estimate, not a bound."
+        f"that the likelihood still allows for, {', '.join(shares)} times the meshes' part (half "
+        "the grid convergence index of two meshes; of the force never less than that of the RMS "
+        "over the increments) and its spread over the points; of the field, the worst component, "
+        "and a field has the same share again of the changes of each constant and of nuisances of "
+        "the test that the difference would be mistaken for."
+        f"{of_pin} It is an estimate, not a bound."
         + "".join(
             f" {name}: one of the points could not be solved on both meshes, so the spread is "
             "not known."
             for name, error in errors.items()
             if len(error["ratios"]) < 2
         ),
+    )
+
+
+def _pin_rows(name: str, pin: Mapping[str, Any] | None) -> list[tuple[str, ...]]:
+    """What of the difference of two meshes is that of their pins, at each point."""
+    rows: list[tuple[str, ...]] = []
+    if pin is not None:
+        for signed, field in zip(pin["signed_force"], pin["field_rms"], strict=True):
+            of_field = (number(value, 2) for value in field)
+            rows.append((f"{name}, force, the pin's part [%]", "", *map(percent, signed)))
+            rows.append((f"{name}, field RMS, the pin's part [mm]", "", *of_field))
+    return rows
+
+
+def _pin_words(pin: Mapping[str, Any] | None) -> tuple[str, str]:
+    """Of the title and of the note of the table of meshes, where their pins differ."""
+    if pin is None:
+        return "", ""
+    return (
+        f", under a pin that gives way {pin['stiffening']:g} times less",
+        " What is the pin's part is known by the coarse mesh under the other pin, and "
+        f"{pin['left_share']:.2f} times it is left: the rest of the way to a rigid pin.",
     )
 
 
