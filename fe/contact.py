@@ -67,6 +67,9 @@ class PenaltyLaw:
     by 1e-5 mm where u_y = 0 is meant, and the pressure that friction needs comes out smooth"""
     slip: float = 0.01
     """slip over which friction grows from 0 to its limit, mm"""
+    grip: float = 0.005
+    """penetration at which a point that sticks is held by its spring alone, mm: the more, the
+    smoother, and the later what touches sticks"""
 
     def __post_init__(self) -> None:
         positive_numbers(self)
@@ -74,9 +77,15 @@ class PenaltyLaw:
     def stiffened(self, times: float) -> PenaltyLaw:
         """The law by which the pin and the floor give way `times` less, at every pressure.
 
-        Penetration and what it takes off the force are `times` smaller; 1 is this law.
+        Penetration and what it takes off the force are `times` smaller, and so is the give of the
+        springs of points that stick, which hold what they hold at the same pressure; 1 is this law.
         """
-        return replace(self, stiffness=times * self.stiffness, ramp=self.ramp / times)
+        return replace(
+            self,
+            stiffness=times * self.stiffness,
+            ramp=self.ramp / times,
+            grip=self.grip / times,
+        )
 
 
 class ContactSystem(NamedTuple):

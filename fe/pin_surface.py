@@ -41,6 +41,8 @@ class RigidPin(NamedTuple):
     across_x: float = 1.0
     """x and z of the unit vector across the bar"""
     across_z: float = 0.0
+    grip: float = 0.005
+    """mm, see fe.contact.PenaltyLaw"""
 
 
 class PinPoint(NamedTuple):

@@ -30,10 +30,6 @@ Array = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 BoolArray = npt.NDArray[np.bool_]
 
-GRIP = 0.005
-"""penetration, mm, at which a point that touches is held by its spring alone: the more, the
-smoother, and the later what touches sticks"""
-
 
 class Ties(NamedTuple):
     """Points that are tied to pin or floor; gradients are in the n_p parameters of the march."""
@@ -100,10 +96,10 @@ def step_at_rest(faces: Faces, slopes: SurfaceSlopes, start: SurfaceSlopes) -> S
 
 
 @njit(cache=True)
-def share(depth: float) -> tuple[float, float]:
-    """Share of the spring at a penetration (mm), and its slope, 1/mm."""
-    t = min(max(depth / GRIP, 0.0), 1.0)
-    return t * t * (3.0 - 2.0 * t), 6.0 * t * (1.0 - t) / GRIP
+def share(depth: float, grip: float) -> tuple[float, float]:
+    """Share of the spring at a penetration (mm), and its slope, 1/mm; all of it from `grip` on."""
+    t = min(max(depth / grip, 0.0), 1.0)
+    return t * t * (3.0 - 2.0 * t), 6.0 * t * (1.0 - t) / grip
 
 
 class _FaceState(NamedTuple):
@@ -155,7 +151,7 @@ def tie(
             surface = PIN if ties.kind[c, q] == TIED_TO_PIN else FLOOR
             _fill_seen(now, q, surface, place, moved)
             gap = _gap(place, moved, surface, pin, slopes, d_gap[0], seen)
-            held, tighter = share(-gap)
+            held, tighter = share(-gap, pin.grip)
             if held > ties.hold[c, q]:
                 d_held = -tighter * d_gap[0]
                 _anchor(ties, c, q, place, gap, d_gap[0], held, d_held, pin, slopes, seen)

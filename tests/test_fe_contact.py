@@ -140,9 +140,10 @@ def test_a_stiffened_law_gives_way_that_many_times_less_at_every_pressure(depth)
     assert law.stiffened(1.0) == law
 
 
-def test_the_force_comes_to_that_of_a_rigid_pin_as_the_penetration():
+@pytest.mark.parametrize("interface", ["slide", "stick"])
+def test_the_force_comes_to_that_of_a_rigid_pin_as_the_penetration(interface):
     """What is missing halves with it, so that two laws tell what a third one adds."""
-    model = BlockPinModel(BlockPin(), Contact("slide", "slide"), (6, 2, 1), (0.4, 0.8))
+    model = BlockPinModel(BlockPin(), Contact(interface, interface), (6, 2, 1), (0.4, 0.8))
     found = [
         replace(model, penalty=PenaltyLaw().stiffened(times), sensitivities=())(
             np.array([0.4, 0.1])

@@ -10,12 +10,14 @@ import pytest
 from benchmarks.taylor import model as small
 from benchmarks.taylor import rubber
 from fe import BlockPin, BlockPinModel, Contact
-from fe.contact import FREE, TIED_TO_FLOOR, TIED_TO_PIN, penalty
+from fe.contact import FREE, TIED_TO_FLOOR, TIED_TO_PIN, PenaltyLaw, penalty
 from fe.contact_memory import initial_memory, tie_touching
 from fe.pin_surface import BAR, ROUND, RigidPin, pin_point
 from fe.steps import StepOptions
 from fe.surface_slopes import no_slopes
-from fe.ties import GRIP, Stick, share
+from fe.ties import Stick, share
+
+GRIP = PenaltyLaw().grip
 
 TRAVEL = (0.2, 0.4)
 """of two steps; in the second some touch that did not in the first"""
@@ -136,9 +138,16 @@ def test_a_point_that_touches_just_before_or_just_after_the_end_of_a_step_is_tie
     assert early.hold[c, q] == pytest.approx(later.hold[c, q], abs=1e-6)
 
 
+@pytest.mark.parametrize("depth", [0.0005, 0.002, 0.004, 0.02])
+def test_a_point_is_held_at_the_same_pressure_by_the_same_share_of_a_stiffer_law(depth):
+    law, stiff = PenaltyLaw(), PenaltyLaw().stiffened(8.0)
+    held, slope = share(depth, law.grip)
+    assert share(depth / 8.0, stiff.grip) == pytest.approx((held, 8.0 * slope), rel=1e-12)
+
+
 def test_what_holds_a_point_grows_with_its_depth_from_nothing_to_the_whole_spring():
     depth = np.linspace(-0.5, 1.5, 401) * GRIP
-    value, slope = np.array([share(d) for d in depth]).T
+    value, slope = np.array([share(d, GRIP) for d in depth]).T
     assert np.all(value[depth <= 0.0] == 0.0)
     assert np.all(value[depth >= GRIP] == 1.0)
     np.testing.assert_allclose(np.gradient(value, depth)[1:-1], slope[1:-1], atol=0.03 / GRIP)

@@ -9,7 +9,7 @@ import numpy as np
 
 from calib.study.artifacts import read_json, read_npz, write_json, write_npz
 from calib.study.config import Study
-from calib.study.mesh_error import REACH, MeshError, MeshSlopes, PinError, left_share
+from calib.study.mesh_error import FORCE_BEYOND, REACH, MeshError, MeshSlopes, PinError, left_share
 from calib.study.sections import Hypothesis
 
 
@@ -78,7 +78,8 @@ def save_mesh_error(
 def _pin_facts(pin: PinError) -> dict[str, object]:
     return {
         "stiffening": pin.stiffening,
-        "left_share": pin.left,
+        "beyond": pin.beyond,
+        "left_share": FORCE_BEYOND * pin.beyond,
         "signed_force": pin.signed_force,
         "field_rms": np.sqrt(np.mean(pin.field**2, axis=(2, 3))),
     }

@@ -68,8 +68,10 @@ class BlockPin:
             return "full"
         return "quarter" if x == 0.0 else "half"
 
-    def rigid_pin(self, stiffness: float, ramp: float, base_stiffness: float) -> RigidPin:
-        """The pin as the kernels take it; stiffness in MPa/mm, ramp in mm."""
+    def rigid_pin(
+        self, stiffness: float, ramp: float, base_stiffness: float, grip: float = 0.005
+    ) -> RigidPin:
+        """The pin as the kernels take it; stiffness in MPa/mm, ramp and grip in mm."""
         angle = np.radians(self.pin_rotation) if self.turned else 0.0
         return RigidPin(
             height=self.height,
@@ -83,6 +85,7 @@ class BlockPin:
             z=self.pin_shift[1],
             across_x=float(np.cos(angle)),
             across_z=-float(np.sin(angle)),
+            grip=grip,
         )
 
 

@@ -64,7 +64,7 @@ def problem_of(
         elements=discrete.elements,
         faces=discrete.faces,
         pattern=discrete.pattern,
-        pin=block.rigid_pin(law.stiffness * shear, law.ramp, law.base * shear),
+        pin=block.rigid_pin(law.stiffness * shear, law.ramp, law.base * shear, law.grip),
         material=material,
         friction=model.contact.friction(law.slip),
     )
