@@ -167,7 +167,7 @@ def truth_response(theta: Array, runs: Path) -> TruthResponse:
     kappa, r, s = theta
     truth = BlockTruth(
         kappa * (1.0 - r), kappa * r, kappa * s, contact=CONTACT, cells=TRUTH, shift_cells=None,
-        travel=TRAVEL, fine_travel=TRAVEL[-1],
+        travel=TRAVEL, fine_travel=TRAVEL[-1], stiffening=1.0,
     )  # fmt: skip
     return TruthResponse(truth, solved(TRUTH, theta[1:], runs))
 

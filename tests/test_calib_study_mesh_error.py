@@ -16,7 +16,7 @@ from calib.inference.forward import Jacobian
 from calib.inference.noise import COMPLIANCE, FACE, ZERO, field_nuisances
 from calib.inference.tangent_errors import FOLLOWED, Mistaken, patterns_at, tangents_at
 from calib.study.config import load_study
-from calib.study.mesh_error import MeshError, mesh_error
+from calib.study.mesh_error import FORCE_BEYOND, MeshError, mesh_error
 from calib.study.mesh_error_file import load_mesh_error, save_mesh_error
 from calib.study.plans import Errors, planned_likelihood
 from fe.campaign import CampaignFailed
@@ -354,27 +354,55 @@ def under_stiffer_pin(ratios: Array, times: float = 4.0) -> tuple[Campaign, floa
     return replace(coarse, responses=stiffer), times
 
 
-def test_of_the_pins_part_what_it_leaves_of_a_rigid_one_is_stated_beside_the_meshs_share() -> None:
+def test_the_correction_goes_on_to_a_rigid_pin_whatever_the_pin_of_the_check() -> None:
+    coarse, ratios = runs(BLOCK, CHECKS[:1]), CHECKS[0] + [0.02, 0.0]
+    expected = BLOCK(ratios)
+    for times in (4.0, 8.0):
+        stiffer = under_stiffer_pin(CHECKS[:1], times)
+        error = mesh_error(stiffer[0], coarse, 1.5, "stuck", EXTENT, stiffer)
+        found = error.correction.response(BLOCK(ratios), ratios)
+        # Of forces a quotient is carried on, so that 0.04 squared is missed.
+        np.testing.assert_allclose(found.force, 1.04 * expected.force, rtol=1e-3)
+        np.testing.assert_allclose(found.displacement, expected.displacement - 0.02, atol=1e-9)
+
+
+def test_of_the_pins_part_what_is_gone_on_by_is_stated_beside_the_meshs_share() -> None:
     fine, coarse = both(CHECKS[:1])
     for times in (4.0, 8.0):
         stiffer = under_stiffer_pin(CHECKS[:1], times)
         error = mesh_error(fine, coarse, 1.5, "stuck", EXTENT, stiffer)
         mesh = mesh_error(fine, stiffer[0], 1.5, "stuck", EXTENT)
         pin = 1.0 - 1.0 / (1.0 + 0.04 * (1.0 - 1.0 / times))
-        np.testing.assert_allclose(error.force**2, mesh.force**2 + (pin / (times - 1.0)) ** 2)
-        np.testing.assert_allclose(
-            error.field_floor**2, mesh.field_floor**2 + (0.02 / times) ** 2, rtol=1e-10
-        )
-        # The correction is of both.
-        np.testing.assert_allclose(error.correction.force, (fine.force / coarse.force)[0])
+        beyond = FORCE_BEYOND * pin / (times - 1.0)
+        np.testing.assert_allclose(error.force**2, mesh.force**2 + beyond**2)
+        floor = mesh.field_floor**2 + (0.02 / times) ** 2
+        np.testing.assert_allclose(error.field_floor**2, floor, rtol=1e-10)
 
 
 def test_a_pin_and_a_mesh_that_cancel_leave_what_each_of_them_leaves() -> None:
     _, coarse = both(CHECKS[:1])
     error = mesh_error(coarse, coarse, 1.5, "stuck", EXTENT, under_stiffer_pin(CHECKS[:1]))
     assert not error.signed_force.any() and not error.field.any()
-    np.testing.assert_allclose(error.force, np.hypot(1.2 * 0.03, 0.03 / 1.03 / 3.0), rtol=1e-12)
+    pin = 0.03 / 1.03 / 3.0
+    np.testing.assert_allclose(error.force, np.hypot(1.2 * 0.03, FORCE_BEYOND * pin), rtol=1e-12)
     np.testing.assert_allclose(error.field_floor, 0.015 * np.hypot(1.2, 1.0 / 3.0), rtol=1e-10)
+    np.testing.assert_allclose(error.correction.force, 1.0 / (1.0 - pin), rtol=1e-12)
+
+
+def test_derivatives_of_the_pins_part_are_carried_on_too() -> None:
+    fine, coarse = both(CHECKS[:1])
+    first = coarse.responses[0]
+    by_pin = np.random.default_rng(9).normal(size=first.displacement_gradient.shape)
+    stiffer = replace(first, displacement_gradient=first.displacement_gradient - 0.03 * by_pin)
+    under = replace(coarse, responses=(stiffer,)), 4.0
+    alone = mesh_error(fine, coarse, 1.5, "stuck", EXTENT)
+    error = mesh_error(fine, coarse, 1.5, "stuck", EXTENT, under)
+    assert error.slopes is not None and alone.slopes is not None
+    added = error.slopes.field[0] - alone.slopes.field[0]
+    np.testing.assert_allclose(added, 0.01 * by_pin, atol=1e-12)
+    unstable = replace(stiffer, negative_pivots=np.ones_like(stiffer.negative_pivots))
+    under = replace(coarse, responses=(unstable,)), 4.0
+    assert mesh_error(fine, coarse, 1.5, "stuck", EXTENT, under).slopes is None
 
 
 def test_errors_of_ratios_are_those_of_mesh_and_pin_one_by_one() -> None:

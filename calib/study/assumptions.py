@@ -9,7 +9,7 @@ from calib.inference.noise import field_scale_sd, travel_zero_sd
 from calib.inference.tangent_errors import TRAVEL_LENGTH
 from calib.study.block_cells import written
 from calib.study.config import Study
-from calib.study.mesh_error import left_share
+from calib.study.mesh_error import FORCE_BEYOND, left_share
 from calib.study.posterior_setup import noise_of
 from calib.study.prior_limits import is_positive
 from calib.study.sections import Hypothesis, ParameterPrior, Virtual
@@ -83,7 +83,6 @@ def _mesh_rows(study: Study) -> list[tuple[str, str, str]]:
     rows = []
     for hypothesis in study.hypotheses:
         sampling, check = study.sampling_cells(hypothesis), study.check_cells(hypothesis)
-        stiffening = study.mesh.check_stiffening
         share = left_share(study.refinement(hypothesis))
         part = "half" if off_centre(study, hypothesis) else "quarter"
         rows += [
@@ -98,11 +97,14 @@ def _mesh_rows(study: Study) -> list[tuple[str, str, str]]:
                 f"{share:.2f}, half of its square common to all increments",
                 "-",
             ),
-            ("how many times less the pin of the check gives way", f"{stiffening:g}", "-"),
         ]
-        if stiffening > 1.0:
-            left = f"{1.0 / (stiffening - 1.0):.2f}"
-            rows.append(("error of the pin's compliance left, SD over the difference", left, "-"))
+    stiffening = study.mesh.check_stiffening
+    rows.append(("how many times less the pin of the check gives way", f"{stiffening:g}", "-"))
+    if stiffening > 1.0:
+        beyond = 1.0 / (stiffening - 1.0)
+        rows.append(("a rigid pin beyond it, over the difference of the two", f"{beyond:.2f}", "-"))
+        left = f"{FORCE_BEYOND * beyond:.2f} of forces, {beyond:.2f} of fields"
+        rows.append(("of that left, SD over the difference", left, "-"))
     return rows
 
 

@@ -38,6 +38,11 @@ def check_meshes(study: Study) -> None:
         if not is_finer(study.virtual.cells, cells):
             expected = f"a mesh finer than the sampling mesh {shown(cells)}"
             raise Contradiction("virtual.cells", as_found(study.virtual.cells), expected)
+    if study.virtual.stiffening < study.mesh.check_stiffening:
+        expected = (
+            f"that of the check at least, mesh.check_stiffening = {study.mesh.check_stiffening:g}"
+        )
+        raise Contradiction("virtual.stiffening", study.virtual.stiffening, expected)
 
 
 def _meshes(

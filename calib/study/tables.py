@@ -115,8 +115,8 @@ def mesh_table(errors: Mapping[str, Any]) -> Table:
         "the test that the difference would be mistaken for."
         f"{of_pin} It is an estimate, not a bound."
         + "".join(
-            f" {name}: one of the points could not be solved on both meshes, so the spread is "
-            "not known."
+            f" {name}: one of the points could not be solved on both meshes and under both pins, "
+            "so the spread is not known."
             for name, error in errors.items()
             if len(error["ratios"]) < 2
         ),
@@ -140,8 +140,9 @@ def _pin_words(pin: Mapping[str, Any] | None) -> tuple[str, str]:
         return "", ""
     return (
         f", under a pin that gives way {pin['stiffening']:g} times less",
-        " What is the pin's part is known by the coarse mesh under the other pin, and "
-        f"{pin['left_share']:.2f} times it is left: the rest of the way to a rigid pin.",
+        " What is the pin's part is known by the coarse mesh under the other pin; predictions go "
+        f"on by {pin['beyond']:.2f} times that part, to a rigid pin, and {pin['left_share']:.2f} "
+        f"times it is left of forces, {pin['beyond']:.2f} of fields.",
     )
 
 

@@ -39,7 +39,7 @@ class BlockTruth:
     contact: Contact = field(default_factory=lambda: Contact(0.15, 0.15))
     cells: tuple[int, int, int] = (18, 6, 3)
     """Q2 elements of a quarter along x, y, z: finer than the meshes that are fitted"""
-    stiffening: float = 4.0
+    stiffening: float = 8.0
     """how many times less the pin gives way than in models by default: a rigid one does not"""
     shift_cells: tuple[int, int, int] | None = (12, 4, 2)
     """of the half model with a shifted pin, or None: the field goes with the pin unchanged"""
