@@ -89,8 +89,7 @@ def with_mesh_error(
 ) -> list[Likelihood]:
     """Likelihoods with the error of the mesh measured at places (n, n_check, 2), one for each n.
 
-    `share` of what is stated to be left of the difference of the meshes is stated, `pin_share` of
-    that of the pins.
+    As far as a truth shows them: see `stating`.
     """
     # One campaign for each check, so that places checked before are found again.
     checked = [runs.checks(store, case, ratios) for ratios in np.moveaxis(places, 1, 0)]
@@ -112,10 +111,12 @@ def _of_truth(campaigns: tuple[Campaign, ...], truth: int) -> Campaign:
 
 
 def stating(error: MeshError, share: float, pin_share: float = 1.0) -> MeshError:
-    """The error with shares of what is left after its correction: as of a finer check mesh and pin.
+    """The error to a truth's mesh and pin: a part of the way to the block and a rigid pin.
 
-    Left is a multiple of 1 / (refinement^2 - 1) (`calib.study.mesh_error.left_share`) and of
-    1 / (stiffening - 1).
+    `share` of what the correction leaves of the mesh is stated, a multiple of
+    1 / (refinement^2 - 1) (`calib.study.mesh_error.left_share`). The correction goes on by
+    `pin_share` of its step to a rigid pin, a multiple of 1 / (stiffening - 1), and states that
+    much less of it.
     """
     pin = error.pin
     if pin is not None:

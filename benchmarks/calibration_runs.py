@@ -51,7 +51,7 @@ CONTACTS = {"sliding": "slide", "stuck": "stick"}
 CHECK_STIFFENING, TRUTH_STIFFENING = 4.0, 8.0
 """how many times less pins give way than that of the emulator's runs, as in studies"""
 PIN_SHARE = (1.0 / CHECK_STIFFENING - 1.0 / TRUTH_STIFFENING) * CHECK_STIFFENING
-"""share that truths show of what the check's pin leaves of a rigid one"""
+"""of the way from the check's pin to a rigid one, to those of truths"""
 N_PLACED = 8
 """corners and centres of faces that come first in a design of (r, s)"""
 N_FINER, N_STUCK, N_OTHER, N_RUBBING = 24, 288, 100, 100

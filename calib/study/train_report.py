@@ -65,15 +65,18 @@ def refuse_bad_emulators(context: Context) -> None:
     failures = failures_of({**judged, **local})
     if not failures:
         return
-    folder, more_runs = context.out, "raise design.n_runs, narrow the priors of r and s,"
+    folder, keys = context.out, "design.n_runs"
     if not failures_of(judged):
-        folder, judged, more_runs = folder / LOCAL, local, "raise design.n_local"
+        folder, judged, keys = folder / LOCAL, local, "design.n_local"
+    elif failures_of(local):
+        keys += " and design.n_local"
     figure = folder / WORST
     save_png(worst_figure(folder, judged, context.study), figure)
     more = f" (and {len(failures) - 1} more)" if len(failures) > 1 else ""
     raise EmulatorRefused(
         f"{failures[0]}{more}: nothing is inferred from such an emulator; {figure} shows where it "
-        f"errs; {more_runs} or accept the error by the limits in [emulator]"
+        f"errs; raise {keys}, narrow the priors of r and s, or accept the error by the limits in "
+        "[emulator]"
     )
 
 
