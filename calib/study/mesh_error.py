@@ -22,9 +22,9 @@ SAFETY = 3.0
 """of the grid convergence index from two grids (Roache 1994)"""
 FORCE_BEYOND = 0.5
 """SD of what a correction to a rigid pin leaves of the forces, as a share of its step beyond the
-finer mesh's pin: pins 4 and 8 times as stiff foretell the same rigid one within 0.03 (sliding,
-friction) to 0.3 (stuck) of it on meshes that are fitted (docs/verification.md). Fields follow less
-well, and all of the step is taken for them."""
+finer mesh's pin: pins 4 and 8 times as stiff foretell rigid ones that are up to 0.08 % apart, by
+steps of 0.1 to 2.1 % (docs/verification.md). Fields of stuck blocks follow less well, and of fields
+the whole step is taken."""
 N_CHECKED = 2
 """places, posterior means, by which the error of a mesh is told"""
 REACH = 0.2
