@@ -89,7 +89,8 @@ def with_mesh_error(
 ) -> list[Likelihood]:
     """Likelihoods with the error of the mesh measured at places (n, n_check, 2), one for each n.
 
-    As far as a truth shows them: see `stating`.
+    As far as a truth shows them: `share` of what the correction leaves of the mesh is stated, and
+    it goes on by `pin_share` of its step to a rigid pin and states that part of it.
     """
     # One campaign for each check, so that places checked before are found again.
     checked = [runs.checks(store, case, ratios) for ratios in np.moveaxis(places, 1, 0)]
@@ -97,9 +98,10 @@ def with_mesh_error(
 
     def likelihood(truth: int) -> Likelihood:
         fine, coarse, stiffer = (_of_truth(each, truth) for each in zip(*checked, strict=True))
-        pin = stiffer, runs.CHECK_STIFFENING
+        # As of a pin from which that part of the way to a rigid one is the whole.
+        pin = stiffer, 1.0 + (runs.CHECK_STIFFENING - 1.0) / pin_share
         error = mesh_error(fine, coarse, case.refinement, case.hypothesis, extent, pin)
-        return likelihood_of(known, points(), mesh=stating(error, share, pin_share))
+        return likelihood_of(known, points(), mesh=stating(error, share))
 
     return [likelihood(truth) for truth in range(len(places))]
 
@@ -110,19 +112,12 @@ def _of_truth(campaigns: tuple[Campaign, ...], truth: int) -> Campaign:
     return Campaign(theta, tuple(each.responses[truth] for each in campaigns), n_reused=len(theta))
 
 
-def stating(error: MeshError, share: float, pin_share: float = 1.0) -> MeshError:
-    """The error to a truth's mesh and pin: a part of the way to the block and a rigid pin.
+def stating(error: MeshError, share: float) -> MeshError:
+    """The error with a share of what is left of the mesh after its correction.
 
-    `share` of what the correction leaves of the mesh is stated, a multiple of
-    1 / (refinement^2 - 1) (`calib.study.mesh_error.left_share`). The correction goes on by
-    `pin_share` of its step to a rigid pin, a multiple of 1 / (stiffening - 1), and states that
-    much less of it.
+    Left is a multiple of 1 / (refinement^2 - 1) (`calib.study.mesh_error.left_share`).
     """
-    pin = error.pin
-    if pin is not None:
-        pin = replace(pin, stiffening=1.0 + (pin.stiffening - 1.0) / pin_share)
-    refinement = float(np.sqrt(1.0 + (error.refinement**2 - 1.0) / share))
-    return replace(error, refinement=refinement, pin=pin)
+    return replace(error, refinement=float(np.sqrt(1.0 + (error.refinement**2 - 1.0) / share)))
 
 
 def finer_case(

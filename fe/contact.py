@@ -79,6 +79,7 @@ class PenaltyLaw:
 
         Penetration and what it takes off the force are `times` smaller, and so is the give of the
         springs of points that stick, which hold what they hold at the same pressure; 1 is this law.
+        The slip over which friction grows is not a compliance of the surface, and stays.
         """
         return replace(
             self,

@@ -240,11 +240,11 @@ WRONG_VIRTUAL = {
     "unknown hypothesis": ('"stuck"\nC10', '"free"\nC10', "virtual.hypothesis", "stuck, mixed"),
     "coarse mesh": ("[5, 3, 5]", "[3, 3, 5]", "virtual.cells", "finer than the sampling mesh"),
     "a single sample": ("n_samples = 10", "n_samples = 1", "virtual.n_samples", "equal to 2"),
-    "a softer pin than the check's": (
+    "a pin nearer to the check's than to a rigid one": (
         "n_samples = 10",
         "stiffening = 2\nn_samples = 10",
         "virtual.stiffening",
-        "mesh.check_stiffening = 4",
+        "8 at least, twice mesh.check_stiffening",
     ),
     "two noise levels": (
         "[0.01, 0.01, 0.02]",

@@ -85,7 +85,7 @@ def test_a_model_without_a_pin_is_not_stiffened() -> None:
     assert stiffened(plate, 4.0) is plate
 
 
-@pytest.mark.parametrize("value", ["0.5", "0", "100", "true"])
+@pytest.mark.parametrize("value", ["0.5", "0", "1.5", "100", "true"])
 def test_a_stiffening_that_is_none_is_refused_by_its_line(value: str) -> None:
     text = TEXT.replace("check = [18, 6, 4]", f"check = [18, 6, 4]\ncheck_stiffening = {value}")
     with pytest.raises(StudyError, match=r"mesh\.check_stiffening: found"):

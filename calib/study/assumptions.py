@@ -100,7 +100,9 @@ def _mesh_rows(study: Study) -> list[tuple[str, str, str]]:
         ]
     stiffening = study.mesh.check_stiffening
     rows.append(("how many times less the pin of the check gives way", f"{stiffening:g}", "-"))
-    if stiffening > 1.0:
+    if stiffening == 1.0:
+        rows.append(("compliance of the pin", "neither corrected for nor part of the errors", "-"))
+    else:
         beyond = 1.0 / (stiffening - 1.0)
         rows.append(("a rigid pin beyond it, over the difference of the two", f"{beyond:.2f}", "-"))
         left = f"{FORCE_BEYOND * beyond:.2f} of forces, {beyond:.2f} of fields"

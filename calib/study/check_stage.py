@@ -22,8 +22,8 @@ from fe.progress_bar import progress_bar
 def run(context: Context) -> list[Path]:
     """Solve finer mesh and stiffer pin at the last posterior mean and measure the difference.
 
-    One npz and json a hypothesis. Raises CampaignFailed when no run on the finer mesh reaches
-    the last increment.
+    One npz and json a hypothesis. Raises CampaignFailed when at no point the runs of finer mesh and
+    stiffer pin reach the last increment.
     """
     with progress_bar("check mesh", "run", shown=context.show_progress) as progress:
         found = run_campaigns(check_sets(context), context.map_fn, progress)

@@ -38,10 +38,9 @@ def check_meshes(study: Study) -> None:
         if not is_finer(study.virtual.cells, cells):
             expected = f"a mesh finer than the sampling mesh {shown(cells)}"
             raise Contradiction("virtual.cells", as_found(study.virtual.cells), expected)
-    if study.virtual.stiffening < study.mesh.check_stiffening:
-        expected = (
-            f"that of the check at least, mesh.check_stiffening = {study.mesh.check_stiffening:g}"
-        )
+    least = 2.0 * study.mesh.check_stiffening
+    if study.mesh.check_stiffening > 1.0 and study.virtual.stiffening < least:
+        expected = f"{least:g} at least, twice mesh.check_stiffening"
         raise Contradiction("virtual.stiffening", study.virtual.stiffening, expected)
 
 

@@ -138,7 +138,7 @@ def look(context: Context, hypothesis: Hypothesis, loop: Loop) -> Outlook:
 def _mesh_error_so_far(
     context: Context, hypothesis: Hypothesis, loop: Loop, added: Campaign
 ) -> MeshError | None:
-    """As the last runs on the finer mesh say; None where none reached the last increment."""
+    """As the last checks say; None where at none all runs reached the last increment."""
     fine = load_campaign(check_plan(context, hypothesis, loop.ratios[list(loop.checked)]))
     coarse = rows(added, list(loop.checked))
     try:
@@ -152,7 +152,7 @@ def measured_mesh_error(
 ) -> MeshError:
     """Error of the mesh by runs at the same posterior means; of forces alone the same everywhere.
 
-    Raises CampaignFailed where none reached the last increment on both meshes.
+    Raises CampaignFailed where at none all reached the last increment, under both pins.
     """
     study = context.study
     extent = np.ptp(design_box(study, hypothesis), axis=1) if has_field(study) else None

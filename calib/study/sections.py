@@ -56,6 +56,8 @@ Share = Annotated[float, Field(ge=0, lt=1)]
 Correlation = Annotated[float, Field(ge=0, lt=1)]
 BulkRatio = Annotated[float, Field(gt=1, le=1e5)]
 Stiffening = Annotated[float, Field(ge=1, le=64)]
+LEAST_STIFFENING = 2.0
+"""of a check, other than 1: a rigid pin is foretold from the difference that it makes"""
 Interface = SkipValidation[Literal["stick", "slide"] | float]
 """checked by `Hypothesis` as a whole, whose message names all that is possible"""
 PinShape = Literal["bar", "round"]
@@ -168,12 +170,15 @@ class Mesh:
     { rings, layers, sectors } where sampling has these"""
     check_stiffening: Stiffening = 4.0
     """how many times less the pin's surface gives way in the runs of check than in those that train
-    the emulator: a rigid pin does not, and what that is worth is corrected for with the mesh; 1 is
-    the same surface"""
+    the emulator, 2 or more: a rigid pin does not, and what that is worth is corrected for with the
+    mesh; 1 is the same surface, whose compliance is neither corrected for nor stated"""
 
     def __post_init__(self) -> None:
         if not shows_error(self.check, self.sampling):
             raise Contradiction("check", as_found(self.check), finer_than(self.sampling))
+        if self.check_stiffening != 1.0 and self.check_stiffening < LEAST_STIFFENING:
+            expected = f"1, the same pin, or {LEAST_STIFFENING:g} or more"
+            raise Contradiction("check_stiffening", self.check_stiffening, expected)
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)

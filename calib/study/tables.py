@@ -88,12 +88,13 @@ def mesh_table(errors: Mapping[str, Any]) -> Table:
     rows = []
     for name, error in errors.items():
         measured = zip(error["ratios"], error["signed_force"], error["field_rms"], strict=True)
-        for ratios, signed, field in measured:
+        of_pin = _of_pin(error.get("pin"), len(error["ratios"]))
+        for (ratios, signed, field), pin_rows in zip(measured, of_pin, strict=True):
             named = zip(error.get("names", ("r", "s")), ratios, strict=True)
             at = ", ".join(f"{column} = {value:.3g}" for column, value in named)
             rows.append((f"{name}, force [%]", at, *(percent(value) for value in signed)))
             rows.append((f"{name}, field RMS [mm]", at, *(number(value, 2) for value in field)))
-        rows += _pin_rows(name, error.get("pin"))
+            rows += ((f"{name}, {what}", at, *values) for what, values in pin_rows)
         left = (f"{100 * value:.2f}" for value in error["force"])
         rows.append((f"{name}, SD of force left [%]", "", *left))
         floors = (number(max(value), 2) for value in error["field_floor"])
@@ -101,7 +102,7 @@ def mesh_table(errors: Mapping[str, Any]) -> Table:
     coarse = _mesh(first["coarse_cells"])
     fine = (f"{n}: {_mesh(e['fine_cells'])}" for n, e in errors.items())
     shares = (f"{error['left_share']:.2f} ({name})" for name, error in errors.items())
-    pin, of_pin = _pin_words(first.get("pin"))
+    pin, pin_note = _pin_words(first.get("pin"))
     return Table(
         f"Discretisation error: mesh {coarse} of the emulator's runs against "
         f"{', '.join(fine)}{pin}",
@@ -113,7 +114,7 @@ def mesh_table(errors: Mapping[str, Any]) -> Table:
         "over the increments) and its spread over the points; of the field, the worst component, "
         "and a field has the same share again of the changes of each constant and of nuisances of "
         "the test that the difference would be mistaken for."
-        f"{of_pin} It is an estimate, not a bound."
+        f"{pin_note} It is an estimate, not a bound."
         + "".join(
             f" {name}: one of the points could not be solved on both meshes and under both pins, "
             "so the spread is not known."
@@ -123,15 +124,17 @@ def mesh_table(errors: Mapping[str, Any]) -> Table:
     )
 
 
-def _pin_rows(name: str, pin: Mapping[str, Any] | None) -> list[tuple[str, ...]]:
-    """What of the difference of two meshes is that of their pins, at each point."""
-    rows: list[tuple[str, ...]] = []
-    if pin is not None:
-        for signed, field in zip(pin["signed_force"], pin["field_rms"], strict=True):
-            of_field = (number(value, 2) for value in field)
-            rows.append((f"{name}, force, the pin's part [%]", "", *map(percent, signed)))
-            rows.append((f"{name}, field RMS, the pin's part [mm]", "", *of_field))
-    return rows
+def _of_pin(pin: Mapping[str, Any] | None, n: int) -> list[list[tuple[str, list[str]]]]:
+    """What of the difference of two meshes is that of their pins, at each of n points."""
+    if pin is None:
+        return [[] for _ in range(n)]
+    return [
+        [
+            ("force, the pin's part [%]", [percent(value) for value in signed]),
+            ("field RMS, the pin's part [mm]", [number(value, 2) for value in field]),
+        ]
+        for signed, field in zip(pin["signed_force"], pin["field_rms"], strict=True)
+    ]
 
 
 def _pin_words(pin: Mapping[str, Any] | None) -> tuple[str, str]:
