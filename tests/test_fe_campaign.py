@@ -15,7 +15,7 @@ from toy_simulation import FINGERPRINT, RATIOS, Raises, Toy, assert_same, files,
 from fe.campaign import CampaignFailed, run_campaign
 from fe.campaign_parameters import RATIOS as R_AND_S
 from fe.campaign_result import Campaign
-from fe.executors import process_map, serial_map
+from fe.executors import serial_map
 from fe.response import Status
 from fe.run_files import run_key
 
@@ -197,12 +197,6 @@ def test_a_fingerprint_that_is_not_json_is_refused(tmp_path: Path, value: object
 def test_an_exception_of_a_simulation_says_of_which_run_it_is(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="r must be below 1") as found:
         run(tmp_path / "store", Raises(), map_fn=serial_map)
-    assert f"in run 0 of {tmp_path / 'store'}: r = 0, s = 0" in found.value.__notes__
-
-
-def test_an_exception_in_a_worker_says_of_which_run_it_is(tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match="r must be below 1") as found:
-        run(tmp_path / "store", Raises(), map_fn=process_map(1))
     assert f"in run 0 of {tmp_path / 'store'}: r = 0, s = 0" in found.value.__notes__
 
 

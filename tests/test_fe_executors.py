@@ -37,8 +37,9 @@ def _square(x: int) -> int:
 def test_an_exception_of_the_simulation_reaches_the_caller_from_a_worker(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="r must be below 1") as caught:
         run(tmp_path, Raises(), map_fn=process_map(1))
-    assert "in a worker process" in caught.value.__notes__[0]
-    assert "in __call__" in caught.value.__notes__[0]
+    of_run, of_worker = caught.value.__notes__
+    assert of_run == f"in run 0 of {tmp_path}: r = 0, s = 0"
+    assert "in a worker process" in of_worker and "in __call__" in of_worker
 
 
 def test_a_killed_worker_is_reported_with_its_signal(tmp_path: Path) -> None:
