@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -19,6 +20,7 @@ from calib.study.config import load_study
 from calib.study.mesh_error import FORCE_BEYOND, MeshError, mesh_error
 from calib.study.mesh_error_file import load_mesh_error, save_mesh_error
 from calib.study.plans import Errors, planned_likelihood
+from calib.study.tables import mesh_table
 from fe.campaign import CampaignFailed
 from fe.campaign_result import Campaign
 from fe.response import Array, Response, Status
@@ -427,3 +429,21 @@ def test_a_pin_that_no_run_got_through_with_is_told() -> None:
     stopped = tuple(replace(run, reached=0.7, status=Status.STOPPED) for run in stiffer.responses)
     with pytest.raises(CampaignFailed, match=r"sampling mesh under a stiffer pin stopped at 0\.7"):
         mesh_error(fine, coarse, 1.5, "stuck", EXTENT, (replace(stiffer, responses=stopped), times))
+
+
+def test_the_table_of_meshes_tells_the_pins_part_at_each_point(tmp_path: Path) -> None:
+    study = load_study("thesis-forces")
+    hypothesis = study.hypotheses[0]
+    error = mesh_error(*both(CHECKS), 1.5, "stuck", EXTENT, under_stiffer_pin(CHECKS))
+    tables = []
+    for found in (error, replace(error, pin=None)):
+        path, _ = save_mesh_error(tmp_path, hypothesis, study, found, ["r", "s"])
+        facts = json.loads(path.read_text())
+        tables.append(mesh_table({"stuck": facts}))
+    told, plain = tables
+    places = ["r = 0.3, s = 0.2", "r = 0.45, s = 0.15"]
+    rows = [row for row in told.rows if "the pin's part" in row[0]]
+    assert [row[1] for row in rows] == [places[0]] * 2 + [places[1]] * 2
+    assert rows[0][2:] == tuple(["-2.91"] * len(rows[0][2:]))  # 1 / 1.03 - 1
+    assert "gives way 4 times less" in told.title and "on by 0.33 times that part" in told.note
+    assert len(plain.rows) == len(told.rows) - 4 and "pin" not in plain.title + plain.note
