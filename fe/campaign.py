@@ -251,6 +251,7 @@ class _Ledger:
             )
 
     def write_manifest(self) -> None:
+        """Write what the store holds of the plan so far, in the order of its rows."""
         plan = self.plan
         plan.store.mkdir(parents=True, exist_ok=True)
         kept = [self.runs.get(key) for key in self.keys]

@@ -28,7 +28,7 @@ from fe.face_rows import (
     empty_rows,
     positions,
 )
-from fe.pin_surface import RigidPin, pin_point
+from fe.pin_surface import GRIP, RigidPin, pin_point
 from fe.positive_numbers import positive_numbers
 
 Array = npt.NDArray[np.float64]
@@ -67,7 +67,7 @@ class PenaltyLaw:
     by 1e-5 mm where u_y = 0 is meant, and the pressure that friction needs comes out smooth"""
     slip: float = 0.01
     """slip over which friction grows from 0 to its limit, mm"""
-    grip: float = 0.005
+    grip: float = GRIP
     """penetration at which a point that sticks is held by its spring alone, mm: the more, the
     smoother, and the later what touches sticks"""
 

@@ -16,6 +16,9 @@ Array = npt.NDArray[np.float64]
 
 BAR, ROUND = 0, 1
 
+GRIP = 0.005
+"""mm, see fe.contact.PenaltyLaw"""
+
 
 class RigidPin(NamedTuple):
     """Pin above a block on the floor y = 0, with the stiffness of what it meets."""
@@ -41,7 +44,7 @@ class RigidPin(NamedTuple):
     across_x: float = 1.0
     """x and z of the unit vector across the bar"""
     across_z: float = 0.0
-    grip: float = 0.005
+    grip: float = GRIP
     """mm, see fe.contact.PenaltyLaw"""
 
 

@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from fe.pin_surface import BAR, ROUND, RigidPin
+from fe.pin_surface import BAR, GRIP, ROUND, RigidPin
 from fe.specimens.checks import check_length
 from fe.touch import FrictionLaw
 
@@ -69,7 +69,7 @@ class BlockPin:
         return "quarter" if x == 0.0 else "half"
 
     def rigid_pin(
-        self, stiffness: float, ramp: float, base_stiffness: float, grip: float = 0.005
+        self, stiffness: float, ramp: float, base_stiffness: float, grip: float = GRIP
     ) -> RigidPin:
         """The pin as the kernels take it; stiffness in MPa/mm, ramp and grip in mm."""
         angle = np.radians(self.pin_rotation) if self.turned else 0.0
