@@ -70,6 +70,19 @@ def test_edges_of_the_design_cut_nothing_and_a_density_that_rises_to_an_edge_is_
     assert mass_beyond(a_normal(mean, sd, shifted), shifted, DESIGN) == 1.0
 
 
+@pytest.mark.parametrize("nodes_end", [3.0, 7.0])
+def test_nothing_of_a_posterior_that_ends_far_inside_a_box_is_beyond(nodes_end: float) -> None:
+    """Quadrature has its nodes where the posterior is, which may be nowhere near an edge."""
+    mean, sd = (0.4, 0.25), np.array([0.01, 0.002])
+    nodes = np.column_stack([mean - nodes_end * sd, mean + nodes_end * sd])
+    found = a_normal(mean, tuple(sd), nodes)
+    wide = np.column_stack([mean - 20.0 * sd, mean + 20.0 * sd])
+    assert mass_beyond(found, wide, DESIGN) == 0.0
+    cut = wide.copy()
+    cut[0, 1] = mean[0] + 0.5 * sd[0]
+    assert mass_beyond(inside_of(found, cut), cut, DESIGN) > 0.1
+
+
 def test_a_box_holds_the_posterior_within_the_design_and_is_small_or_not() -> None:
     wide = np.array([[0.0, 0.08], [0.24, 0.26]])
     found = a_normal((0.02, 0.25), (0.01, 0.002), wide)

@@ -84,7 +84,9 @@ def _beyond(depth: Array, weights: Array, strip: float) -> float:
     order = np.argsort(depth)
     sorted_depth, mass = depth[order], np.cumsum(weights[order])
     ends = np.searchsorted(sorted_depth, [strip, 2.0 * strip])
-    if not 0 < ends[0] < ends[1] < len(depth):
+    if not ends[0]:  # the nodes reach to where hardly anything is left
+        return 0.0
+    if not ends[0] < ends[1] < len(depth):
         return 1.0
     # Strips end between two nodes, where the mass of those before is the integral's.
     first, second = 0.5 * (sorted_depth[ends - 1] + sorted_depth[ends])
