@@ -190,6 +190,20 @@ def test_another_zero_of_the_travel_is_that_of_forces_and_field() -> None:
     assert np.abs(first.log_prob(theta) - second.log_prob(theta)).min() > 0.1
 
 
+def test_an_unknown_discrepancy_stays_under_other_noise() -> None:
+    noise, wide = NoiseSettings(), NoiseSettings(sample_correlation=0.5)
+    forward = AnalyticForward(AnalyticBlock(), 0.005)
+    unknown = {"force_noise": (0.5, 2.0), "discrepancy": (0.01, 0.3)}
+    first, second = (
+        build_likelihood(thesis_forces(), forward, settings, unknown=unknown)
+        for settings in (noise, wide)
+    )
+    theta = np.array([[0.02, 0.4, 0.1, 1.2, 0.05], [0.03, 0.5, 0.2, 0.8, 0.2]])
+    for settings, like in ((noise, first), (wide, second)):
+        changed = with_noise(thesis_forces(), replace(POST, likelihood=first), settings)
+        assert changed.likelihood.log_prob(theta) == pytest.approx(like.log_prob(theta), rel=1e-12)
+
+
 def test_study_of_assumptions_has_a_row_each_and_its_base_row_is_the_posterior() -> None:
     settings = NoiseSettings()
     rows = assumption_study(

@@ -11,6 +11,8 @@ import pytest
 from varied_block import VariedStandIn, varied_stand_in
 
 from calib.cli import main
+from calib.inference import DirectForward
+from calib.inference.corrected import has_slope
 from calib.inference.inference_data import load_inference_data
 from calib.study.artifacts import read_json
 from calib.study.baseline import baseline
@@ -167,6 +169,28 @@ def test_slopes_by_width_and_shift_of_the_pin_are_those_of_the_forces() -> None:
         up, down = (model(row + sign * 1e-3 * unit) for sign in (1.0, -1.0))
         slope = (up.force - down.force) / 2e-3
         assert found.force_gradient[:, column] == pytest.approx(slope, rel=1e-3)
+
+
+def test_a_derivative_that_the_block_has_not_is_nan_and_the_direct_model_says_so() -> None:
+    """A posterior that leans on friction 0 has its maximum exactly there."""
+    template = BlockPinModel(
+        specimen=BlockPin(),
+        contact=_contact(),
+        cells=(4, 2, 1),
+        travel=(0.05, 0.15),
+        field_grid=((1.0, 1.0), (3.0, 2.0)),
+    )
+    model = VariedBlock(template, "mooney-rivlin-3", ("friction", "height"))
+    found = model(np.array([0.3, 0.1, 0.0, 2.5]))
+    assert found.parameters == ("r", "s", "friction", "height")
+    assert np.isnan(found.force_gradient[:, 2]).all()
+    assert np.isnan(found.displacement_gradient[..., 2]).all()
+    others = np.delete(found.displacement_gradient, 2, axis=-1)
+    assert np.isfinite(found.force_gradient[:, [0, 1, 3]]).all() and np.isfinite(others).all()
+    slope = DirectForward(model, with_field=True).jacobian(np.array([[0.02, 0.3, 0.1, 0.0, 2.5]]))
+    assert slope.force.shape == (1, 2, 5) and not has_slope(slope)
+    assert slope.weights is not None
+    assert slope.weights[0, :, 4] == pytest.approx(found.displacement_gradient[..., 3].ravel())
 
 
 def _contact() -> Contact:
@@ -351,7 +375,7 @@ def test_friction_height_and_bulk_are_inferred_beside_a_rival_law(tmp_path: Path
     said: list[str] = []
     gains, _ = design_next(tmp_path, "rubs", said.append)
     assert list(gains["now"]) == ["ln kappa", "r", "s", "friction", "height"]
-    assert any("friction, height are unknown" in line for line in said)
+    assert any("found the unknowns ln kappa, r, s, friction, height" in line for line in said)
     by_name = {plan["name"]: plan for plan in gains["plans"]}
     same = by_name["the same again"]
     assert same["sd_after"]["height"] < gains["now"]["height"]

@@ -9,6 +9,7 @@ import numpy as np
 
 from calib.data.dataset import Dataset
 from calib.inference.comparison import predictive_p_value
+from calib.inference.likelihood import DISCREPANCY
 from calib.inference.noise import NoiseSettings, force_errors
 from calib.inference.posterior import Posterior
 from calib.inference.quadrature import Quadrature, integrate
@@ -63,7 +64,12 @@ def with_noise(dataset: Dataset, posterior: Posterior, settings: NoiseSettings) 
     """The posterior under other assumptions on the force errors and the zero of the travel."""
     likelihood = posterior.likelihood
     dataset = replace(dataset, travel_zero_sd=0.0)  # each case says what it is
-    errors = force_errors(dataset, settings, likelihood.errors.discretisation)
+    errors = force_errors(
+        dataset,
+        settings,
+        likelihood.errors.discretisation,
+        unknown_discrepancy=DISCREPANCY in likelihood.unknown,
+    )
     field = likelihood.field
     if field is not None:
         field = replace(field, shifts=np.stack([error.field for error in errors.shared]))

@@ -36,8 +36,8 @@ class VariedBlock:
     def __call__(self, ratios: Array) -> Response:
         """Response with gradients by the coordinates, named as the columns of the design.
 
-        Where the FE model has no derivative, as in a friction of 0, the column is left out. A
-        solver failure is a status, not a raise.
+        Where the FE model has no derivative, as in a friction of 0, the column is NaN. A solver
+        failure is a status, not a raise.
         """
         coordinates = LawCoordinates(self.law)
         n = len(coordinates.ratios)
@@ -50,16 +50,22 @@ class VariedBlock:
             name: {source: slope for source, slope in terms.items() if source in known}
             for name, terms in self._columns(coordinates, own, model)
         }
-        columns = {name: terms for name, terms in columns.items() if terms}
         sources = tuple(dict.fromkeys(source for terms in columns.values() for source in terms))
         found = replace(model, sensitivities=sources).respond(of)
         slopes = np.array(
             [[terms.get(source, 0.0) for source in sources] for terms in columns.values()]
         )
+        without = [not terms for terms in columns.values()]
+
+        def by_coordinates(gradient: Array) -> Array:
+            by_columns: Array = gradient @ slopes.T
+            by_columns[..., without] = np.nan
+            return by_columns
+
         return replace(
             found,
-            force_gradient=found.force_gradient @ slopes.T,
-            displacement_gradient=found.displacement_gradient @ slopes.T,
+            force_gradient=by_coordinates(found.force_gradient),
+            displacement_gradient=by_coordinates(found.displacement_gradient),
             parameters=tuple(columns),
         )
 
