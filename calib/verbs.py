@@ -39,6 +39,18 @@ def _make_folder(option: str, path: Path) -> None:
         ) from error
 
 
+def _check_own_file(out: Path) -> None:
+    """Raise ValueError where the run would write its copy of the study over a file of the user."""
+    from calib.study.study_file import OWN, STUDY_FILE
+
+    copy = out / STUDY_FILE
+    if copy.is_file() and not copy.read_bytes().startswith(OWN.encode()):
+        raise ValueError(
+            f"--out: found {out}, whose {STUDY_FILE} no run has written and this one would write "
+            "over, expected another folder"
+        )
+
+
 def run_verb(arguments: argparse.Namespace) -> int:
     """Carry out a study, whole or up to a stage."""
     from calib.study.config import load_study, refused
@@ -48,6 +60,7 @@ def run_verb(arguments: argparse.Namespace) -> int:
     out = arguments.out or Path("runs") / study.name
 
     _check_folder("--out", out)
+    _check_own_file(out)
 
     from calib.study.stages import HowToRun, run_part, run_study
     from calib.study.train_report import EmulatorRefused

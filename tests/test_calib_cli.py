@@ -242,6 +242,19 @@ def test_results_do_not_go_where_a_file_is(run_study, tmp_path, capsys):
     assert "expected a folder" in capsys.readouterr().err
 
 
+def test_a_study_of_the_user_is_not_written_over(run_study, tmp_path, capsys):
+    recorder = run_study()
+    text = (resources.files("calib.study") / "embedded" / "virtual.toml").read_text()
+    own = tmp_path / "study.toml"
+    own.write_text(text)
+    assert cli.main(["run", str(own), "--out", str(tmp_path)]) == cli.WRONG_INPUT
+    assert recorder.calls == [] and own.read_text() == text
+    assert "study.toml no run has written" in capsys.readouterr().err
+    own.write_text(f"# Written by calib run: the study that made this folder.\n{text}")
+    assert cli.main(["run", str(own), "--out", str(tmp_path)]) == 0
+    assert len(recorder.calls) == 1
+
+
 def test_studies_lists_every_embedded_study(capsys):
     assert cli.main(["studies"]) == 0
     lines = capsys.readouterr().out.splitlines()

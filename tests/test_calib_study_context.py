@@ -75,6 +75,17 @@ def test_the_pin_of_the_check_gives_way_less_than_that_of_the_emulators_runs(mor
     assert pin_plan(same, study.hypotheses[0], np.array([[0.5] * n_ratios])) is None
 
 
+def test_fields_of_hypotheses_of_other_heights_are_seen_at_the_same_places() -> None:
+    text = (Path(__file__).parents[1] / "calib/study/embedded/virtual.toml").read_text()
+    apart = text.replace('name = "stuck"', 'name = "stuck"\nheight = 2.7')
+    plain, study = read(text), read(apart)
+    stuck, sliding = (model(study, name).points() for name in ("stuck", "sliding"))
+    np.testing.assert_allclose(stuck, sliding, atol=1e-12)
+    np.testing.assert_allclose(stuck, model(plain, "sliding").points(), atol=1e-12)
+    forces = TEXT.replace('name = "stuck"', 'name = "stuck"\nheight = 2.7')
+    assert model(read(forces), "stuck").field_grid == (35, 24)
+
+
 def test_the_pin_of_a_synthetic_truth_gives_way_less_still() -> None:
     context = Context(load_study("virtual"), Path(), block_pin_model, serial_map, print, False)
     assert penalty(truth_model(context)) == PenaltyLaw().stiffened(8.0)

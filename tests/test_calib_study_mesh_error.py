@@ -440,6 +440,9 @@ def test_the_table_of_meshes_tells_the_pins_part_at_each_point(tmp_path: Path) -
         path, _ = save_mesh_error(tmp_path, hypothesis, study, found, ["r", "s"])
         facts = json.loads(path.read_text())
         tables.append(mesh_table({"stuck": facts}))
+    other = facts | {"coarse_cells": [12, 4, 2], "fine_cells": [16, 5, 4]}
+    title = mesh_table({"stuck": facts, "sliding": other}).title
+    assert "sliding: 12 x 4 x 2 against 16 x 5 x 4" in title
     told, plain = tables
     places = ["r = 0.3, s = 0.2", "r = 0.45, s = 0.15"]
     rows = [row for row in told.rows if "the pin's part" in row[0]]

@@ -13,6 +13,8 @@ from analytic_block import AnalyticBlock, analytic_block
 
 from calib.study.campaign_tables import failures_table
 from calib.study.config import Study, load_study
+from calib.study.context import Context
+from calib.study.prior_sections import ParameterPrior, Prior
 from calib.study.sections import Cells, Hypothesis
 from calib.study.stage_list import stages_of
 from calib.study.stages import run_part
@@ -52,6 +54,31 @@ def test_a_part_runs_only_what_it_needs() -> None:
     assert [stage.name for stage in stages_of(study, "train")] == ["simulate", "train"]
     everything = [stage.name for stage in stages_of(study)]
     assert everything[:2] == ["virtual", "data"] and everything[-1] == "report"
+
+
+def test_the_design_is_made_anew_for_other_priors_that_move_its_points(tmp_path: Path) -> None:
+    """Or later stages would look for runs that nothing has made."""
+    study = small()
+    context = Context(study, tmp_path, analytic_block, serial_map, lambda _: None, False)  # type: ignore[arg-type]
+    [simulate] = stages_of(study, "simulate")
+
+    def with_prior(high: float) -> Context:
+        own = Prior(s=ParameterPrior(distribution="uniform", low=0.0, high=high))
+        first, second = study.hypotheses
+        changed = replace(study, hypotheses=(replace(first, prior=own), second))
+        return replace(context, study=changed)
+
+    def of_shape(mean: float) -> Context:
+        # Of the same ends, so that the box does not tell them apart.
+        kept = ParameterPrior(distribution="normal", low=0.0, high=1.0, mean=mean, sd=0.1)
+        prior = replace(study.prior, r=kept)
+        design = replace(study.design, shape="prior")
+        return replace(context, study=replace(study, prior=prior, design=design))
+
+    narrow, wide = (simulate.settings(with_prior(high)) for high in (0.3, 0.4))
+    assert narrow != wide and narrow == simulate.settings(with_prior(0.3))
+    assert simulate.settings(of_shape(0.3)) != simulate.settings(of_shape(0.6))
+    assert "points" not in simulate.settings(context)  # those of the study's r and s follow these
 
 
 def test_simulate_prints_runs_and_leaves_a_figure(tmp_path: Path) -> None:

@@ -197,6 +197,7 @@ def refusal(text: str, folder: Path) -> str:
             '[prior.force_noise]\ndistribution = "log_uniform"\nlow = 0.5\nhigh = 2.0\n[design]',
             "where errors have known sizes",
         ),
+        ("[noise]", "[noise]\nforce_freedom = 4.0", "where errors of the forces are normal"),
     ],
 )
 def test_what_does_not_go_together_is_refused(

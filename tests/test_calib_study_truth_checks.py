@@ -90,6 +90,19 @@ def test_a_truth_beyond_the_priors_is_refused_by_its_line(case: str) -> None:
 
 
 @pytest.mark.parametrize(
+    ("key", "low", "high", "truth"),
+    [("height", 2.6, 2.9, "2.5"), ("bulk_ratio", 5.0, 50.0, "200")],
+)
+def test_a_truth_of_the_block_beyond_its_prior_is_refused(
+    key: str, low: float, high: float, truth: str
+) -> None:
+    text = TEXT + uniform(f"prior.{key}", low, high)
+    expected = f"{low:g} to {high:g} around {truth}, which the truth of sliding has"
+    assert expected in refusal(text) and f"prior.{key}" in refusal(text)
+    assert study_of(TEXT + uniform(f"prior.{key}", float(truth), 1.5 * float(truth))).virtual is not None
+
+
+@pytest.mark.parametrize(
     "constants",
     [
         {"C10": "0.0", "C11": "0.001"},  # r is 1

@@ -338,6 +338,11 @@ def test_the_range_of_a_ratio_may_be_narrower_than_the_priors_of_constants_leave
     prior = prior_of(study, study.hypotheses[0], with_field=False)
     assert prior.bounds[1].tolist() == [0.0, 0.4]
     assert prior.log_mass < 0.0
+    # It never widens what the constants allow: C01 / (C10 + C01) is 2 / 3 at most, C11 / kappa 0.8.
+    wide = text.replace("r = [0.0, 0.4]\ns = [0.0, 0.3]", "r = [-1.0, 3.0]\ns = [-1.0, 2.0]")
+    bounds = prior_of(study_of(wide), study.hypotheses[0], with_field=False).bounds
+    np.testing.assert_allclose(bounds[1:], [[0.0, 2.0 / 3.0], [0.0, 0.8]], atol=1e-9)
+    assert "design.r" in refusal(text.replace("r = [0.0, 0.4]", "r = [0.7, 0.9]"))
 
 
 def _run(text: str, out: Path, factory: Any = varied_stand_in) -> Any:

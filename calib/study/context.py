@@ -110,10 +110,13 @@ def _stiffened(model: BlockPinModel, times: float) -> BlockPinModel:
 def _field_grid(study: Study) -> FieldGrid:
     """The points of a measured field, at which shape functions give that of the model.
 
-    Where the height is unknown, points stay at their places, inside the lowest block that there is.
+    Where the height is unknown, or hypotheses about a field differ in it, points stay at their
+    places, inside the lowest block that there is.
     """
     if not (study.data.is_experiment and study.data.has_field):
-        if not any("height" in inputs_of(study, h) for h in study.hypotheses):
+        heights = {study.height(h) for h in study.hypotheses}
+        unknown = any("height" in inputs_of(study, h) for h in study.hypotheses)
+        if not unknown and not (study.data.has_field and len(heights) > 1):
             return (35, 24)
         lowest = min(least_height(study, h) for h in study.hypotheses)
         x = (np.arange(35) + 0.5) * study.geometry.width / 70.0

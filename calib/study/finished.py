@@ -10,6 +10,7 @@ from calib.study.config import Study, load_study
 from calib.study.context import Context, block_pin_model
 from calib.study.posterior_setup import emulator_posterior
 from calib.study.sections import Hypothesis
+from calib.study.study_file import STUDY_FILE
 from calib.study.unknowns import law_of
 from fe.executors import serial_map
 
@@ -19,7 +20,7 @@ def finished(out: Path) -> Context:
 
     Raises ValueError where the folder holds no study whose emulators are trained.
     """
-    file = out / "study.toml"
+    file = out / STUDY_FILE
     if not file.is_file() or not (out / "data.json").is_file():
         raise ValueError(f"{out}: found no study with data, expected the folder of a finished run")
     study: Study = load_study(file)

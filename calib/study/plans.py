@@ -233,9 +233,11 @@ def by_runs(
 def _other_blocks(model: BlockPinModel) -> Iterator[tuple[str, BlockPinModel]]:
     """Another pin at the same travels; another height at travels in proportion to it."""
     specimen = model.specimen
-    for change in (-1.0, 1.0):
-        width = specimen.pin_width + change
-        yield f"pin {width:g} mm wide", replace(model, specimen=replace(specimen, pin_width=width))
+    for factor in (0.75, 1.25):
+        width = factor * specimen.pin_width
+        if 2.0 * specimen.pin_fillet < width < specimen.width:
+            other = replace(specimen, pin_width=width)
+            yield f"pin {width:.3g} mm wide", replace(model, specimen=other)
     for factor in (0.8, 1.2):
         height = factor * specimen.height
         travel = tuple(factor * t for t in model.travel)

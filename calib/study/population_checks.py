@@ -31,6 +31,9 @@ def check_population(study: Study) -> None:
     if study.noise.discrepancy > 0:
         expected = f'0 with data.level = "{SAMPLES}", where the model is taken as right'
         raise Contradiction("noise.discrepancy", study.noise.discrepancy, expected)
+    if study.noise.force_freedom is not None:
+        expected = f'none with data.level = "{SAMPLES}", where errors of the forces are normal'
+        raise Contradiction("noise.force_freedom", study.noise.force_freedom, expected)
     known: set[str] = set()
     for index, hypothesis in enumerate(study.hypotheses):
         for name in ERRORS:

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from calib.inference.laws import Ratio
+from calib.inference.prior import Marginal, hull_of
 from calib.study.prior_sections import ParameterPrior
 from calib.study.unknowns import (
     ERRORS,
@@ -104,9 +105,7 @@ def _check_constants(
         key = f"{key_of(index, hypothesis, 'C10')}.low"
         expected = f"C10 + C01 above 0 MPa at the lower bounds of both (their sum is {lowest:g})"
         raise Contradiction(key, first.low, expected)
-    for key, limits in (("design.r", study.design.r), ("design.s", study.design.s)):
-        if limits is not None and limits[0] >= limits[1]:
-            raise Contradiction(key, limits, "two numbers low < high")
+    _check_ranges(study, hull_of(tuple(p.marginal() for p in priors.values() if p))[1:])
     if len(names) > 2:
         widest = ratio_bounds(study, hypothesis)[1].high
         if widest > LARGEST_S:
@@ -119,6 +118,19 @@ def _check_constants(
     except ValueError as error:
         expected = "ranges that hold more of the constants' priors"
         raise Contradiction("design.r", study.design.r, expected) from error
+
+
+def _check_ranges(study: Study, hull: tuple[Marginal, ...]) -> None:
+    """Refuse ranges of a design that have nothing of what the priors of the constants allow."""
+    ranges = (("design.r", study.design.r), ("design.s", study.design.s))
+    for (key, limits), box in zip(ranges, hull, strict=False):
+        if limits is None:
+            continue
+        if limits[0] >= limits[1]:
+            raise Contradiction(key, limits, "two numbers low < high")
+        if limits[0] >= box.high or limits[1] <= box.low:
+            expected = f"a part of {box.low:g} to {box.high:g}, which the constants' priors allow"
+            raise Contradiction(key, limits, expected)
 
 
 def _used(study: Study, hypothesis: Hypothesis, name: str) -> bool:

@@ -32,7 +32,7 @@ from calib.study.config import Study, StudyError
 from calib.study.context import Context
 from calib.study.findings import validation_files
 from calib.study.run_identity import run_identity
-from calib.study.unknowns import by_constants, design_box, parameters_of
+from calib.study.unknowns import by_constants, design_box, design_points, parameters_of
 from calib.study.work_sections import Compute
 from fe.campaign_parameters import RATIOS
 
@@ -130,12 +130,20 @@ def _whole_study(context: Context) -> dict[str, object]:
 def _design(context: Context) -> dict[str, object]:
     """The forward models, the design and the box that it is in."""
     found = _models("prior.r", "prior.s", "design", "seed")(context)
+    study = context.study
     boxes = {
-        h.name: plain(design_box(context.study, h))
-        for h in context.study.hypotheses
-        if parameters_of(context.study, h) != RATIOS or by_constants(context.study, h)
+        h.name: plain(design_box(study, h))
+        for h in study.hypotheses
+        if parameters_of(study, h) != RATIOS or by_constants(study, h)
     }
-    return {**found, "box": boxes} if boxes else found
+    # What follows from priors other than the study's of r and s is told by the points themselves.
+    points = {
+        h.name: plain(design_points(study, h))
+        for h in study.hypotheses
+        if h.prior is not None or study.design.shape == "prior"
+    }
+    added = {"box": boxes, "points": points}
+    return found | {name: own for name, own in added.items() if own}
 
 
 STAGES = (

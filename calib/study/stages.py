@@ -23,7 +23,7 @@ from calib.study.config import Study
 from calib.study.context import Context, SimulateFactory, block_pin_model
 from calib.study.executor_choice import chosen_map
 from calib.study.stage_list import STAGES, Stage, stages_of
-from calib.study.study_file import write_study
+from calib.study.study_file import STUDY_FILE, write_study
 from calib.study.summary import Summary, load_summary
 from fe.executors import MapFn
 
@@ -73,7 +73,7 @@ def run_stages(context: Context, until: str = "report") -> tuple[str, ...]:
     `calib.study.verification` says.
     Raises StudyError for a study that cannot be run, Contradiction where synthetic data exclude it.
     """
-    write_study(context.out / "study.toml", context.study)
+    write_study(context.out / STUDY_FILE, context.study)
     stages = stages_of(context.study, until)
     names = [stage.name for stage in stages]
     digests: dict[str, str] = {}

@@ -10,6 +10,11 @@ from pathlib import Path
 from calib.study.artifacts import write_bytes
 from calib.study.config import Study
 
+STUDY_FILE = "study.toml"
+"""in the folder of a run: the study that made it"""
+OWN = "# Written by calib run"
+"""how that file begins"""
+
 
 def write_study(path: Path, study: Study) -> None:
     """Write `study` as TOML; `calib.study.load_study` reads the same study from it."""
@@ -18,7 +23,7 @@ def write_study(path: Path, study: Study) -> None:
 
 def study_text(study: Study) -> str:
     """The study as TOML, without what is not set."""
-    first = "# Written by calib run: the study that made this folder. Units mm, N, MPa."
+    first = f"{OWN}: the study that made this folder. Units mm, N, MPa."
     document = asdict(study)
     document["hypothesis"] = document.pop("hypotheses")
     return "\n".join([first, *_table(document, ())]) + "\n"

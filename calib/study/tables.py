@@ -99,13 +99,14 @@ def mesh_table(errors: Mapping[str, Any]) -> Table:
         rows.append((f"{name}, SD of force left [%]", "", *left))
         floors = (number(max(value), 2) for value in error["field_floor"])
         rows.append((f"{name}, SD of field left [mm]", "", *floors))
-    coarse = _mesh(first["coarse_cells"])
-    fine = (f"{n}: {_mesh(e['fine_cells'])}" for n, e in errors.items())
+    meshes = (
+        f"{name}: {_mesh(error['coarse_cells'])} against {_mesh(error['fine_cells'])}"
+        for name, error in errors.items()
+    )
     shares = (f"{error['left_share']:.2f} ({name})" for name, error in errors.items())
     pin, pin_note = _pin_words(first.get("pin"))
     return Table(
-        f"Discretisation error: mesh {coarse} of the emulator's runs against "
-        f"{', '.join(fine)}{pin}",
+        f"Discretisation error of the emulator's runs: {', '.join(meshes)}{pin}",
         ("hypothesis", "measured at", *(f"{travel:g} mm" for travel in first["travel"])),
         tuple(rows),
         f"{_corrected(errors)} SD left: of the error "

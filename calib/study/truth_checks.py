@@ -6,7 +6,15 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from calib.inference.coordinates import theta_of_constants
-from calib.study.unknowns import by_constants, given, law_of, ratio_bounds
+from calib.study.prior_limits import key_of
+from calib.study.unknowns import (
+    by_constants,
+    given,
+    inputs_of,
+    law_of,
+    numbers_of,
+    ratio_bounds,
+)
 from calib.toml_file.refusal import Contradiction
 
 if TYPE_CHECKING:
@@ -37,12 +45,29 @@ def check_truth(study: Study) -> None:
         if getattr(virtual, name) != 0:
             expected = f"0: the law of {virtual.hypothesis}, {law}, has no such constant"
             raise Contradiction(f"virtual.{name}", getattr(virtual, name), expected)
+    _check_inputs(study, true[0])
     for name, what, value, (low, high), within in _places(study, virtual, true[0]):
         slack = ROUNDING * (high - low)
         if not low - slack <= value <= high + slack:
             expected = f"{what} within {within}, {low:g} to {high:g} (it is {value:g}): "
             expected += "no posterior finds a truth beyond"
             raise Contradiction(f"virtual.{name}", getattr(virtual, name), expected)
+
+
+def _check_inputs(study: Study, hypothesis: Hypothesis) -> None:
+    """Raise Contradiction for a further unknown whose number, the truth, its prior excludes."""
+    for name, value in zip(
+        inputs_of(study, hypothesis), numbers_of(study, hypothesis), strict=True
+    ):
+        prior = given(study, hypothesis, name)
+        assert prior is not None  # else it is no unknown
+        if not prior.low <= value <= prior.high:
+            index = study.hypotheses.index(hypothesis)
+            expected = (
+                f"{prior.low:g} to {prior.high:g} around {value:g}, which the truth of "
+                f"{hypothesis.name} has: no posterior finds a truth beyond"
+            )
+            raise Contradiction(key_of(index, hypothesis, name), (prior.low, prior.high), expected)
 
 
 def _places(

@@ -96,7 +96,10 @@ def rubs(hypothesis: Hypothesis, name: str) -> bool:
 
 
 def ratio_bounds(study: Study, hypothesis: Hypothesis) -> tuple[Marginal, ...]:
-    """Marginals of the ratios: their priors, or the box around what priors of constants allow."""
+    """Marginals of the ratios: their priors, or the box around what priors of constants allow.
+
+    Ranges of the design narrow that box, and never widen it.
+    """
     names = by_constants(study, hypothesis)
     if not names:
         ratios = law_of(study, hypothesis).ratios
@@ -104,7 +107,9 @@ def ratio_bounds(study: Study, hypothesis: Hypothesis) -> tuple[Marginal, ...]:
     hull = hull_of(tuple(_marginal(study, hypothesis, name) for name in names))[1:]
     ranges = (study.design.r, study.design.s)
     return tuple(
-        box if limits is None else Marginal("uniform", *limits)
+        box
+        if limits is None
+        else Marginal("uniform", max(limits[0], box.low), min(limits[1], box.high))
         for box, limits in zip(hull, ranges, strict=False)
     )
 
@@ -192,6 +197,13 @@ def fixed_values(study: Study, hypothesis: Hypothesis) -> Array:
 
     They are the truth of a synthetic experiment.
     """
+    names, values = inputs_of(study, hypothesis), numbers_of(study, hypothesis)
+    pairs = zip(names, values, strict=True)
+    return np.array([np.log(value) if INPUTS[name][0].log else value for name, value in pairs])
+
+
+def numbers_of(study: Study, hypothesis: Hypothesis) -> tuple[float, ...]:
+    """(n_input,) the numbers that the study gives for its further unknowns, in their units."""
     rubbing = [s for s in (hypothesis.pin, hypothesis.base) if not isinstance(s, str)]
     numbers = {
         "bulk_ratio": study.bulk_ratio(hypothesis),
@@ -203,11 +215,7 @@ def fixed_values(study: Study, hypothesis: Hypothesis) -> Array:
         "pin_width": study.geometry.pin_width,
         "pin_shift": study.geometry.pin_shift,
     }
-    values = []
-    for name in inputs_of(study, hypothesis):
-        value = float(numbers[name])
-        values.append(np.log(value) if INPUTS[name][0].log else value)
-    return np.array(values)
+    return tuple(float(numbers[name]) for name in inputs_of(study, hypothesis))
 
 
 def off_centre(study: Study, hypothesis: Hypothesis) -> bool:
