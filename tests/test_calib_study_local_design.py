@@ -14,17 +14,23 @@ from scipy.stats import norm
 from calib.inference import Marginal, Prior
 from calib.inference.quadrature import Quadrature, integrate
 from calib.study import local_design
+from calib.study.artifacts import write_json
 from calib.study.config import Study, load_study
 from calib.study.context import Context
+from calib.study.emulator_tables import refinement_table
 from calib.study.local_design import (
+    BOXES,
     LOCAL,
     MOST_CUT,
+    MOST_LOST,
     REFINEMENT,
     box_of,
+    designed_box,
     is_small,
     kept_box,
     local_points,
     mass_beyond,
+    shares_beyond,
 )
 from calib.study.posterior_setup import emulator_posterior
 from calib.study.stages import run_stages
@@ -132,6 +138,15 @@ def test_a_prior_within_a_box_is_the_same_density_there_and_zero_outside() -> No
         PRIOR.within(box[:1])
 
 
+ROUND = {
+    "n_train": 20,
+    "predicted_shift": [0.0, 0.0, 0.0],
+    "force_error": [1e-3],
+    "rms_z": 1.0,
+    "n_added": 1,
+}
+
+
 def narrow() -> Study:
     """A field so exact that the posterior is narrow."""
     study = load_study("virtual")
@@ -209,4 +224,26 @@ def test_a_box_that_cuts_the_posterior_off_is_moved(
     run_stages(found, until="refine")
     facts = json.loads((tmp_path / REFINEMENT).read_text())["sliding"]
     assert len(facts["local"]) == 3 * 8
-    assert facts["mass_beyond"] > MOST_CUT
+    # None of the three holds it: the emulator of the prior's box is the better one.
+    assert facts["box"] is None and facts["mass_beyond"] == 0.0
+    shares = [found["mass_beyond"] for found in facts["rounds"]]
+    assert max(shares) > MOST_LOST
+    [hypothesis] = study.hypotheses
+    assert kept_box(tmp_path, hypothesis) is None
+
+
+def test_a_posterior_that_its_last_check_moved_out_of_its_box_is_that_of_the_priors(
+    tmp_path: Path,
+) -> None:
+    hypothesis = load_study("virtual").hypotheses[0]
+    box = [[0.1, 0.2], [0.3, 0.4]]
+    found = {"box": box, "local": [1], "mass_beyond": 1e-5, "limit": 0.05, "rounds": [ROUND]}
+    write_json(tmp_path / REFINEMENT, {"stuck": found})
+    np.testing.assert_array_equal(kept_box(tmp_path, hypothesis), box)  # type: ignore[arg-type]
+    for share, held in ((0.5 * MOST_LOST, True), (2.0 * MOST_LOST, False)):
+        write_json(tmp_path / BOXES, {"stuck": share})
+        assert (kept_box(tmp_path, hypothesis) is not None) == held
+        note = refinement_table({"stuck": found}, shares_beyond(tmp_path)).note
+        assert (f"leaves {share:.1g} of it outside" in note) == held
+        assert ("with the emulator of the prior's" in note) != held
+    np.testing.assert_array_equal(designed_box(tmp_path, hypothesis), box)  # type: ignore[arg-type]

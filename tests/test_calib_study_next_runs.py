@@ -11,6 +11,7 @@ import pytest
 
 from calib.study import next_runs
 from calib.study.judgement import Noise
+from calib.study.local_design import MOST_BOXES, MOST_CUT, MOST_LOST
 from calib.study.mesh_remarks import FAR
 from calib.study.next_runs import MOST_CHECKS, SETTLED, Choice
 from calib.study.refine_rounds import Loop
@@ -109,6 +110,25 @@ def test_the_second_design_waits_for_a_mean_that_the_mesh_does_not_move() -> Non
     assert loop.box is None
     loop = go(loop, look(0.61, 0.1), by)
     assert loop.box is not None and len(loop.local) == 6 and loop.checked == (0, 1)
+
+
+@pytest.mark.parametrize("beyond", [MOST_CUT, MOST_LOST])
+def test_a_box_that_does_not_hold_the_posterior_is_moved_and_given_up_in_the_end(
+    beyond: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(next_runs, "mass_beyond", lambda *_: 1.01 * beyond)
+    by = choice(n_local=6)
+    loop = go(go(start(), look(0.3, 0.1), by), look(0.31, 0.1), by)
+    for k in range(1, MOST_BOXES + 1):
+        assert loop.box is not None and loop.n_boxes == k and len(loop.local) == 6 * k
+        loop = go(loop, look(0.31, 0.1), by)
+    assert loop.n_boxes == MOST_BOXES and len(loop.local) == 6 * MOST_BOXES
+    if beyond == MOST_CUT:  # the last box holds enough of it
+        assert loop.box is not None and loop.done
+        return
+    assert loop.box is None and not loop.done
+    loop = go(loop, look(0.31, 0.1), by)  # nor is there another one
+    assert loop.box is None and loop.done and len(loop.local) == 6 * MOST_BOXES
 
 
 def test_further_checks_do_not_count_as_runs_of_refinement() -> None:

@@ -99,7 +99,10 @@ def test_a_truth_of_the_block_beyond_its_prior_is_refused(
     text = TEXT + uniform(f"prior.{key}", low, high)
     expected = f"{low:g} to {high:g} around {truth}, which the truth of sliding has"
     assert expected in refusal(text) and f"prior.{key}" in refusal(text)
-    assert study_of(TEXT + uniform(f"prior.{key}", float(truth), 1.5 * float(truth))).virtual is not None
+    assert (
+        study_of(TEXT + uniform(f"prior.{key}", float(truth), 1.5 * float(truth))).virtual
+        is not None
+    )
 
 
 @pytest.mark.parametrize(

@@ -23,6 +23,7 @@ from calib.study.data_stage import StudyData, load_data
 from calib.study.nuisances import discrepancy_of, nuisances_of
 from calib.study.posterior_setup import emulator_posterior, noise_of
 from calib.study.sample_stage import StoredSamples, load_samples
+from calib.study.unknowns import prior_of
 from fe.progress_bar import progress_bar
 
 
@@ -38,8 +39,8 @@ def run(context: Context) -> list[Path]:
     for hypothesis in study.hypotheses:
         name = hypothesis.name
         samples = load_samples(context.out, hypothesis)
-        prior = posteriors[name].prior
-        leaning = at_bound(samples.result.draws, prior.bounds, prior.space)
+        whole = prior_of(study, hypothesis, with_field=data.dataset.field is not None)
+        leaning = at_bound(samples.result.draws, whole.bounds, whole.space)
         found[name] = {
             "log_evidence": fits[name].log_evidence,
             "log_evidence_error": fits[name].log_evidence_error,

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from calib.study.local_design import MOST_LOST
 from calib.study.tables import Table, number, percent
 
 KINDS = {"leave_one_out": "leave-one-out", "held_out": "held-out"}
@@ -184,8 +185,14 @@ def partial_table(diagnostics: Mapping[str, Any]) -> Table | None:
     )
 
 
-def refinement_table(refinement: Mapping[str, Any]) -> Table:
-    """Rounds of the loop: runs, how far the posterior mean may move, error at the new runs."""
+def refinement_table(
+    refinement: Mapping[str, Any], beyond: Mapping[str, float] | None = None
+) -> Table:
+    """Rounds of the loop: runs, how far the posterior mean may move, error at the new runs.
+
+    `beyond`: which share of posteriors lies beyond their boxes, where that is known better than by
+    the last look.
+    """
     rows = []
     notes = []
     sets = [
@@ -208,11 +215,7 @@ def refinement_table(refinement: Mapping[str, Any]) -> Table:
                     number(entry["rms_z"], 2),
                 )
             )
-        if found.get("box") is not None:
-            notes.append(
-                f"{name}: sampled in the box of its posterior, which leaves "
-                f"{found['mass_beyond']:.1g} of it outside."
-            )
+        notes += _box_note(name, found, (beyond or {}).get(name))
         last = max(found["rounds"][-1]["predicted_shift"])
         if last > found["limit"]:
             notes.append(
@@ -242,6 +245,27 @@ def refinement_table(refinement: Mapping[str, Any]) -> Table:
         "increment, of the emulator at the runs then added, which it had not seen. "
         + " ".join(notes),
     )
+
+
+def _box_note(name: str, found: Mapping[str, Any], beyond: float | None) -> Iterator[str]:
+    """By which emulator a hypothesis with a second design is sampled; `beyond` None: not known."""
+    if found.get("box") is None:
+        if found.get("local"):
+            yield (
+                f"{name}: no box of a second design held the posterior; it is sampled with the "
+                "emulator of the prior's."
+            )
+        return
+    share = found["mass_beyond"] if beyond is None else beyond
+    if beyond is not None and beyond > MOST_LOST:
+        yield (
+            f"{name}: the last check of the mesh left {share:.1g} of the posterior outside the box "
+            "of its second design; it is sampled with the emulator of the prior's."
+        )
+    else:
+        yield (
+            f"{name}: sampled in the box of its posterior, which leaves {share:.1g} of it outside."
+        )
 
 
 def _largest(values: Iterable[float | None], digits: int = 2) -> str:

@@ -21,7 +21,7 @@ from calib.study.emulator_tables import (
     refinement_table,
 )
 from calib.study.further_table import further_table
-from calib.study.local_design import REFINEMENT
+from calib.study.local_design import REFINEMENT, shares_beyond
 from calib.study.maxima_table import laplace_table, map_table, rounds_table
 from calib.study.mesh_error_file import check_folder
 from calib.study.nuisances import correlation_table, nuisance_table
@@ -68,6 +68,8 @@ class Findings:
     """the same of emulators of posteriors' boxes, where there are any"""
     refinement: dict[str, Any]
     """hypothesis -> its part of refinement.json"""
+    beyond: dict[str, float]
+    """hypothesis -> share of its posterior beyond its box"""
     maps: dict[str, Any]
     comparison: dict[str, Any]
     predictive: dict[str, Any]
@@ -104,6 +106,7 @@ def read_findings(out: Path, study: Study, summaries: Sequence[Summary]) -> Find
         diagnostics=read_json(out / DIAGNOSTICS),
         local=load_local_diagnostics(out),
         refinement=read_json(out / REFINEMENT),
+        beyond=shares_beyond(out),
         maps=read_json(out / "map.json"),
         comparison=read_json(out / "comparison.json"),
         predictive=read_json(out / CHECKS),
@@ -169,7 +172,7 @@ def _tables(findings: Findings, study: Study) -> dict[str, list[Table]]:
         "mesh": [mesh_table(findings.mesh)],
         "emulator": [emulator_table(findings.judged, limits_of(study))],
         "partial": [partial_table(findings.diagnostics)],
-        "refinement": [refinement_table(findings.refinement)],
+        "refinement": [refinement_table(findings.refinement, findings.beyond)],
         "maximum": [map_table(findings.maps), laplace_table(findings.maps), rounds],
         "starts": [optimization_table(findings.data["published"])],
         "published": [published_table(findings.comparison)],

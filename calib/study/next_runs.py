@@ -10,6 +10,7 @@ from calib.study.judgement import Noise
 from calib.study.local_design import (
     MOST_BOXES,
     MOST_CUT,
+    MOST_LOST,
     box_of,
     is_small,
     local_points,
@@ -51,18 +52,22 @@ class Choice:
 
         First one at the mean; again one at the mean while that is far from where the mesh was
         checked, which moves it; then a second design, where the posterior's box is small, and
-        another one where that turns out to hold too little of the posterior; then where runs take
-        most variance away until the mean rests or there are enough; at the end one at the mean,
-        which is not the last one while the mean is some way off where the mesh was checked.
+        another one where that turns out to hold too little of the posterior, and none where the
+        last one does; then where runs take most variance away until the mean rests or there are
+        enough; at the end one at the mean, which is not the last one while the mean is some way off
+        where the mesh was checked.
         """
         beyond = 0.0 if loop.box is None else mass_beyond(found.quadrature, loop.box, self.box)
         first, moved = not len(loop.ratios), box_of(found.quadrature, self.box)
+        left = loop.n_boxes < MOST_BOXES
         if loop.box is None:
-            moves = not first and self.n_local > 0 and is_small(moved, self.box)
+            moves = left and not first and self.n_local > 0 and is_small(moved, self.box)
         else:
-            moves = beyond > MOST_CUT and loop.n_boxes < MOST_BOXES
+            moves = left and beyond > MOST_CUT
         n = len(loop.ratios)
-        if first or self._is_far(loop, found):
+        if beyond > MOST_LOST and not left:
+            added, after = found.mean[None], replace(loop, box=None)
+        elif first or self._is_far(loop, found):
             added, after = found.mean[None], replace(loop, checked=(*loop.checked, n))
         elif moves:
             added = local_points(moved, self.n_local, self.seed + 1 + loop.n_boxes)

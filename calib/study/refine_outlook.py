@@ -96,7 +96,7 @@ def look(context: Context, hypothesis: Hypothesis, loop: Loop) -> Outlook:
 
     Before any run at the posterior: by the first emulator and the forces alone, as a first emulator
     cannot tell the narrow region that a field leaves. Once there is a second design: by the runs in
-    its box, within it.
+    its box, within it; by those outside second designs where none held the posterior.
     """
     study, dataset = context.study, load_data(context.out).dataset
     mesh = None
@@ -108,7 +108,9 @@ def look(context: Context, hypothesis: Hypothesis, loop: Loop) -> Outlook:
         dataset = replace(dataset, field=None)
     else:
         added = load_campaign(plan(context, hypothesis, loop.ratios))
-        runs = within(design_runs(context, hypothesis, added).training_set(study), loop.box)
+        few = rows(added, np.delete(np.arange(len(added.theta)), loop.local))
+        chosen = design_runs(context, hypothesis, few if loop.box is None else added)
+        runs = within(chosen.training_set(study), loop.box)
         if dataset.field is None:  # the field would take most of the time and enter nothing
             runs = forces_of(runs)
         emulator = Emulator.fit(runs, study.seed)

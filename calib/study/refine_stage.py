@@ -20,7 +20,7 @@ from calib.study.artifacts import read_json, write_json
 from calib.study.config import Study
 from calib.study.context import Context, stream
 from calib.study.judgement import has_field, measurement_noise
-from calib.study.local_design import LOCAL, REFINEMENT, kept_box
+from calib.study.local_design import LOCAL, REFINEMENT, designed_box
 from calib.study.next_runs import Choice
 from calib.study.refine_outlook import check_plan, look, pin_plan, plan, refine_folder
 from calib.study.refine_rounds import Loop, described
@@ -61,7 +61,7 @@ def run(context: Context) -> list[Path]:
         # Second designs crowd in a small part of the whole box and would rule its modes.
         few = rows(found, np.delete(np.arange(len(found.theta)), kept[h.name]["local"]))
         whole[h.name] = design_runs(context, h, few, *added)
-        if (box := kept_box(context.out, h)) is not None:
+        if (box := designed_box(context.out, h)) is not None:
             local[h.name] = replace(design_runs(context, h, found, *added), box=box)
     paths = fit_and_judge(context, context.out, whole, rounds)
     paths += fit_and_judge(context, context.out / LOCAL, local, rounds)

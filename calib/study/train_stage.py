@@ -14,7 +14,14 @@ from calib.study.campaign_tables import label_of
 from calib.study.config import Study
 from calib.study.context import Context
 from calib.study.judgement import judge, one_line
-from calib.study.local_design import LOCAL, REFINEMENT, inside, within
+from calib.study.local_design import (
+    LOCAL,
+    MOST_LOST,
+    REFINEMENT,
+    inside,
+    shares_beyond,
+    within,
+)
 from calib.study.sections import Hypothesis
 from calib.study.simulate_stage import load_design
 from calib.study.training_runs import held_out_set, partial_runs, rows, training_set
@@ -144,9 +151,13 @@ def load_maps(out: Path, hypothesis: Hypothesis) -> dict[str, Array]:
 
 
 def load_local_diagnostics(out: Path) -> dict[str, dict[str, Any]]:
-    """Read those of emulators of posteriors' boxes, of the hypotheses that have one."""
-    boxes = read_json(out / REFINEMENT)
-    names = [name for name, found in boxes.items() if found.get("box") is not None]
+    """Read those of emulators of posteriors' boxes, of the hypotheses that are sampled in one."""
+    boxes, beyond = read_json(out / REFINEMENT), shares_beyond(out)
+    names = [
+        name
+        for name, found in boxes.items()
+        if found.get("box") is not None and beyond.get(name, 0.0) <= MOST_LOST
+    ]
     if not names:
         return {}
     found = load_diagnostics(out / LOCAL)
