@@ -28,6 +28,7 @@ from calib.inference.fisher import (
     observed_information,
     spectrum,
 )
+from calib.inference.knowledge import knowledge
 from calib.inference.likelihood import Likelihood
 from calib.inference.nested import nested
 from calib.inference.profile import Profile, profile_likelihood
@@ -241,3 +242,27 @@ def test_laplace_covariance_of_a_normal_density_is_its_own_and_none_where_it_doe
     ridge[0, 0] = -1.0
     assert laplace_covariance(of(ridge), mean, sd) is None
     assert laplace_covariance(of(np.zeros((3, 3))), mean, sd) is None
+
+
+def test_all_data_are_told_by_the_posterior_that_was_sampled_and_their_parts_by_the_wide_one() -> (
+    None
+):
+    wide, narrow = posterior(True, error=0.05), BOTH
+    plain, other, local = (
+        knowledge(post, np.random.default_rng(3), 7, sampled)
+        for post, sampled in ((wide, None), (wide, narrow), (narrow, None))
+    )
+    for entry, expected in zip(other.parts, (*plain.parts[:2], local.parts[2]), strict=True):
+        np.testing.assert_array_equal(entry.moments.mean, expected.moments.mean)
+        np.testing.assert_array_equal(entry.contraction, expected.contraction)
+    assert not np.allclose(other.whole.moments.sd, plain.whole.moments.sd, rtol=0.02)
+    for k in (0, 1, 2):
+        np.testing.assert_array_equal(other.profiles[k].values, local.profiles[k].values)
+
+
+def test_a_profile_that_leaves_the_box_of_what_was_sampled_is_the_wide_ones() -> None:
+    moments = integrate(BOTH)
+    box = np.array([[moments.mean[1] - 0.5 * moments.sd[1], 1.0], [0.0, 0.5]])
+    cut = replace(BOTH, prior=PRIOR.within(box))
+    found = knowledge(BOTH, np.random.default_rng(3), 9, cut).profiles[1]
+    assert found.values[0] == 0.0 and not found.open_ends[0]

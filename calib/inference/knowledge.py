@@ -96,18 +96,28 @@ def information_of(posterior: Posterior, part: Part, x: Array, sd: Array) -> Arr
     return observed_information(given(posterior, part), x, sd)
 
 
-def knowledge(posterior: Posterior, rng: np.random.Generator, n_profile: int = 21) -> Knowledge:
-    """All that is asked of identifiability, for every part of the data."""
+def knowledge(
+    posterior: Posterior,
+    rng: np.random.Generator,
+    n_profile: int = 21,
+    sampled: Posterior | None = None,
+) -> Knowledge:
+    """All that is asked of identifiability, for every part of the data.
+
+    `sampled`, where there is another one, is the posterior of all data where these alone leave
+    it: by a forward model that is better there, but not known where parts of the data reach.
+    """
+    sampled = posterior if sampled is None else sampled
     space = posterior.prior.space
     drawn = posterior.prior.sample(rng, N_PRIOR)
     prior_sd = drawn.std(axis=0)
-    whole = moments_of(posterior)
+    whole = moments_of(sampled)
     centre = whole.mean
     parts = []
     for part in parts_of(posterior):
         last = part == parts_of(posterior)[-1]
         moments = whole if last else moments_of(given(posterior, part))
-        information = information_of(posterior, part, centre, whole.sd)
+        information = information_of(sampled, part, centre, whole.sd)
         parts.append(
             PartKnowledge(
                 part,
@@ -118,8 +128,7 @@ def knowledge(posterior: Posterior, rng: np.random.Generator, n_profile: int = 2
             )
         )
     profiles = tuple(
-        profile_likelihood(posterior, index, centre, whole.sd, n_profile)
-        for index in range(space.size)
+        _profile(posterior, sampled, index, whole, n_profile) for index in range(space.size)
     )
     said = warnings_of(space, prior_sd, tuple(parts), profiles)
     return Knowledge(
@@ -132,6 +141,16 @@ def knowledge(posterior: Posterior, rng: np.random.Generator, n_profile: int = 2
         profiles,
         said,
     )
+
+
+def _profile(
+    posterior: Posterior, sampled: Posterior, index: int, whole: Moments, n_profile: int
+) -> Profile:
+    """Of a coordinate given all data, by what is known further out where it reaches beyond."""
+    found = profile_likelihood(sampled, index, whole.mean, whole.sd, n_profile)
+    if sampled is posterior or not any(found.open_ends):
+        return found
+    return profile_likelihood(posterior, index, whole.mean, whole.sd, n_profile)
 
 
 def constants_of(moments: Moments, space: Space) -> Constants:

@@ -28,8 +28,10 @@ from calib.study.artifacts import (
     write_npz,
 )
 from calib.study.context import Context
-from calib.study.finished import chosen, finished, posteriors
+from calib.study.finished import chosen, finished
+from calib.study.local_design import LOCAL, kept_box
 from calib.study.mesh_error_file import load_mesh_error
+from calib.study.posterior_setup import emulator_posterior
 from calib.study.refine_outlook import refine_folder
 from calib.study.sample_stage import load_samples, samples_path
 from calib.study.sections import Hypothesis
@@ -63,7 +65,7 @@ def direct_chain(
     """
     context = context or finished(out)
     under = chosen(context.study, hypothesis)
-    posterior = posteriors(context)[under.name]
+    posterior = emulator_posterior(context, under)
     samples = load_samples(out, under)
     found = read_json(out / MAP)[under.name]
     if found["fe_x"] is None:
@@ -123,7 +125,8 @@ def _direct(
 
 def _made_from(out: Path, hypothesis: Hypothesis, n_inner: int) -> str:
     """Hash of what a chain depends on; another one does not go on."""
-    paths = (emulator_path(out, hypothesis), samples_path(out, hypothesis), out / MAP)
+    folder = out if kept_box(out, hypothesis) is None else out / LOCAL
+    paths = (emulator_path(folder, hypothesis), samples_path(out, hypothesis), out / MAP)
     return hash_of([n_inner, *(hash_of_file(path) for path in paths)])
 
 

@@ -194,7 +194,7 @@ def refinement_table(
     the last look.
     """
     rows = []
-    notes = []
+    notes: list[str] = []
     sets = [
         entry.get("x", PARAMETERS) for found in refinement.values() for entry in found["rounds"]
     ]

@@ -16,6 +16,7 @@ from calib.study.artifacts import write_json
 from calib.study.context import stream
 from calib.study.figure_style import COLOURS, INK, LINES, MARKERS, save_png, tidy
 from calib.study.finished import finished, posteriors
+from calib.study.posterior_setup import emulator_posterior
 from calib.study.tables import Table, number
 
 FILE = "identify.json"
@@ -28,9 +29,14 @@ def identify(out: Path) -> tuple[list[str], list[Path]]:
     Raises ValueError where the folder holds no finished study.
     """
     context = finished(out)
+    by_name = posteriors(context)
     found = {
-        name: knowledge(posterior, stream(context.study, f"identify {name}"))
-        for name, posterior in posteriors(context).items()
+        h.name: knowledge(
+            by_name[h.name],
+            stream(context.study, f"identify {h.name}"),
+            sampled=emulator_posterior(context, h),
+        )
+        for h in context.study.hypotheses
     }
     write_json(out / FILE, {name: facts(known) for name, known in found.items()})
     save_png(identify_figure(found), out / "figures" / FIGURE)
