@@ -7,6 +7,7 @@ import shutil
 from dataclasses import replace
 from pathlib import Path
 
+import arviz as az
 import numpy as np
 import pytest
 from analytic_block import analytic_block
@@ -25,6 +26,7 @@ from calib.inference.knowledge import (
 from calib.inference.leave_out import Scores
 from calib.inference.moments import Moments
 from calib.inference.profile import Profile
+from calib.study.artifacts import plain
 from calib.study.config import load_study
 from calib.study.evidence import (
     Standing,
@@ -35,7 +37,7 @@ from calib.study.evidence import (
     scores_table,
 )
 from calib.study.figure_style import png_bytes
-from calib.study.finished import chosen
+from calib.study.finished import chosen, finished
 from calib.study.identify import facts, identify_figure, tables
 from calib.study.stages import run_study
 from calib.study.study_file import write_study
@@ -150,6 +152,24 @@ def test_what_a_damaged_study_lacks_is_named_by_every_verb(
         error = capsys.readouterr().err
         assert error.startswith(f"calib: {out / missing}: found no such file, the study is not ")
         assert error.endswith(": run `calib run` on it\n") and error.count("\n") == 1
+
+
+def test_a_study_file_of_other_results_is_refused(tmp_path: Path) -> None:
+    study = load_study("virtual")
+    file = {"study_file": plain(study)}
+    posterior = az.from_dict({"mu": np.zeros((1, 2))}, attrs={"provenance": json.dumps(file)})
+    posterior.to_netcdf(str(tmp_path / "posterior.nc"))
+    (tmp_path / "data.json").touch()
+    other = replace(study, compute=replace(study.compute, workers=3))
+    for allowed in (study, other):
+        write_study(tmp_path / "study.toml", allowed)
+        assert finished(tmp_path).study == allowed
+    louder = replace(study, seed=1, noise=replace(study.noise, sample_correlation=0.0))
+    write_study(tmp_path / "study.toml", louder)
+    with pytest.raises(ValueError, match=r"study\.toml: found seed, noise changed since posterior"):
+        finished(tmp_path)
+    (tmp_path / "posterior.nc").write_bytes(b"cut")  # told by what reads it
+    assert finished(tmp_path).study == louder
 
 
 def test_the_hypothesis_may_be_left_out_where_there_is_one_only() -> None:

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from calib.inference.inference_data import load_inference_data, provenance_of
 from calib.inference.laws import DEFAULT_LAW
 from calib.inference.posterior import Posterior
+from calib.study.artifacts import plain
 from calib.study.config import Study, load_study
 from calib.study.context import Context, block_pin_model
 from calib.study.posterior_setup import emulator_posterior
@@ -14,16 +16,22 @@ from calib.study.study_file import STUDY_FILE
 from calib.study.unknowns import law_of
 from fe.executors import serial_map
 
+POSTERIOR = "posterior.nc"
+FREE = ("compute", "name")
+"""sections and keys that change no result"""
+
 
 def finished(out: Path) -> Context:
     """The context of a study's folder; nothing is run.
 
-    Raises ValueError where the folder holds no study whose emulators are trained.
+    Raises ValueError where the folder holds no study whose emulators are trained, and where its
+    study file says other things than when its posterior was sampled.
     """
     file = out / STUDY_FILE
     if not file.is_file() or not (out / "data.json").is_file():
         raise ValueError(f"{out}: found no study with data, expected the folder of a finished run")
     study: Study = load_study(file)
+    _check_unchanged(study, out)
     return Context(
         study=study,
         out=out,
@@ -32,6 +40,30 @@ def finished(out: Path) -> Context:
         echo=print,
         show_progress=False,
     )
+
+
+def _check_unchanged(study: Study, out: Path) -> None:
+    """Raise ValueError where the posterior in the folder is that of another study file.
+
+    A run writes its file first, so that it may have been stopped, or asked for a part only.
+    """
+    path = out / POSTERIOR
+    if not path.is_file():
+        return
+    try:
+        made = provenance_of(load_inference_data(path)).get("study_file")
+    except ValueError:
+        return  # told, with its name, by what reads it
+    if not isinstance(made, dict):
+        return
+    now: dict[str, object] = plain(study)
+    changed = [name for name in now if name not in FREE and now[name] != made.get(name)]
+    if changed:
+        names = ", ".join(changed)
+        raise ValueError(
+            f"{out / STUDY_FILE}: found {names} changed since {POSTERIOR} was made, expected the "
+            f"study of these results; `calib run {out / STUDY_FILE} --out {out}` makes them anew"
+        )
 
 
 def posteriors(context: Context) -> dict[str, Posterior]:
