@@ -196,6 +196,7 @@ def test_a_measured_covariance_is_that_of_the_likelihood():
     )
 
 
+@pytest.mark.lasting
 def test_means_scatter_about_the_truth_as_the_measured_covariance_says():
     """False alarm below 1e-6: the mean of 4000 sums of squares, expected 3, within 5 of its SDs."""
     n, rng = 12, np.random.default_rng(5)
@@ -219,6 +220,7 @@ def test_means_scatter_about_the_truth_as_the_measured_covariance_says():
     assert abs(np.mean(sums) - 3.0) < 5 * error < 0.4
 
 
+@pytest.mark.lasting
 def test_means_scatter_as_a_student_t_whose_scale_student_t_forces_take():
     """False alarm 1e-3 (Kolmogorov-Smirnov, 4000 means): Hotelling's T2 over p is F(p, n - p)."""
     n, p, rng = 6, 3, np.random.default_rng(6)

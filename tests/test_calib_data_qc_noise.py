@@ -153,6 +153,7 @@ def test_what_samples_differ_by_becomes_the_error_of_their_mean():
     np.testing.assert_allclose(found.residual_std, STD, rtol=0.06)
 
 
+@pytest.mark.lasting
 def test_mean_is_right_within_its_covariance_over_many_draws():
     z = []
     for seed in range(60):

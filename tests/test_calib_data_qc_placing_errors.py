@@ -57,6 +57,7 @@ def test_errors_of_place_and_travel_are_found_with_their_size():
     assert found.rest.std() == pytest.approx(0.002, rel=0.02)
 
 
+@pytest.mark.lasting
 def test_mean_of_misplaced_samples_is_right_within_what_is_stated():
     """False alarm below 1e-4: the mean of 30 chi-squares over 4,500 values each, SD 0.004."""
     sd, noise, n = np.array([0.005, 0.03, 0.01]), np.full(3, 0.004), 16

@@ -184,6 +184,7 @@ def test_the_stated_error_of_the_scale_is_that_of_repeats():
     assert np.sqrt(np.mean(np.square(off))) == pytest.approx(np.mean(stated), rel=0.45)
 
 
+@pytest.mark.lasting
 def test_a_badly_printed_plate_is_found_to_be_one():
     bad = views(8, noise=0.02, plate_error=0.02)
     exact = calibrate(*bad, SIZE)

@@ -311,6 +311,7 @@ def assert_agrees(found: Array, known: Exact, ess: float) -> None:
     assert np.abs(flat.std(axis=0) / known.sd - 1).max() < 5 / np.sqrt(ess)
 
 
+@pytest.mark.lasting
 @pytest.mark.parametrize(
     ("tau", "common_sd"), [(0.2, 0.3), pytest.param(0.01, 0.0, marks=pytest.mark.slow)]
 )

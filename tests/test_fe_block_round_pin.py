@@ -67,6 +67,7 @@ def test_the_work_of_the_pin_is_stored(contact):
     assert work == pytest.approx(states[-1].energy, rel=1e-3)
 
 
+@pytest.mark.lasting
 @CONTACTS
 def test_a_round_pin_takes_less_force_than_a_bar_and_more_than_a_thinner_one(contact):
     specimens = (BlockPin(pin="round", pin_width=3.0), ROUND, BlockPin())
@@ -97,6 +98,7 @@ def test_sensitivities_match_central_differences(contact):
         np.testing.assert_allclose(base.force_gradient[:, j], force, rtol=2e-3)
 
 
+@pytest.mark.lasting
 def test_friction_of_the_base_lies_between_sliding_and_sticking():
     forces = [model("stick", base)(RATIOS).force for base in ("slide", 0.3, "stick")]
     assert np.all(np.diff(forces, axis=0) > 0.0)

@@ -41,6 +41,7 @@ def test_the_law_with_its_cross_term_is_that_of_calculix(constants):
     np.testing.assert_allclose(theirs, ours, rtol=1e-6)
 
 
+@pytest.mark.lasting
 @pytest.mark.parametrize(("bulk_ratio", "bound"), [(2.0, 0.2), (10.0, 1.2)])
 def test_forces_in_a_dimple_agree_better_as_the_mesh_is_refined(bulk_ratio, bound):
     """Measured on 4 x 4 x 8 (x, y, z 8 x 4 x 8): 0.14 % at bulk/mu = 2, 1.1 % at 10.
@@ -56,6 +57,7 @@ def test_forces_in_a_dimple_agree_better_as_the_mesh_is_refined(bulk_ratio, boun
     assert fine < 0.6 * coarse
 
 
+@pytest.mark.lasting
 def test_forces_under_a_sharp_footprint_approach_each_other():
     """The footprint's edge is singular: both codes converge slowly, CalculiX from above."""
     kwargs = {"constants": LAW, "bulk": 10 * MU}

@@ -140,6 +140,7 @@ def test_a_stiffened_law_gives_way_that_many_times_less_at_every_pressure(depth)
     assert law.stiffened(1.0) == law
 
 
+@pytest.mark.lasting
 @pytest.mark.parametrize("interface", ["slide", "stick"])
 def test_two_stiffer_pins_foretell_the_same_rigid_one(interface):
     """What a force misses falls as the penetration, so that two laws tell that of a rigid pin."""

@@ -193,6 +193,7 @@ def test_ends_that_slide_carry_coulomb_friction():
     np.testing.assert_allclose(-radial[outer], -friction * forces[outer, 1], rtol=1e-2)
 
 
+@pytest.mark.lasting
 @pytest.mark.parametrize("friction", [0.05, 0.15, 1.0])
 def test_the_force_with_friction_does_not_depend_on_how_many_travels_are_asked(friction):
     """Friction is from where a point began to stick or slid to, not from where the step began."""

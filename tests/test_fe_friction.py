@@ -235,6 +235,7 @@ def test_force_scales_with_kappa_and_field_does_not(rubbing):
         np.testing.assert_allclose(b.u, a.u, atol=1e-9)
 
 
+@pytest.mark.lasting
 def test_the_work_of_the_pin_is_stored_or_rubbed_away():
     m = model(0.3, 0.3, travel=tuple(np.linspace(0.02, 0.5, 25)))
     states, _, _ = m.solve(RATIOS)
@@ -244,6 +245,7 @@ def test_the_work_of_the_pin_is_stored_or_rubbed_away():
     assert states[-1].energy + states[-1].friction_work == pytest.approx(work, rel=5e-3)
 
 
+@pytest.mark.lasting
 def test_force_grows_with_friction_from_sliding_towards_sticking():
     one = {"travel": (0.3,)}
     force = [model(mu, mu, **one)(RATIOS).force[0] for mu in (1e-6, 0.1, 0.4, 1.0, 20.0)]
@@ -255,6 +257,7 @@ def test_force_grows_with_friction_from_sliding_towards_sticking():
     assert 0.9 * stick < force[-1] < stick
 
 
+@pytest.mark.lasting
 @pytest.mark.parametrize(("coefficient", "bound"), [(50.0, 5e-4), (500.0, 1e-4)])
 def test_a_rough_base_is_a_base_that_sticks(monkeypatch, coefficient, bound):
     """Along the same steps (what sticks beside a pin lies where the step found it), and from 0.3 mm

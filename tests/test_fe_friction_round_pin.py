@@ -124,6 +124,7 @@ def test_x_and_z_are_alike():
     np.testing.assert_allclose(u[swapped][:, [2, 1, 0]], u[order], atol=1e-7)
 
 
+@pytest.mark.lasting
 def test_sensitivities_match_central_differences():
     m, h = model(0.3), 1e-4
     base = m(RATIOS)

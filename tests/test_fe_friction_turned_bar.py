@@ -113,6 +113,7 @@ def flipped(field: np.ndarray) -> np.ndarray:
     return field.reshape(2, 8, 2, 3)[:, ::-1].reshape(2, 16, 3) * [-1.0, 1.0, 1.0]
 
 
+@pytest.mark.lasting
 def test_a_bar_turned_either_way_gives_the_mirrored_field():
     one, other = model(6.0)(RATIOS), model(-6.0)(RATIOS)
     assert one.status is Status.CONVERGED
@@ -131,6 +132,7 @@ def test_a_bar_that_is_hardly_turned_is_a_straight_one():
     np.testing.assert_allclose(right, quarter.displacement, atol=2e-5)
 
 
+@pytest.mark.lasting
 def test_friction_under_a_turned_bar_lies_between_sliding_and_sticking():
     force = [model(6.0, c)(RATIOS).force[-1] for c in ("slide", 0.1, 0.4, "stick")]
     assert (np.diff(force) > 0.0).all()

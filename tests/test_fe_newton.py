@@ -39,6 +39,7 @@ def test_an_older_factor_ends_where_new_ones_do(monkeypatch, contact):
     assert lagged.n_factorisations < 0.7 * factorised.n_factorisations
 
 
+@pytest.mark.lasting
 def test_a_march_over_negative_curvature_ends_where_new_factors_do(monkeypatch):
     """Rows snap past the pin's edge: tangents turn indefinite within steps."""
     options, steps = NewtonOptions(tolerance=1e-9), StepOptions(first=0.05)
