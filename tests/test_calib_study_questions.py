@@ -147,10 +147,14 @@ def test_what_a_damaged_study_lacks_is_named_by_every_verb(
     out = tmp_path / "copy"
     shutil.copytree(run, out)
     (out / missing).unlink()
-    for verb, *options in (["evidence"], ["direct-chain", "--hypothesis", "sliding"]):
+    boxed = out / "local" / missing  # the chain asks the emulator that was sampled alone
+    chained = boxed if boxed.is_file() else out / missing
+    boxed.unlink(missing_ok=True)
+    verbs = (["evidence"], out / missing), (["direct-chain", "--hypothesis", "sliding"], chained)
+    for (verb, *options), path in verbs:
         assert main([verb, str(out), *options]) == 2
         error = capsys.readouterr().err
-        assert error.startswith(f"calib: {out / missing}: found no such file, the study is not ")
+        assert error.startswith(f"calib: {path}: found no such file, the study is not ")
         assert error.endswith(": run `calib run` on it\n") and error.count("\n") == 1
 
 
