@@ -174,6 +174,7 @@ def test_a_narrow_posterior_gets_a_design_and_an_emulator_of_its_own(context: Co
     assert box is not None
     facts = json.loads((context.out / REFINEMENT).read_text())[hypothesis.name]
     assert facts["mass_beyond"] < MOST_CUT and len(facts["local"]) >= 8
+    assert shares_beyond(context.out)[hypothesis.name] < MOST_LOST  # after the last check, too
     local = load_emulator(context.out / LOCAL, hypothesis)
     assert (local.bounds[:, 0] >= box[:, 0]).all() and (local.bounds[:, 1] <= box[:, 1]).all()
     assert local.header.n_train >= 8
