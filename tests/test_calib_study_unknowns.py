@@ -254,6 +254,10 @@ def test_the_varied_block_is_the_block_where_nothing_varies() -> None:
             "prior.discrepancy: found a table, expected none beside noise.force_freedom",
         ),
         (
+            TEXT.replace("[design]", "[design]\nn_local = 2"),
+            "design.n_local: found 2, expected 0 or at least 4 runs",
+        ),
+        (
             TEXT.replace("[noise]", "[noise]\ndiscrepancy = 0.1\nforce_freedom = 4.0"),
             "noise.discrepancy: found 0.1, expected 0 beside noise.force_freedom",
         ),

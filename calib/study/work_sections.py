@@ -12,6 +12,10 @@ from pydantic.dataclasses import dataclass
 
 from calib.study.prior_sections import STRICT
 from calib.study.sections import Positive
+from calib.toml_file.refusal import Contradiction
+
+LEAST_LOCAL = 4
+"""runs of a second design, corners of a box of two ratios"""
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
@@ -32,9 +36,9 @@ class Design:
     """largest number of runs added where the posterior is, for each hypothesis; fewer when its mean
     will not move any more; those for further checks of the mesh not counted"""
     n_local: Annotated[int, Field(ge=0, le=256)] = 16
-    """number of runs (0: none) of a second design in the posterior's box, where the data have a
-    field and this box is less than a tenth of the prior's; the emulator that is sampled then learns
-    from the runs in it"""
+    """number of runs (0: none, else 4 or more) of a second design in the posterior's box, where the
+    data have a field and this box is less than a tenth of the prior's; the emulator that is sampled
+    then learns from the runs in it"""
     r: tuple[float, float] | None = None
     """two numbers: the range of r, where priors of the constants would leave a wider one"""
     s: tuple[float, float] | None = None
@@ -42,6 +46,11 @@ class Design:
     max_failure_rate: Annotated[float, Field(ge=0, lt=1)] = 0.2
     """share of a hypothesis' runs that may end before the last increment; beyond it the study
     stops"""
+
+    def __post_init__(self) -> None:
+        if 0 < self.n_local < LEAST_LOCAL:
+            expected = f"0 or at least {LEAST_LOCAL} runs, of which an emulator can learn"
+            raise Contradiction("n_local", self.n_local, expected)
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
