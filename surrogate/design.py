@@ -96,7 +96,8 @@ def _corners(bounds: Array, n_corners: int | None, n: int) -> Array:
     else:
         raise ValueError(f"n_corners: expected 0 to {2**d}, found {n_corners}")
     is_high = places[:, None] >> np.arange(d - 1, -1, -1) & 1
-    return bounds[np.arange(d), is_high]
+    corners: Array = bounds[np.arange(d), is_high]
+    return corners
 
 
 def _far_corners(d: int, n: int) -> npt.NDArray[np.int64]:

@@ -113,12 +113,12 @@ def test_coverage_of_true_intervals_is_what_they_state() -> None:
     error = rng.normal(size=(10_000, 4)) @ root.T
     covariance = np.broadcast_to(root @ root.T, (10_000, 4, 4))
     std = np.sqrt(np.diag(root @ root.T))
-    size, normal = mahalanobis(error, covariance), mahalanobis_sizes(4)
+    size, normal = mahalanobis(error, covariance).size, mahalanobis_sizes(4)
     rank = RunScale().rank(size, normal)
     found = coverage(error / std, (rank, rank))
     assert found.joint is not None
     np.testing.assert_allclose(found.joint, [0.5, 0.8, 0.95], atol=0.02)
     np.testing.assert_allclose(found.by_step, np.tile([0.5, 0.8, 0.95], (4, 1)), atol=0.02)
-    half = RunScale().rank(mahalanobis(error, 0.25 * covariance), normal)
+    half = RunScale().rank(mahalanobis(error, 0.25 * covariance).size, normal)
     half = coverage(2.0 * error / std, (half, half))
     assert half.joint is not None and half.joint[2] < 0.7 and half.overall[2] < 0.7
