@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import tracemalloc
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
@@ -66,10 +67,22 @@ def test_a_subset_is_a_part_of_the_whole() -> None:
     np.testing.assert_allclose(part.std, whole.std[:, [2, 0]][:, :, [3, 7, 8]], rtol=1e-12)
 
 
-@pytest.mark.parametrize("wanted", [[], [3], [-1], [[0]]])
-def test_steps_that_are_none_are_refused(wanted: list[int]) -> None:
-    with pytest.raises(ValueError, match="steps: expected some of 0 to 2"):
-        select((3, 4, 3), wanted, None)
+def test_a_mask_chooses_what_its_places_do() -> None:
+    by_mask = select((3, 4, 3), [True, False, True], np.array([False, True, True, True]))
+    by_place = select((3, 4, 3), [0, 2], np.array([1, 2, 3]))
+    np.testing.assert_array_equal(by_mask.rows, by_place.rows)
+    assert by_mask.shape == by_place.shape == (2, 3, 3)
+
+
+@pytest.mark.parametrize(
+    "wanted",
+    [[], [3], [-1], [[0]], [0.0, 1.9], [True, False], [False] * 3, [True] * 4, ["0"], 1],
+)
+def test_steps_and_points_that_are_none_are_refused(wanted: Any) -> None:
+    with pytest.raises(ValueError, match="steps: expected some of 0 to 2 or a mask of all 3"):
+        select((3, 5, 3), wanted, None)
+    with pytest.raises(ValueError, match="points: expected some of 0 to 2 or a mask of all 3"):
+        select((5, 3, 3), None, wanted)
 
 
 def test_the_compressed_covariance_keeps_the_strongest_directions() -> None:
