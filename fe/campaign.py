@@ -37,8 +37,9 @@ class CampaignFailed(RuntimeError):  # noqa: N818 - says what happened
 class CampaignPlan:
     """What is to be run and where it is kept.
 
-    Raises ValueError for a design that `checked_theta` refuses and for a fingerprint or `design`
-    that does not consist of finite JSON values, TypeError where no fingerprint is given for a model
+    Raises ValueError for a design that `checked_theta` refuses or a method `check_rows(theta)` of
+    the model, if it has one, and for a fingerprint or `design` that does not consist of finite JSON
+    values, TypeError where no fingerprint is given for a model
     that is no dataclass.
     """
 
@@ -66,6 +67,9 @@ class CampaignPlan:
         if isinstance(own, tuple) and own and isinstance(own[0], Parameter):
             _check_same(own, self.parameters)
         object.__setattr__(self, "theta", checked_theta(self.theta, self.parameters))
+        check_rows = getattr(self.simulate, "check_rows", None)
+        if callable(check_rows):
+            check_rows(self.theta)
         object.__setattr__(self, "store", Path(self.store))
         if not self.fingerprint:
             object.__setattr__(self, "fingerprint", fingerprint_of(self.simulate))

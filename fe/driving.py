@@ -148,23 +148,24 @@ def drive(
     def accept(found: Found) -> Start:
         """Keep a converged step; the start of the next one, anchors renewed where it rubs."""
         nonlocal memory, state
-        before = 0.0 if state is None else state.pin_force
-        if found.equilibrium.assembly.pin_force < FALL * before:
-            outcome.fall(found)
-        state = _state(potential, solver, tangent, found, memory, asked, state)
-        if not np.isfinite(state.force_gradient).all():
-            lost = f"no derivatives from a travel of {found.travel:.4f} mm on"
-            outcome.warn("derivatives", lost)
-        if not potential.has_friction or plate is None or slopes is None:
-            return found.as_start()
-        assert memory is not None
-        limits = found.equilibrium.assembly.frame
-        pressed = limits.ends > 0.0, limits.edges > 0.0
-        memory = moved_anchors(plate, slopes, memory, pressed, state.u, state.u_gradient)
-        return restore(found.as_start())
+        reached = _state(potential, solver, tangent, found, memory, asked, state)
+        start, drawn = found.as_start(), memory
+        if potential.has_friction and plate is not None and slopes is not None:
+            assert memory is not None
+            limits = found.equilibrium.assembly.frame
+            pressed = limits.ends > 0.0, limits.edges > 0.0
+            drawn = moved_anchors(plate, slopes, memory, pressed, reached.u, reached.u_gradient)
+            start = refreshed(start, drawn)
+        # Whatever was singular has raised by now: the step is tried again from the old memory.
+        _warn_of(found, 0.0 if state is None else state.pin_force, reached, outcome)
+        state, memory = reached, drawn
+        return start
 
     def restore(start: Start) -> Start:
-        assembly = potential.assemble(start.u, start.p, start.travel, memory)
+        return refreshed(start, memory)
+
+    def refreshed(start: Start, anchors: PlateMemory | None) -> Start:
+        assembly = potential.assemble(start.u, start.p, start.travel, anchors)
         return start._replace(assembly=assembly, negative=solver.factorise(assembly.data))
 
     here = restore(Start(*potential.zero_state(), None, 0.0, 0))
@@ -172,6 +173,18 @@ def drive(
     for _ in stride(potential, solver, way, here, targets, steps, outcome):
         assert state is not None
         yield state
+
+
+def _warn_of(found: Found, before: float, reached: DrivenState, outcome: March) -> None:
+    """Note a force that falls, and derivatives that are lost, in a step about to be accepted.
+
+    `before` is the force of the last one, N.
+    """
+    if reached.pin_force < FALL * before:
+        outcome.fall(found)
+    if not np.isfinite(reached.force_gradient).all():
+        lost = f"no derivatives from a travel of {found.travel:.4f} mm on"
+        outcome.warn("derivatives", lost)
 
 
 def _predict(

@@ -121,14 +121,14 @@ def _march(
     def accept(found: Found) -> Start:
         """Keep a converged step: its state and warnings; the start of the next one."""
         nonlocal state
-        force = found.equilibrium.assembly.pin_force
-        if state is not None and force < FALL * state.pin_force:
+        before = state
+        state = _accept(potential, solver, tangent, found, history, before)
+        if before is not None and state.pin_force < FALL * before.pin_force:
             outcome.warn(
                 "fall",
                 f"the force falls at a travel of {found.travel:.4f} mm: material snaps past the "
                 "pin's edge, or the block bends into another shape",
             )
-        state = _accept(potential, solver, tangent, found, history, state)
         if not np.isfinite(state.force_gradient).all():
             lost = f"no derivatives from a travel of {found.travel:.4f} mm on"
             outcome.warn("derivatives", lost)

@@ -11,6 +11,7 @@ from surrogate.covariance import FAMILIES
 from surrogate.evidence import Hyperparameters, maximise_evidence
 from surrogate.gp import GaussianProcesses
 from surrogate.gp_fit import posterior, scale_runs
+from surrogate.thinning import part_of_runs
 from surrogate.warp import STRENGTHS
 
 Array = npt.NDArray[np.float64]
@@ -82,9 +83,9 @@ def left_out(
 
 
 def thinned(n: int, slopes: Array | None) -> npt.NDArray[np.int64]:
-    """Runs on which choices are made: every so manieth, that few rows are left."""
+    """Runs on which choices are made, so many that few rows are left."""
     usable = 0 if slopes is None else np.count_nonzero(np.isfinite(slopes).all(axis=1))
-    return np.arange(0, n, -(-(n + usable) // _ROWS))
+    return part_of_runs(n, n + int(usable), _ROWS)
 
 
 def _candidate(

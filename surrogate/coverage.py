@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -11,6 +12,8 @@ from scipy.stats import norm
 Array = npt.NDArray[np.float64]
 
 LEVELS = (0.5, 0.8, 0.95)
+LEAST_SHARE = 1e-12
+"""variance of a direction over the largest, at and below which it is rounding"""
 
 
 @dataclass(frozen=True)
@@ -48,17 +51,26 @@ def _shares(rank: Array) -> tuple[float, ...]:
     return tuple(np.mean(rank[:, None] <= np.array(LEVELS), axis=0).tolist())
 
 
-def mahalanobis(error: Array, covariance: Array) -> Array:
-    """(n,) distance of errors (n, n_step) in their covariances (n, n_step, n_step).
+class Distance(NamedTuple):
+    """Mahalanobis distances of n errors, and the number of directions that each is measured in."""
 
-    Directions without any variance count nothing.
+    size: Array
+    """(n,)"""
+    rank: npt.NDArray[np.int64]
+    """(n,) of the covariance"""
+
+
+def mahalanobis(error: Array, covariance: Array) -> Distance:
+    """Distance of errors (n, n_step) in their covariances (n, n_step, n_step).
+
+    Directions without any variance, but for rounding, count nothing: fewer runs than steps have
+    such, and in a small box the weakest combination of steps may be known to rounding. Steps are
+    measured by their own SDs, so that a weak one is not taken for one.
     """
-    try:
-        solved = np.asarray(np.linalg.solve(covariance, error[:, :, None]), dtype=np.float64)
-    except np.linalg.LinAlgError:
-        # In a small box the weakest combination of steps may be known to rounding.
-        inverse = np.linalg.pinv(covariance, hermitian=True)
-        solved = np.asarray(inverse @ error[:, :, None], dtype=np.float64)
-    squared = np.einsum("ni,ni->n", error, solved[:, :, 0])
-    distance: Array = np.sqrt(np.maximum(squared, 0.0))
-    return distance
+    std = np.sqrt(np.einsum("nii->ni", covariance))
+    scale = np.where(std > 0.0, std, 1.0)
+    values, vectors = np.linalg.eigh(covariance / (scale[:, :, None] * scale[:, None, :]))
+    kept = values > LEAST_SHARE * np.maximum(values[:, -1:], 0.0)
+    along = np.einsum("nik,ni->nk", vectors, error / scale)
+    squared = np.where(kept, along**2 / np.where(kept, values, 1.0), 0.0)
+    return Distance(np.sqrt(squared.sum(axis=1)), np.count_nonzero(kept, axis=1))

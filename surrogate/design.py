@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import itertools
 from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 from scipy.stats import qmc
 
-from surrogate.latin_hypercube import farthest_order, latin_hypercube
+from surrogate.latin_hypercube import latin_hypercube
 
 Array = npt.NDArray[np.float64]
 Sequence = Literal["sobol", "latin"]
@@ -52,7 +51,7 @@ def _boxed(
     if not np.isfinite(bounds).all() or not (bounds[:, 0] < bounds[:, 1]).all():
         raise ValueError(f"bounds: must be finite with low < high, got {bounds.tolist()}")
     low, high = bounds.T
-    first = np.vstack([_corners(bounds, n_corners), _face_centres(bounds, n_faces)])[:n]
+    first = np.vstack([_corners(bounds, n_corners, n), _face_centres(bounds, n_faces)])[:n]
     n_inside = n - len(first)
     if n_inside == 0:
         return first
@@ -87,15 +86,36 @@ def _inside(n: int, d: int, seed: int, sequence: Sequence) -> Array:
     return points
 
 
-def _corners(bounds: Array, n_corners: int | None) -> Array:
-    """All corners in the order of counting, or the given number of them far from each other."""
-    corners = np.array(list(itertools.product(*bounds)))
+def _corners(bounds: Array, n_corners: int | None, n: int) -> Array:
+    """The first n corners in the order of counting, or of the given number far from each other."""
+    d = len(bounds)
     if n_corners is None:
-        return corners
-    if not 0 <= n_corners <= len(corners):
-        raise ValueError(f"n_corners: expected 0 to {len(corners)}, found {n_corners}")
-    unit = np.array(list(itertools.product((0.0, 1.0), repeat=len(bounds))))
-    return corners[farthest_order(unit, np.zeros((0, len(bounds))))[:n_corners]]
+        places = np.arange(min(n, 2**d))
+    elif 0 <= n_corners <= 2**d:
+        places = _far_corners(d, min(n, n_corners))
+    else:
+        raise ValueError(f"n_corners: expected 0 to {2**d}, found {n_corners}")
+    is_high = places[:, None] >> np.arange(d - 1, -1, -1) & 1
+    corners: Array = bounds[np.arange(d), is_high]
+    return corners
+
+
+def _far_corners(d: int, n: int) -> npt.NDArray[np.int64]:
+    """Places, in the order of counting, of n corners, each the farthest from those before.
+
+    The first of equally far ones is taken, and the first of all starts.
+    """
+    chosen = np.zeros(n, dtype=np.int64)
+    if n < 2:
+        return chosen  # no table of all corners, of which a box of many inputs has too many
+    n_high = np.zeros(1, dtype=np.int8)
+    for _ in range(d):
+        n_high = np.concatenate([n_high, n_high + np.int8(1)])
+    corner, left = np.arange(2**d), n_high  # squared distances: inputs in which corners differ
+    for position in range(1, n):
+        chosen[position] = np.argmax(left)
+        left = np.minimum(left, n_high[corner ^ chosen[position]])
+    return chosen
 
 
 def _face_centres(bounds: Array, n_faces: int) -> Array:

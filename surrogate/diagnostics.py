@@ -174,7 +174,8 @@ class Residuals:
     def told_scales(self) -> RunScales:
         """What these runs, left out in turn, tell of the scale of others' errors."""
         tells = np.ones(len(self.force), dtype=np.bool_) if self.tells is None else self.tells
-        force = fit_run_scale(self._force_size[tells], mahalanobis_sizes(self.force.shape[1]))
+        size, normal = self._force_sizes
+        force = fit_run_scale(size[tells], normal[tells])
         if self._field_sizes is None:
             return RunScales(force)
         size, normal = self._field_sizes
@@ -192,8 +193,7 @@ class Residuals:
 
         By the Mahalanobis distance (Bastos & O'Hagan 2009, Technometrics 51, 425).
         """
-        size, normal = self._force_size, mahalanobis_sizes(self.force.shape[1])
-        return self.scales.force.rank(size, normal), RunScale().rank(size, normal)
+        return self.scales.force.rank(*self._force_sizes), RunScale().rank(*self._force_sizes)
 
     @property
     def field_ranks(self) -> tuple[Array, Array] | None:
@@ -203,9 +203,13 @@ class Residuals:
         return self.scales.field.rank(*self._field_sizes), RunScale().rank(*self._field_sizes)
 
     @cached_property
-    def _force_size(self) -> Array:
-        """(n,) Mahalanobis distance of each run's forces."""
-        return mahalanobis(self.force_error, self.force_covariance)
+    def _force_sizes(self) -> tuple[Array, Array]:
+        """Mahalanobis distance of each run's forces (n,), and those of normal errors (n, m).
+
+        In as many directions as the run's covariance has: with few runs fewer than steps.
+        """
+        size, rank = mahalanobis(self.force_error, self.force_covariance)
+        return size, mahalanobis_sizes(rank)
 
     @cached_property
     def _field_sizes(self) -> tuple[Array, Array] | None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -10,7 +9,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from surrogate.emulator_file import Header, read_arrays, write_arrays
-from surrogate.field_prediction import FieldPrediction, compress, select
+from surrogate.field_prediction import FieldPrediction, Wanted, compress, select
 from surrogate.force_scale import ForceScale, choose_scale
 from surrogate.gp import Array
 from surrogate.gp_fit import Sharing, at_bounds
@@ -182,12 +181,13 @@ class Emulator:
         self,
         ratios: Array,
         *,
-        steps: Sequence[int] | None = None,
-        points: Sequence[int] | None = None,
+        steps: Wanted | None = None,
+        points: Wanted | None = None,
         n_truncation: int = 8,
     ) -> FieldPrediction:
         """Mean and covariance of a new run's field at some steps and points (default: all).
 
+        Steps and points by their places or by a mask of all of them, else ValueError is raised.
         The covariance is that of the modes' weights, exactly, plus that of what they leave out, of
         which `n_truncation` directions are kept with their correlations and the rest as variances.
         Memory is linear in the number of points.

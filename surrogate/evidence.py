@@ -18,6 +18,7 @@ from scipy.linalg import LinAlgError, eigh
 from scipy.optimize import minimize
 
 from surrogate.covariance import Rows, covariance, prior_variance, rows_of, slopes_by_length
+from surrogate.thinning import part_of_runs
 
 Array = npt.NDArray[np.float64]
 
@@ -237,10 +238,9 @@ def bounds_reached(parameters: Hyperparameters, nugget: Array, has_slopes: bool)
 def _thinned(
     usable: npt.NDArray[np.bool_], y: Array, n_rows: int
 ) -> tuple[npt.NDArray[np.int64], Rows, Array]:
-    """Every so manieth run, so that no more than about `n_rows` rows are left, and its rows."""
+    """Runs drawn so that no more than about `n_rows` rows are left, and their rows."""
     rows = rows_of(usable)
-    step = -(-rows.n_rows // n_rows)
-    part = np.arange(0, len(usable), step)
+    part = part_of_runs(len(usable), rows.n_rows, n_rows)
     kept = rows.of_point[part]
     order = np.concatenate([kept[:, 0], kept[:, 1:][kept[:, 1:] >= 0]])
     return part, rows_of(usable[part]), y[order]

@@ -10,6 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 Array = npt.NDArray[np.float64]
+Wanted = Sequence[int] | Sequence[bool] | npt.NDArray[np.integer | np.bool_]
+"""places among steps or points, or a mask of all of them"""
 
 
 @dataclass(frozen=True)
@@ -53,21 +55,31 @@ class Selection(NamedTuple):
     shape: tuple[int, int, int]
 
 
-def select(
-    shape: tuple[int, int, int], steps: Sequence[int] | None, points: Sequence[int] | None
-) -> Selection:
+def select(shape: tuple[int, int, int], steps: Wanted | None, points: Wanted | None) -> Selection:
     """Rows of some steps and points of a field flattened in the order (step, point, component).
 
-    Raises ValueError for a step or point that the field does not have.
+    Steps and points by their places, or by a mask of all of them. Raises ValueError for one that
+    the field does not have, for what is no place, and for a mask of another length.
     """
-    chosen = []
-    for name, wanted, size in (("steps", steps, shape[0]), ("points", points, shape[1])):
-        index = np.arange(size) if wanted is None else np.asarray(wanted, dtype=np.int64)
-        if index.ndim != 1 or not len(index) or index.min() < 0 or index.max() >= size:
-            raise ValueError(f"{name}: expected some of 0 to {size - 1}, found {wanted}")
-        chosen.append(index)
+    chosen = [
+        _places("steps", np.arange(shape[0]) if steps is None else steps, shape[0]),
+        _places("points", np.arange(shape[1]) if points is None else points, shape[1]),
+    ]
     rows = np.arange(np.prod(shape)).reshape(shape)[np.ix_(*chosen)]
     return Selection(rows.ravel(), (len(chosen[0]), len(chosen[1]), shape[2]))
+
+
+def _places(name: str, wanted: Wanted, size: int) -> npt.NDArray[np.int64]:
+    """Places among `size` steps or points; raises ValueError as `select` does."""
+    found = np.asarray(wanted)
+    if found.dtype == np.bool_ and found.shape == (size,):
+        found = np.flatnonzero(found)
+    is_place = found.ndim == 1 and found.size > 0 and found.dtype.kind in "iu"
+    if not is_place or found.min() < 0 or found.max() >= size:
+        raise ValueError(
+            f"{name}: expected some of 0 to {size - 1} or a mask of all {size}, found {wanted}"
+        )
+    return found.astype(np.int64)
 
 
 def compress(factor: Array, rank: int) -> tuple[Array, Array]:

@@ -314,13 +314,15 @@ class GaussianProcesses:
     @cached_property
     def _directions(self) -> list[tuple[Array, Array]]:
         """D (q, n_rows) and s (k_g, q) with s @ (D @ cross)^2 what the runs explain, by group."""
-        d, found = self.inputs.shape[1], []
-        # Runs too: the variance is least there, and refinement puts them where the posterior is.
-        sample = np.vstack([unit_design(_N_SAMPLE, d, 0, n_corners=0), self.inputs])
+        found, sample = [], np.zeros((0, 0))
+        if self._rows.n_rows > _MANY_ROWS:
+            inside = unit_design(_N_SAMPLE, self.inputs.shape[1], 0, n_corners=0)
+            # Runs too: the variance is least there, and refinement puts them where a posterior is.
+            sample = np.vstack([inside, self.inputs])
         for group in range(len(self.family)):
             directions, shares = self.basis[group].T, self._shares(group)
             first = 0
-            if self._rows.n_rows > _MANY_ROWS:
+            if len(sample):
                 squared = (directions @ self._cross(group, sample)) ** 2
                 first = unneeded(squared, shares, self.nugget[self.members(group)])
             found.append((np.ascontiguousarray(directions[first:]), shares[:, first:]))

@@ -91,8 +91,12 @@ def fit_run_scale(size: Array, normal: Array) -> RunScale:
     return RunScale(float(off.mean()), float(np.sqrt(max(variance, 0.0))))
 
 
-def mahalanobis_sizes(n_dim: int) -> Array:
-    """(1, n) equally probable Mahalanobis distances of normal errors of n_dim values."""
+def mahalanobis_sizes(n_dim: int | npt.NDArray[np.int64]) -> Array:
+    """(1 or n, n_draw) equally probable Mahalanobis distances of normal errors of n_dim values.
+
+    n_dim is one for all runs or that of each (n,). An error measured in no direction has no size,
+    and lies in any region: those of one value stand for its own.
+    """
     places = (np.arange(N_QUANTILES) + 0.5) / N_QUANTILES
-    sizes: Array = chi.ppf(places, n_dim)[None]
+    sizes: Array = chi.ppf(places, np.maximum(np.atleast_1d(n_dim), 1)[:, None])
     return sizes

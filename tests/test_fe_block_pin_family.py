@@ -117,6 +117,21 @@ def test_a_row_that_is_no_block_is_refused() -> None:
         _of("height")(np.array([-1.0]))
 
 
+def test_field_points_in_mm_stay_where_they_are_and_those_by_number_move_with_the_block() -> None:
+    given = replace(TEMPLATE, field_grid=((0.0, 2.0), (4.0, 2.4)))
+    for template, share in ((given, 1.0), (replace(TEMPLATE, field_grid=(3, 2)), 2.75 / 2.5)):
+        found = _of("height", template=template).model(np.array([2.75])).points()
+        np.testing.assert_allclose(found, template.points() * [1.0, share])
+
+
+def test_a_campaign_refuses_rows_that_are_no_block_before_it_runs_any(tmp_path: Path) -> None:
+    template = replace(TEMPLATE, field_grid=((0.0, 2.0), (4.0, 2.4)))
+    family, theta = _of("height", template=template), np.array([[2.6], [2.39], [2.5]])
+    with pytest.raises(ValueError, match=r"theta: row 1: field_grid: .* found \[4.0, 2.4\]"):
+        run_campaign(family, theta, tmp_path / "runs", parameters=family.parameters)
+    assert not (tmp_path / "runs").exists()
+
+
 def _key(template: BlockPinModel, levels: tuple[str, ...], level: str) -> str:
     pin = replace(FAMILY["pin"], levels=levels)
     parameters = (FAMILY["r"], pin)

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import itertools
 import math
+from functools import cache
 
 import numpy as np
 import pytest
 
 from benchmarks.grid_convergence import CASES
 from benchmarks.mesh_convergence import similar
-from fe import BlockPin, Contact
-from fe.specimens.block_pin_mesh import block_mesh
+from fe import BlockPin, BlockPinModel, Contact
+from fe.specimens.block_pin_mesh import GLUED_EDGE, SIDE, block_mesh
+from fe.specimens.block_pin_parameters import by_geometry
+from fe.specimens.mesh_lines import N_DENSITY, bump, lines_of_density
 
 BAR, ROUND = BlockPin(), BlockPin(pin="round")
 
@@ -87,6 +90,74 @@ def test_a_mesh_line_is_the_edge_of_the_flat_of_a_bar(fillet, nx):
     x = lines(BlockPin(pin_fillet=fillet), (nx, 2, 2))[0]
     assert len(x) == nx + 1
     assert np.abs(x - (2.0 - fillet)).min() < 1e-12
+
+
+@pytest.mark.parametrize("fillet", [0.2, 0.3, 0.5])
+@pytest.mark.parametrize("nx", [2, 3, 5, 8, 12, 13, 24])
+def test_the_usual_pin_has_its_edge_on_the_middle_line_to_the_bit(fillet, nx):
+    """The lines of a density with the middle one moved, written out."""
+    at = np.linspace(0.0, 5.0, N_DENSITY)
+    density = 1.0 + bump(5.0 - at, SIDE, 5.0) + bump(at - 0.85 * 2.0, GLUED_EDGE.dense, 2.0)
+    share = np.concatenate([[0.0], np.cumsum((density[1:] + density[:-1]) / 2.0)])
+    share /= share[-1]
+    edge = float(np.interp(2.0 - fillet, at, share))
+    places = np.interp(np.linspace(0.0, 1.0, nx + 1), [0.0, (nx // 2) / nx, 1.0], [0.0, edge, 1.0])
+    expected = np.interp(places, share, at)
+    expected[[0, -1]] = 0.0, 5.0
+    found = lines(BlockPin(pin_fillet=fillet), (nx, 2, 2))[0]
+    np.testing.assert_array_equal(found, expected)
+
+
+@pytest.mark.parametrize("nx", [3, 6, 12, 24])
+@pytest.mark.parametrize(
+    ("specimen", "flat"),
+    [
+        (BlockPin(pin_fillet=1.9), 0.1),
+        (BlockPin(pin_fillet=1.2), 0.8),
+        (BlockPin(pin_width=10.4), 4.9),
+        (BlockPin(pin_width=9.6), 4.5),
+    ],
+    ids=["fillet", "wide fillet", "platen", "wide"],
+)
+def test_a_flat_that_is_narrow_or_wide_leaves_the_other_lines_where_they_are(specimen, flat, nx):
+    """A line is its edge; on either side is no more than an element beyond their share."""
+    for symmetry in ("quarter", "half"):
+        x = lines(specimen, (nx, 2, 2), symmetry)[0]
+        x = x[x >= 0.0]
+        assert len(x) == nx + 1
+        assert np.abs(x - flat).min() < 1e-12
+        free = lines_of_density(*_density(specimen), nx)
+        before = np.count_nonzero(x[1:] < flat + 1e-9)
+        assert abs(before - np.count_nonzero(free[1:] < flat)) <= 1
+        assert np.diff(x).max() < 1.5 * np.diff(free).max()
+
+
+def _density(specimen: BlockPin) -> tuple[np.ndarray, np.ndarray]:
+    """Of lines over half the width of a block that sticks to a bar and its base."""
+    at, unit = np.linspace(0.0, 5.0, N_DENSITY), specimen.pin_width / 2.0
+    bumps = bump(5.0 - at, SIDE, 5.0) + bump(at - GLUED_EDGE.at * unit, GLUED_EDGE.dense, unit)
+    return at, 1.0 + bumps
+
+
+@cache
+def _turning() -> tuple[float, float]:
+    """Neighbouring fillets, mm, on either side of where another line becomes the flat's edge."""
+    low, high = 0.5, 1.0
+    while high - low > 1e-13:
+        middle = 0.5 * (low + high)
+        x = lines(BlockPin(pin_fillet=middle), (12, 1, 1))[0]
+        low, high = (middle, high) if abs(x[6] - (2.0 - middle)) < 1e-9 else (low, middle)
+    return low, high
+
+
+@pytest.mark.parametrize("side", [0, 1])
+@pytest.mark.parametrize("name", ["pin_fillet", "pin_width", "width"])
+def test_lines_do_not_jump_where_a_dimension_is_differenced(name, side):
+    """Lines over an mm of what is differenced: at most by some mm, not by a step over 1e-6 mm."""
+    specimen = BlockPin(pin_fillet=_turning()[side])
+    model = BlockPinModel(specimen, STUCK, (12, 1, 1), (0.1,))
+    slope = by_geometry(name, specimen, lambda block: model._mesh_of(block).p)
+    assert 0.0 < np.abs(slope).max() < 3.0
 
 
 @pytest.mark.parametrize(

@@ -113,6 +113,13 @@ def test_a_bar_turned_either_way_gives_the_mirrored_field_and_breaks_the_symmetr
     assert (u[-1, :, 0] > -u[0, :, 0]).all()
 
 
+@pytest.mark.parametrize("shift", [[0.2, 0.0], np.array([0.2, 0.0]), (np.float64(0.2), 0)])
+def test_a_shift_is_a_pair_of_floats_whatever_it_was_given_as(shift):
+    found = BlockPin(pin_shift=shift)
+    assert found == BlockPin(pin_shift=(0.2, 0.0)) and hash(found) is not None
+    assert type(found.pin_shift) is tuple and {type(x) for x in found.pin_shift} == {float}
+
+
 @pytest.mark.parametrize(
     ("make", "words"),
     [

@@ -17,13 +17,14 @@ from fe.closed_forms import uniaxial
 from fe.discretisation import elements
 from fe.driven import DrivenPotential, DrivenProblem, equations, unknowns
 from fe.driving import DrivenState, Solution, solve
+from fe.linear_solver import SymmetricSolver
 from fe.materials import Material, bulk_modulus, material
 from fe.newton import NewtonOptions
 from fe.plate import initial_memory, moved_anchors, no_slopes
 from fe.plate_contact import slip_share, slips
 from fe.potential import Assembly
 from fe.specimens.cylinder import GRADING
-from fe.steps import StepOptions
+from fe.steps import March, StepOptions
 
 SIZE = Cylinder()
 AREA = np.pi * SIZE.diameter**2 / 4
@@ -205,6 +206,35 @@ def test_the_force_with_friction_does_not_depend_on_how_many_travels_are_asked(f
     assert forces == pytest.approx([forces[0]] * 3, rel=1e-5)
     frictionless = CylinderModel(SIZE, (4, 3), (6.0,)).respond(m).force[0]
     assert forces[0] > 1.01 * frictionless
+
+
+@pytest.mark.parametrize("failing", [1, 3])
+def test_a_step_whose_next_tangent_is_singular_leaves_no_anchors_behind(monkeypatch, failing):
+    """It is tried again, shorter, from the anchors, the state and the warnings of before."""
+    model, m = CylinderModel(SIZE, (4, 3), (2.0,), friction=0.15), make("mooney-rivlin-2", 50.0)
+    whole = run(model, m)
+    remembered, falls, armed = [], [], []
+    factorise = SymmetricSolver.factorise
+
+    def drawn(*of):
+        remembered.append(of[2])
+        armed.extend([True] * (len(remembered) == failing))
+        return moved_anchors(*of)
+
+    def failing_once(solver, data):
+        if armed and armed.pop():
+            raise ArithmeticError("singular")
+        return factorise(solver, data)
+
+    monkeypatch.setattr("fe.driving.moved_anchors", drawn)
+    monkeypatch.setattr(SymmetricSolver, "factorise", failing_once)
+    monkeypatch.setattr("fe.driving.FALL", 1e9)  # each step's force is said to fall
+    monkeypatch.setattr(March, "fall", lambda _, found: falls.append(found.travel))
+    cut = run(model, m)
+    assert cut.outcome.n_cuts == whole.outcome.n_cuts + 1
+    assert remembered[failing] is remembered[failing - 1]
+    assert len(falls) == cut.outcome.n_steps - 1
+    assert cut.states[0].pin_force == pytest.approx(whole.states[0].pin_force, rel=1e-5)
 
 
 def test_a_plate_that_goes_back_is_met_by_friction_the_other_way():

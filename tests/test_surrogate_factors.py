@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+import tracemalloc
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -11,7 +13,7 @@ from scipy.spatial.distance import pdist
 from scipy.stats import norm, truncnorm, uniform
 
 from surrogate import Factor, Levels, design, maximin_design, sobol_design, unit_design
-from surrogate.latin_hypercube import latin_hypercube
+from surrogate.latin_hypercube import farthest_order, latin_hypercube
 
 BOX = np.array([[0.0, 1.0], [-0.2, 0.5]])
 
@@ -51,6 +53,33 @@ def test_a_part_of_the_corners_is_spread_and_faces_follow() -> None:
     assert set(corners.ravel()) == {0.0, 1.0}
     assert (np.sum(faces == 0.5, axis=1) == 2).all() and len(np.unique(faces, axis=0)) == 6
     assert ((points[10:] > 0.0) & (points[10:] < 1.0)).all()
+
+
+@pytest.mark.parametrize("d", range(1, 8))
+def test_a_part_of_the_corners_is_the_beginning_of_their_farthest_order(d: int) -> None:
+    unit = np.array(list(itertools.product((0.0, 1.0), repeat=d)))
+    box = np.column_stack([np.linspace(-1.0, 0.3, d), np.linspace(0.7, 2.0, d)])
+    corners = np.array(list(itertools.product(*box)))
+    expected = corners[farthest_order(unit, np.zeros((0, d)))]
+    for n_corners in {1, 2, 2**d // 2, 2**d}:
+        for n in {1, n_corners, n_corners + 3}:
+            points = sobol_design(n, box, 0, n_corners=n_corners)
+            np.testing.assert_array_equal(points[:n_corners], expected[:n_corners][:n])
+    np.testing.assert_array_equal(sobol_design(2**d, box, 0), corners)
+
+
+@pytest.mark.parametrize("n_corners", [None, 0, 1])
+def test_few_points_of_a_box_of_many_inputs_need_no_table_of_its_corners(
+    n_corners: int | None,
+) -> None:
+    """A table of the 4096 corners of 12 inputs takes 393 kB, its distances as much again."""
+    box = np.tile([0.0, 1.0], (12, 1))
+    sobol_design(4, box, 0, n_corners=0)  # what is loaded once
+    tracemalloc.start()
+    sobol_design(4, box, 0, n_corners=n_corners)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 300_000
 
 
 def test_without_corners_all_points_are_inside() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import tracemalloc
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
@@ -66,10 +67,22 @@ def test_a_subset_is_a_part_of_the_whole() -> None:
     np.testing.assert_allclose(part.std, whole.std[:, [2, 0]][:, :, [3, 7, 8]], rtol=1e-12)
 
 
-@pytest.mark.parametrize("wanted", [[], [3], [-1], [[0]]])
-def test_steps_that_are_none_are_refused(wanted: list[int]) -> None:
-    with pytest.raises(ValueError, match="steps: expected some of 0 to 2"):
-        select((3, 4, 3), wanted, None)
+def test_a_mask_chooses_what_its_places_do() -> None:
+    by_mask = select((3, 4, 3), [True, False, True], np.array([False, True, True, True]))
+    by_place = select((3, 4, 3), [0, 2], np.array([1, 2, 3]))
+    np.testing.assert_array_equal(by_mask.rows, by_place.rows)
+    assert by_mask.shape == by_place.shape == (2, 3, 3)
+
+
+@pytest.mark.parametrize(
+    "wanted",
+    [[], [3], [-1], [[0]], [0.0, 1.9], [True, False], [False] * 3, [True] * 4, ["0"], 1],
+)
+def test_steps_and_points_that_are_none_are_refused(wanted: Any) -> None:
+    with pytest.raises(ValueError, match="steps: expected some of 0 to 2 or a mask of all 3"):
+        select((3, 5, 3), wanted, None)
+    with pytest.raises(ValueError, match="points: expected some of 0 to 2 or a mask of all 3"):
+        select((5, 3, 3), None, wanted)
 
 
 def test_the_compressed_covariance_keeps_the_strongest_directions() -> None:
@@ -113,12 +126,12 @@ def test_coverage_of_true_intervals_is_what_they_state() -> None:
     error = rng.normal(size=(10_000, 4)) @ root.T
     covariance = np.broadcast_to(root @ root.T, (10_000, 4, 4))
     std = np.sqrt(np.diag(root @ root.T))
-    size, normal = mahalanobis(error, covariance), mahalanobis_sizes(4)
+    size, normal = mahalanobis(error, covariance).size, mahalanobis_sizes(4)
     rank = RunScale().rank(size, normal)
     found = coverage(error / std, (rank, rank))
     assert found.joint is not None
     np.testing.assert_allclose(found.joint, [0.5, 0.8, 0.95], atol=0.02)
     np.testing.assert_allclose(found.by_step, np.tile([0.5, 0.8, 0.95], (4, 1)), atol=0.02)
-    half = RunScale().rank(mahalanobis(error, 0.25 * covariance), normal)
+    half = RunScale().rank(mahalanobis(error, 0.25 * covariance).size, normal)
     half = coverage(2.0 * error / std, (half, half))
     assert half.joint is not None and half.joint[2] < 0.7 and half.overall[2] < 0.7

@@ -509,3 +509,17 @@ def test_what_is_noise_to_the_covariance_of_strong_outputs_gets_one_of_its_own()
     errors = [np.std(p.mean(at) - outputs(at), axis=0) for p in (shared, parted)]
     assert errors[1][2] < 0.5 * errors[0][2]
     np.testing.assert_array_less(errors[1][:2], 1.5 * errors[0][:2] + 1e-9)
+
+
+def test_few_runs_are_predicted_without_a_sample_of_the_box(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Only of many rows are there directions to leave out, and only they need one."""
+
+    def refused(*_: object, **__: object) -> None:
+        raise AssertionError("a sample of the box was made")
+
+    monkeypatch.setattr("surrogate.gp.unit_design", refused)
+    x, y = _runs()
+    mean, _ = _known(x, y, [1.0, 1.0], 1e-4).predict(x)
+    np.testing.assert_allclose(mean, y, atol=0.01)

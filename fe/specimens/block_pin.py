@@ -274,7 +274,7 @@ class BlockPinModel:
         return self._mesh_of(self.specimen)
 
     def _mesh_of(self, specimen: BlockPin) -> MeshHex:
-        return block_mesh(specimen, self.part, self.cells, self.contact)
+        return block_mesh(specimen, self.part, self.cells, self.contact, self.specimen)
 
     def discretise(self) -> Discretisation:
         """Tables of the mesh, contact faces, constraints and field points."""

@@ -53,8 +53,9 @@ class BlockPinFamily:
     """Simulation of block and pin as a function of named parameters; picklable, one thread.
 
     What is no parameter is as in `template`; r and s are then 0. A parameter may have fewer levels
-    than in `FAMILY`, or in another order. Field points are at the same shares of width and height
-    of every block, so that they move with its height.
+    than in `FAMILY`, or in another order. Field points given by their numbers are at the same
+    shares of width and height of every block, so that they move with its height; those given in mm
+    stay where they are, and no block may be lower than the highest.
 
     Raises ValueError for parameters that are not in `FAMILY`, and for `friction` where the template
     sticks to pin and base and `contact` is no parameter.
@@ -105,6 +106,14 @@ class BlockPinFamily:
         ratios = np.array([values.get("r", 0.0), values.get("s", 0.0)])
         model = self.model(theta)
         return self._named(model, model(ratios))
+
+    def check_rows(self, theta: Array) -> None:
+        """Raise ValueError, naming the row, for one of theta (n, d) that is no block or pin."""
+        for row, values in enumerate(theta):
+            try:
+                self.model(values)
+            except ValueError as error:
+                raise ValueError(f"theta: row {row}: {error}") from error
 
     def model(self, theta: Array) -> BlockPinModel:
         """The simulation of one row (d,) of a design; raises as `__call__` does."""

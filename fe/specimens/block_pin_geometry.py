@@ -46,7 +46,8 @@ class BlockPin:
             raise ValueError(f"pin: expected 'bar' or 'round', found {self.pin!r}")
         if np.shape(self.pin_shift) != (2,):
             raise ValueError(f"pin_shift: expected two lengths (x, z), found {self.pin_shift}")
-        x, z = self.pin_shift
+        x, z = (float(shift) for shift in self.pin_shift)
+        object.__setattr__(self, "pin_shift", (x, z))  # hashable: meshes are kept by specimen
         if not (abs(x) < self.width / 2.0 and abs(z) < self.depth / 2.0):
             raise ValueError(
                 f"pin_shift: expected a pin axis over the block of {self.width} x {self.depth} mm, "

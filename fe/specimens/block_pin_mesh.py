@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -15,7 +16,15 @@ from fe.field_motion import FieldProbe, field_probe
 from fe.pin_surface import RigidPin, under_flat
 from fe.specimens.block_pin_geometry import BlockPin, Contact, Symmetry
 from fe.specimens.checks import check_counts
-from fe.specimens.mesh_lines import N_DENSITY, Dense, bump, lines_of_density, thinner
+from fe.specimens.mesh_lines import (
+    N_DENSITY,
+    Dense,
+    Pinned,
+    bump,
+    line_for,
+    lines_of_density,
+    thinner,
+)
 from fe.specimens.ring_mesh import Cells, Rings, ring_mesh
 from fe.weak_form import Elements
 
@@ -121,7 +130,13 @@ def front_points(specimen: BlockPin, symmetry: Symmetry, grid: FieldGrid) -> Arr
     return np.stack([c.ravel() for c in np.meshgrid(x, y, indexing="ij")], axis=1)
 
 
-def block_mesh(specimen: BlockPin, symmetry: Symmetry, cells: Cells, contact: Contact) -> MeshHex:
+def block_mesh(
+    specimen: BlockPin,
+    symmetry: Symmetry,
+    cells: Cells,
+    contact: Contact,
+    like: BlockPin | None = None,
+) -> MeshHex:
     """Hexahedra of the modelled part, finer where the solution is not smooth.
 
     Where material passes the pin's edge whole rows of nodes snap past its fillet.  Glued faces are
@@ -131,16 +146,17 @@ def block_mesh(specimen: BlockPin, symmetry: Symmetry, cells: Cells, contact: Co
     elements.  One mesh line under a bar that sticks is the edge of its flat, for glue that ends
     inside an element ends somewhere else on every mesh.  Lines are values of one smooth map for all
     numbers of elements, so that meshes of proportional `cells` are similar: under a bar that sticks
-    exactly with even numbers along x, whose middle line is that edge.
+    exactly with even numbers along x, whose middle line is that edge.  Of a flat that is narrow or
+    nearly as wide as the block it is another line: which, is chosen for the specimen `like` (this
+    one, if not given), so that lines do not jump where a dimension is differenced.
 
     `cells` are numbers of elements of a quarter; a half and a full model have as many on each side
     of the pin's axis.  With `Rings` the lines follow the rim of a round pin instead.
     """
     if isinstance(cells, Rings):
         return ring_mesh(specimen, cells, contact)
-    half_width, half_depth = specimen.width / 2.0, specimen.depth / 2.0
+    half_depth = specimen.depth / 2.0
     nx, ny, nz = cells
-    x0, z0 = specimen.pin_shift
     is_round, sticks = specimen.pin == "round", contact.pin == "stick"
     glued = Glued(not is_round and sticks, not is_round and contact.base == "stick")
     thinning = _thinning(contact, nz, is_round)
@@ -148,20 +164,22 @@ def block_mesh(specimen: BlockPin, symmetry: Symmetry, cells: Cells, contact: Co
     if is_round and sticks:
         edge = GLUED_RIM
 
-    def across(length: float, n: int) -> Array:
-        return _from_axis(specimen, glued, edge, length, n)
+    def across(side: Side, n: int) -> Array:
+        return _from_axis((specimen, like or specimen), glued, edge, side, n)
 
     def along(length: float, n: int) -> Array:
-        return across(length, n) if is_round else _along_bar(glued, thinning, length, n)
+        return across(lambda _: length, n) if is_round else _along_bar(glued, thinning, length, n)
 
-    x = across(half_width, nx)
-    if symmetry != "quarter":
-        x = _both_sides(across(half_width + x0, nx), across(half_width - x0, nx))
+    x = _width_lines(lambda side: across(side, nx), symmetry)
     z = along(half_depth, nz)
     if symmetry == "full":
-        z1 = z0 if is_round else 0.0
+        z1 = specimen.pin_shift[1] if is_round else 0.0
         z = _both_sides(along(half_depth + z1, nz), along(half_depth - z1, nz))
     return MeshHex.init_tensor(x, _height_lines(glued, thinning, specimen.height, ny), z)
+
+
+Side = Callable[[BlockPin], float]
+"""how far the modelled part of a block goes from the pin's axis, mm"""
 
 
 class Glued(NamedTuple):
@@ -179,15 +197,39 @@ def _thinning(contact: Contact, nz: int, is_round: bool) -> Thinning:
     return RUBBING if nz > 2 and max(law.pin, law.base) > 0.0 else SLIDING
 
 
-def _from_axis(specimen: BlockPin, glued: Glued, edge: Edge, length: float, n: int) -> Array:
-    """(n + 1,) lines at distances from the pin's axis, mm; `edge` of a top that is not glued."""
+def _from_axis(
+    blocks: tuple[BlockPin, BlockPin], glued: Glued, edge: Edge, side: Side, n: int
+) -> Array:
+    """(n + 1,) lines at distances from the pin's axis, mm; `edge` of a top that is not glued.
+
+    Of the first of the blocks; for the second is chosen which line is the edge of a flat.
+    """
+    own, chosen = (_density(block, glued, edge, side(block)) for block in blocks)
+    pinned = None
+    if glued.top:
+        flat, of_chosen = (block.pin_width / 2.0 - block.pin_fillet for block in blocks)
+        line = line_for(*chosen, n, of_chosen)
+        pinned = None if line is None else Pinned(line, flat)
+    return lines_of_density(*own, n, pinned)
+
+
+def _width_lines(across: Callable[[Side], Array], symmetry: Symmetry) -> Array:
+    """Lines over the width from those `across` a side of the pin's axis, mm from the centre."""
+    if symmetry == "quarter":
+        return across(lambda block: block.width / 2.0)
+    return _both_sides(
+        across(lambda block: block.width / 2.0 + block.pin_shift[0]),
+        across(lambda block: block.width / 2.0 - block.pin_shift[0]),
+    )
+
+
+def _density(specimen: BlockPin, glued: Glued, edge: Edge, length: float) -> tuple[Array, Array]:
+    """Distances from the pin's axis, mm, and the density of lines there."""
     unit = specimen.pin_width / 2.0
     x = np.linspace(0.0, length, N_DENSITY)
     at, dense = GLUED_EDGE if glued.top else edge
     density = 1.0 + (bump(length - x, SIDE, length) if glued.base else 0.0)
-    density = density + bump(x - at * unit, dense, unit)
-    middle = unit - specimen.pin_fillet if glued.top else None
-    return lines_of_density(x, density, n, middle)
+    return x, density + bump(x - at * unit, dense, unit)
 
 
 def _along_bar(glued: Glued, thinning: Thinning, length: float, n: int) -> Array:
