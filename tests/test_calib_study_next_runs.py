@@ -127,6 +127,18 @@ def test_a_box_that_does_not_hold_the_posterior_is_moved_and_given_up_in_the_end
         assert loop.box is not None and loop.done
         return
     assert loop.box is None and not loop.done
+    looked: list[Array] = []
+
+    def proposals(n: int, runs: Array, *_: object) -> Array:
+        looked.append(runs)
+        return np.full((n, 2), 0.5)
+
+    found = look(0.31, 0.1, rests=False)
+    found.proposals = proposals
+    loop = go(loop, found, by)
+    # Its runs teach the emulator nothing any more, so that they keep no other run away.
+    single = np.delete(loop.ratios, loop.local, axis=0)[: -next_runs.BATCH]
+    np.testing.assert_array_equal(looked[0], np.concatenate([by.design, single]))
     loop = go(loop, look(0.31, 0.1), by)  # nor is there another one
     assert loop.box is None and loop.done and len(loop.local) == 6 * MOST_BOXES
 

@@ -81,6 +81,18 @@ def test_the_design_is_made_anew_for_other_priors_that_move_its_points(tmp_path:
     assert "points" not in simulate.settings(context)  # those of the study's r and s follow these
 
 
+def test_what_is_kept_beside_results_is_the_study_file_of_today(tmp_path: Path) -> None:
+    """Questions compare the two: a change that moves no result is written there all the same."""
+    study = small()
+    context = Context(study, tmp_path, analytic_block, serial_map, lambda _: None, False)  # type: ignore[arg-type]
+    posterior = next(stage for stage in stages_of(study) if stage.name == "posterior")
+    more = replace(study, verification=replace(study.verification, max_rounds=5))
+    alone = replace(study, compute=replace(study.compute, workers=7))
+    kept = posterior.settings(context)
+    assert kept != posterior.settings(replace(context, study=more))
+    assert kept == posterior.settings(replace(context, study=alone))
+
+
 def test_simulate_prints_runs_and_leaves_a_figure(tmp_path: Path) -> None:
     failures, text = part(tmp_path, "simulate")
     assert failures == ()

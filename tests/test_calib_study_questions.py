@@ -172,6 +172,11 @@ def test_a_study_file_of_other_results_is_refused(tmp_path: Path) -> None:
     write_study(tmp_path / "study.toml", louder)
     with pytest.raises(ValueError, match=r"study\.toml: found seed, noise changed since posterior"):
         finished(tmp_path)
+    before = plain(louder)
+    del before["noise"]["force_freedom"]  # a key that came later, and is not set
+    posterior.attrs["provenance"] = json.dumps({"study_file": before})
+    posterior.to_netcdf(str(tmp_path / "posterior.nc"))
+    assert finished(tmp_path).study == louder
     (tmp_path / "posterior.nc").write_bytes(b"cut")  # told by what reads it
     assert finished(tmp_path).study == louder
 

@@ -13,6 +13,7 @@ from analytic_block import AnalyticBlock
 from calib.study.run_identity import run_identity
 from calib.study.simulations import StoredSimulate
 from fe.campaign import run_campaign
+from fe.response import Array, Response
 
 BLOCK = AnalyticBlock(
     area=40.0, height=2.5, stiffening=0.5, cells=(4, 2, 4), travel=(0.6, 1.0, 1.4)
@@ -50,3 +51,22 @@ def test_a_damaged_run_is_refused_by_name(tmp_path: Path) -> None:
     path.write_bytes(path.read_bytes()[:700])
     with pytest.raises(ValueError, match=f"{path.name}: damaged run"):
         StoredSimulate(BLOCK, tmp_path)(RATIOS[0])
+
+
+def test_derivatives_are_by_the_columns_of_a_row_and_nan_where_a_run_has_none(
+    tmp_path: Path,
+) -> None:
+    def without_s(ratios: Array) -> Response:
+        full = BLOCK(ratios)
+        return replace(
+            full,
+            force_gradient=full.force_gradient[:, :1],
+            displacement_gradient=full.displacement_gradient[..., :1],
+            parameters=("r",),
+        )
+
+    found = StoredSimulate(BLOCK, tmp_path)._named(without_s(RATIOS[0]))
+    assert found.parameters == ("r", "s")
+    np.testing.assert_array_equal(found.force_gradient[:, 0], BLOCK(RATIOS[0]).force_gradient[:, 0])
+    assert np.isnan(found.force_gradient[:, 1]).all()
+    assert np.isnan(found.displacement_gradient[..., 1]).all()

@@ -97,7 +97,7 @@ def test_a_truth_of_the_block_beyond_its_prior_is_refused(
     key: str, low: float, high: float, truth: str
 ) -> None:
     text = TEXT + uniform(f"prior.{key}", low, high)
-    expected = f"{low:g} to {high:g} around {truth}, which the truth of sliding has"
+    expected = f"found [{low}, {high}], expected a range around {truth}, which the truth of sliding"
     assert expected in refusal(text) and f"prior.{key}" in refusal(text)
     assert (
         study_of(TEXT + uniform(f"prior.{key}", float(truth), 1.5 * float(truth))).virtual

@@ -254,6 +254,13 @@ def test_the_varied_block_is_the_block_where_nothing_varies() -> None:
             "prior.discrepancy: found a table, expected none beside noise.force_freedom",
         ),
         (
+            TEXT.replace(
+                'base = "stick"\n',
+                'base = "stick"\n' + uniform("hypothesis.prior.pin_shift", -0.3, 0.3),
+            ),
+            "prior.pin_shift: found a table, expected it in [prior], for all hypotheses",
+        ),
+        (
             TEXT.replace("[design]", "[design]\nn_local = 2"),
             "design.n_local: found 2, expected 0 or at least 4 runs",
         ),

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import arviz as az
+import h5py
 import numpy as np
 import xarray as xr
 
@@ -90,6 +91,16 @@ def provenance_of(data: az.InferenceData) -> dict[str, object]:
     if not isinstance(stored, dict):
         raise ValueError(f"its provenance is a {type(stored).__name__}, not a table")
     return stored
+
+
+def stated_provenance(path: Path) -> dict[str, object]:
+    """The provenance in a posterior.nc, whose samples stay unread; empty where none can be read."""
+    try:
+        with h5py.File(path, "r") as file:
+            stored = json.loads(str(file.attrs["provenance"]))
+    except (OSError, KeyError, ValueError):
+        return {}
+    return stored if isinstance(stored, dict) else {}
 
 
 def _thinned(samples: SamplingResult) -> Array:

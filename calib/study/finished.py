@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
-from calib.inference.inference_data import load_inference_data, provenance_of
+from calib.inference.inference_data import stated_provenance
 from calib.inference.laws import DEFAULT_LAW
 from calib.inference.posterior import Posterior
 from calib.study.artifacts import plain
@@ -50,20 +51,26 @@ def _check_unchanged(study: Study, out: Path) -> None:
     path = out / POSTERIOR
     if not path.is_file():
         return
-    try:
-        made = provenance_of(load_inference_data(path)).get("study_file")
-    except ValueError:
-        return  # told, with its name, by what reads it
+    made = stated_provenance(path).get("study_file")
     if not isinstance(made, dict):
         return
-    now: dict[str, object] = plain(study)
-    changed = [name for name in now if name not in FREE and now[name] != made.get(name)]
+    now, before = _stated(plain(study)), _stated(made)
+    changed = [name for name in now if name not in FREE and now[name] != before.get(name)]
     if changed:
         names = ", ".join(changed)
         raise ValueError(
             f"{out / STUDY_FILE}: found {names} changed since {POSTERIOR} was made, expected the "
             f"study of these results; `calib run {out / STUDY_FILE} --out {out}` makes them anew"
         )
+
+
+def _stated(section: Any) -> Any:
+    """A section without what is not set, which files of before may not have known."""
+    if isinstance(section, list):
+        return [_stated(item) for item in section]
+    if not isinstance(section, dict):
+        return section
+    return {key: _stated(value) for key, value in section.items() if value is not None}
 
 
 def posteriors(context: Context) -> dict[str, Posterior]:

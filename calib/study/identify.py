@@ -16,6 +16,7 @@ from calib.study.artifacts import write_json
 from calib.study.context import stream
 from calib.study.figure_style import COLOURS, INK, LINES, MARKERS, save_png, tidy
 from calib.study.finished import finished, posteriors
+from calib.study.local_design import kept_box
 from calib.study.posterior_setup import emulator_posterior
 from calib.study.tables import Table, number
 
@@ -34,7 +35,7 @@ def identify(out: Path) -> tuple[list[str], list[Path]]:
         h.name: knowledge(
             by_name[h.name],
             stream(context.study, f"identify {h.name}"),
-            sampled=emulator_posterior(context, h),
+            sampled=None if kept_box(out, h) is None else emulator_posterior(context, h),
         )
         for h in context.study.hypotheses
     }

@@ -15,9 +15,9 @@ from calib.inference.map_estimate import MapPoint, MapResult, MapStatus, emulato
 from calib.inference.mesh_correction import MeshCorrection
 from calib.inference.posterior import Posterior
 from calib.study import verification
-from calib.study.artifacts import write_json
+from calib.study.artifacts import read_json, write_json
 from calib.study.context import Context, stream
-from calib.study.local_design import REFINEMENT
+from calib.study.local_design import REFINEMENT, kept_box
 from calib.study.mesh_error_file import load_mesh_error
 from calib.study.posterior_setup import emulator_posterior
 from calib.study.refine_outlook import refine_folder
@@ -166,6 +166,9 @@ def trained_at(context: Context, hypothesis: Hypothesis) -> Array:
     """(k, d) points of the runs that the emulator of a hypothesis learns from."""
     design = load_design(context, hypothesis).theta[: context.study.design.n_runs]
     refined = load_refinement(context, hypothesis).theta
+    if kept_box(context.out, hypothesis) is None:
+        local = read_json(context.out / REFINEMENT)[hypothesis.name].get("local", ())
+        refined = np.delete(refined, local, axis=0)
     return np.concatenate([design, refined, added(context.out, hypothesis, design.shape[1])])
 
 

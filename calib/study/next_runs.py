@@ -106,7 +106,9 @@ class Choice:
         n_left = self.n_refine - n_own - 1
         if found.shift.is_small or n_left < 1:
             return found.mean[None], True
-        runs = np.concatenate([self.design, loop.ratios])
+        # Of second designs that hold no posterior the emulator does not learn.
+        known = np.delete(loop.ratios, loop.local, axis=0) if loop.box is None else loop.ratios
+        runs = np.concatenate([self.design, known])
         proposed = found.proposals(min(BATCH, n_left), runs, self.noise, rng)
         return (proposed, False) if len(proposed) else (found.mean[None], True)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +14,7 @@ from fe.campaign_parameters import RATIOS, Parameter
 from fe.fingerprint import canonical_json
 from fe.response import Array, Response
 from fe.run_files import load_run, run_files
+from surrogate import named_gradient
 
 
 @dataclass(frozen=True)
@@ -33,11 +34,21 @@ class StoredSimulate:
         for store in (self.store, *self.also_in):
             found = load_response_at(self._plan(row, store))
             if found is not None:
-                return found
+                return self._named(found)
         # The runs that are there already go along, so that the manifest lists them all.
         asked = np.concatenate([*self._kept(row), row])
         [campaign] = run_campaigns([self._plan(asked, self.store)])
-        return campaign.responses[-1]
+        return self._named(campaign.responses[-1])
+
+    def _named(self, response: Response) -> Response:
+        """With derivatives by all columns of a row, in their order; NaN where there is none."""
+        wanted, found = [parameter.name for parameter in self.parameters], response.parameters
+        return replace(
+            response,
+            force_gradient=named_gradient(response.force_gradient, found, wanted),
+            displacement_gradient=named_gradient(response.displacement_gradient, found, wanted),
+            parameters=tuple(wanted),
+        )
 
     def _plan(self, theta: Array, store: Path) -> CampaignPlan:
         return CampaignPlan(

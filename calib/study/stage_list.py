@@ -118,9 +118,19 @@ def _checked(context: Context) -> dict[str, object]:
     return {**_models()(context), "check": check}
 
 
+def _check_of_posterior(context: Context) -> dict[str, object]:
+    """What the posteriors are by, too: whether their boxes hold them is looked at."""
+    return {**_checked(context), **_sections("hypotheses", "noise", "prior")(context)}
+
+
+def _study(context: Context) -> dict[str, object]:
+    """All of the study file that may change results: it is kept beside them."""
+    return {"study": plain(replace(context.study, compute=Compute()))}
+
+
 def _whole_study(context: Context) -> dict[str, object]:
     """What was asked of the study too, where something was: the report shows it."""
-    found = {**_models()(context), "study": plain(replace(context.study, compute=Compute()))}
+    found = {**_models()(context), **_study(context)}
     files = {"validations": validation_files(context.out), "answers": answer_files(context.out)}
     return found | {
         name: [hash_of_file(path) for path in paths] for name, paths in files.items() if paths
@@ -180,8 +190,8 @@ STAGES = (
     Stage(
         "check",
         "measure the error of the mesh at the posterior",
-        ("refine",),
-        _checked,
+        ("data", "refine"),
+        _check_of_posterior,
         check_stage.run,
     ),
     Stage(
@@ -202,7 +212,7 @@ STAGES = (
         "posterior",
         "keep the posterior with its provenance",
         ("data", "check", "refine", "sample", "map"),
-        _sections("name", "seed", "sampler", "emulator"),
+        _study,
         posterior_stage.run,
     ),
     Stage(

@@ -64,8 +64,8 @@ def _check_inputs(study: Study, hypothesis: Hypothesis) -> None:
         if not prior.low <= value <= prior.high:
             index = study.hypotheses.index(hypothesis)
             expected = (
-                f"{prior.low:g} to {prior.high:g} around {value:g}, which the truth of "
-                f"{hypothesis.name} has: no posterior finds a truth beyond"
+                f"a range around {value:g}, which the truth of {hypothesis.name} has: no posterior "
+                "finds a truth beyond"
             )
             raise Contradiction(key_of(index, hypothesis, name), (prior.low, prior.high), expected)
 

@@ -16,6 +16,7 @@ from calib.study.unknowns import (
     by_constants,
     given,
     law_of,
+    off_centre,
     prior_of,
     rubs,
 )
@@ -69,8 +70,12 @@ def _check_stated(study: Study, index: int, hypothesis: Hypothesis) -> None:
 
 
 def _check_field(study: Study) -> None:
-    """Nuisances of a field are asked for only where the data have one."""
+    """Nuisances of a field are asked for only where the data have one, which all models see."""
     if study.data.has_field:
+        if len({off_centre(study, hypothesis) for hypothesis in study.hypotheses}) > 1:
+            index = next(i for i, h in enumerate(study.hypotheses) if off_centre(study, h))
+            expected = "it in [prior], for all hypotheses: they see one field, of both sides"
+            raise Contradiction(section_of(study, index, "pin_shift"), {}, expected)
         return
     noise = study.noise
     of_field = ("face_travel_sd", "field_scale_sd", "translation_sd", "rotation_sd")
