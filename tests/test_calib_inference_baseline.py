@@ -92,3 +92,23 @@ def test_with_the_settings_of_the_thesis_every_start_ends_with_a_status() -> Non
     before = [FieldError(FORWARD, NOISY)(start) for start in thesis_starts()]
     assert np.all(found.error <= before)
     assert np.all(found.result >= 0)
+
+
+@pytest.mark.parametrize(("s", "known"), [(0.7, 1.0), (0.2, 0.25)])
+def test_the_box_of_ratios_is_the_one_given(s: float, known: float) -> None:
+    observed = BLOCK(np.array([0.4, s])).displacement
+    box = ((0.0, 1.0), (0.0, known))
+    settings = Settings(max_iterations=200)
+    found = thesis_baseline(
+        FORWARD, observed, exact=True, starts=[[20.0, 2.0, 20.0]], settings=settings, ratio_box=box
+    )
+    reached = theta_of_constants(*found.result[0])[1:]
+    assert reached == pytest.approx([0.4, s], abs=0.01)
+
+
+def test_a_start_that_the_model_does_not_know_has_no_error_and_no_force() -> None:
+    starts = [[20.0, 2.0, 20.0], [1.0, 10.0, 20.0]]
+    box = ((0.0, 0.8), (0.0, 0.5))
+    found = thesis_baseline(FORWARD, NOISY, exact=True, starts=starts, ratio_box=box)
+    assert np.isfinite(found.error).tolist() == [True, False]
+    assert np.isfinite(found.force).all(axis=1).tolist() == [True, False]

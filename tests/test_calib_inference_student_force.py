@@ -8,12 +8,14 @@ import numpy as np
 import pytest
 from analytic_models import AnalyticBlock, AnalyticForward
 from scipy.integrate import quad
+from scipy.special import logsumexp
 from scipy.stats import gamma, multivariate_normal, multivariate_t
 
 from calib.data import FieldData, thesis_forces
 from calib.inference import Likelihood, NoiseSettings, build_likelihood
 from calib.inference.prediction import predictive_forces
-from calib.inference.student_force import information_share
+from calib.inference.shared_error import AlongError
+from calib.inference.student_force import ForceDensity, information_share, student_marginal
 from fe.response import Array
 
 POINTS = np.random.default_rng(20).random((7, 2)) * 3.0
@@ -74,6 +76,42 @@ def test_with_a_shared_error_it_is_the_integral_over_the_weight() -> None:
     like, steps = likelihood(3.0, 0.05), np.arange(5)
     known = [dense(like, theta, 3.0, steps) for theta in THETA]
     np.testing.assert_allclose(like.log_prob(THETA), known, rtol=0, atol=1e-8)
+
+
+def pinned(zero: float, freedom: float) -> tuple[float, float]:
+    """Ln density of five forces beside a field that says where the zero is, and the same densely.
+
+    Forces and their change by an SD of the zero are constant, with covariance I: given the weight w
+    forces and field are a parabola of the zero, whose integral is written out here.
+    """
+    residual, shift, known = np.array([1.0, -0.5, 0.3, 0.8, -1.1]), np.arange(1.0, 6.0), 1e4
+    at_none, slope, bend = residual @ residual, shift @ residual, shift @ shift
+    none = np.zeros((1,))
+    force = ForceDensity(
+        AlongError(none - 0.5 * at_none, np.full((1, 1), slope), np.full((1, 1, 1), bend)),
+        none + at_none,
+        5,
+    )
+    field = AlongError(
+        none - 0.5 * known * zero**2, np.full((1, 1), known * zero), np.full((1, 1, 1), known)
+    )
+    u = np.linspace(-25.0, 4.0, 200_001)
+    w = np.exp(u)
+    pivot = 1.0 + known + w * bend
+    parabola = 0.5 * ((known * zero + w * slope) ** 2 / pivot - np.log(pivot))
+    given = 2.5 * u - 0.5 * w * at_none - 0.5 * known * zero**2 + parabola
+    terms = given + gamma.logpdf(w, freedom / 2, scale=2 / freedom) + u
+    dense = float(logsumexp(terms) + np.log(u[1] - u[0]))
+    return float(student_marginal(force, [field], freedom)[0]), dense
+
+
+@pytest.mark.parametrize("freedom", [1.0, 10.0, 30.0, 100.0])
+@pytest.mark.parametrize("zero", [0.0, 0.2, -2.8, 5.3, 10.6])
+def test_a_field_may_hold_the_zero_where_forces_fit_worse_than_at_none(
+    zero: float, freedom: float
+) -> None:
+    found, dense = pinned(zero, freedom)
+    assert found == pytest.approx(dense, abs=1e-8)
 
 
 def test_an_increment_given_the_others_is_the_quotient_of_two_integrals() -> None:

@@ -24,7 +24,8 @@ from fe.response import Array
 
 THESIS_STEPS = DifferenceSteps(relative=0.1, absolute=0.1)
 """central differences of thesis 4.4.3, in scaled constants"""
-RATIO_BOX = ((0.0, 1.0), (0.0, 0.5))
+RatioBox = tuple[tuple[float, float], tuple[float, float]]
+RATIO_BOX: RatioBox = ((0.0, 1.0), (0.0, 0.5))
 """(r, s) within which a forward model is asked unless told otherwise: outside it has failed"""
 
 
@@ -40,7 +41,7 @@ class FieldError:
     forward: ForwardModel
     observed: Array
     """(n_step, n_point, 3) displacement, mm; NaN marks points that were not seen"""
-    ratio_box: tuple[tuple[float, float], tuple[float, float]] = RATIO_BOX
+    ratio_box: RatioBox = RATIO_BOX
 
     def __call__(self, scaled: Array) -> float:
         """Mean error at scaled constants (3,), mm."""
@@ -74,10 +75,7 @@ class FieldError:
         if not constants[0] + constants[1] > 0:
             return None
         theta = theta_of_constants(*constants)
-        inside = [
-            low <= t <= high for t, (low, high) in zip(theta[1:], self.ratio_box, strict=True)
-        ]
-        return theta if all(inside) else None
+        return theta if is_known(theta, self.ratio_box) else None
 
     def _error(self, theta: Array) -> Array | None:
         """(n_step, n_point, 3) field minus observed, mm; None where the model failed."""
@@ -94,6 +92,11 @@ class FieldError:
         assert basis is not None
         still = replace(basis, offset=np.zeros_like(basis.offset))
         return still.fields(slope.T)
+
+
+def is_known(theta: Array, ratio_box: RatioBox) -> bool:
+    """Whether the ratios of theta (3,) are in a box."""
+    return all(low <= t <= high for t, (low, high) in zip(theta[1:], ratio_box, strict=True))
 
 
 def _x_by_constants(theta: Array) -> Array:
@@ -113,9 +116,9 @@ class Baseline:
     result: Array
     """(n, 3) constants reached, MPa"""
     error: Array
-    """(n,) mean field error reached, mm"""
+    """(n,) mean field error reached, mm; infinite where the model failed at the start"""
     force: Array
-    """(n, n_step) force of the whole sample that each result predicts, N"""
+    """(n, n_step) force of the whole sample that each result predicts, N; NaN for such a start"""
     minima: tuple[Minimum, ...]
     exact: bool
     """whether the gradients were exact; else central differences of 0.1"""
@@ -142,14 +145,16 @@ def thesis_baseline(
     method: str = "feasible-directions",
     starts: Sequence[Array] | Array | None = None,
     settings: Settings = THESIS,
+    ratio_box: RatioBox = RATIO_BOX,
 ) -> Baseline:
     """Minimise the field error from every start, all constants bounded below by zero.
 
     `observed` (n_step, n_point, 3) mm; `starts` (n, 3) scaled constants, those of Table 5.3 by
-    default. `exact` takes the model's derivatives instead of central differences of 0.1.
+    default. `exact` takes the model's derivatives instead of central differences of 0.1. Outside
+    `ratio_box`, where an emulator was trained, the model counts as failed.
     Raises ValueError for a forward model without a field.
     """
-    objective = FieldError(forward, observed)
+    objective = FieldError(forward, observed, ratio_box)
     given = thesis_starts() if starts is None else np.asarray(starts, dtype=np.float64)
     problem = Problem(
         objective,
@@ -161,11 +166,12 @@ def thesis_baseline(
     minima = multistart(problem, list(given), settings, method)
     result = np.array([found.x for found in minima]) * SCALE
     theta = np.array([theta_of_constants(*constants) for constants in result])
+    error = np.array([found.value for found in minima])
     return Baseline(
         start=given * SCALE,
         result=result,
-        error=np.array([found.value for found in minima]),
-        force=forward.predict(theta).force,
+        error=error,
+        force=np.where(np.isfinite(error)[:, None], forward.predict(theta).force, np.nan),
         minima=minima,
         exact=exact,
         method=method,

@@ -21,7 +21,8 @@ def gradient(log_prob: LogProb, x: Array, bounds: Array, sd: Array) -> Array:
     """(n,) gradient of log_prob at x with respect to x / sd, from one batch of evaluations.
 
     Five-point (fourth-order) central differences away from the bounds (n, 2); next to a bound
-    the five points are shifted inwards, so that the density is never asked outside its box.
+    the five points are shifted inwards, so that the density is never asked outside its box. Where
+    it is zero at some of the points, the others give the slope, on one side if need be.
     """
     n = x.size
     step = np.minimum(DIFFERENCE_STEP * sd, (bounds[:, 1] - bounds[:, 0]) / 8.0)
@@ -40,10 +41,16 @@ def gradient(log_prob: LogProb, x: Array, bounds: Array, sd: Array) -> Array:
 
 
 def _slope(places: Array, values: Array) -> float:
-    """Derivative at 0 of the quartic through five values."""
+    """Derivative at 0 of the polynomial through the finite of five values; NaN of fewer than two.
+
+    The density is zero, and no value finite, beyond a wall of a support that is no box.
+    """
+    finite = np.isfinite(values)
+    if finite.sum() < 2:
+        return float("nan")
+    places, values = places[finite], values[finite]
     powers = np.vander(places, increasing=True)
-    with np.errstate(invalid="ignore"):  # where the density is zero at a point, no slope is known
-        slope: float = np.linalg.solve(powers, values - values[0])[1]
+    slope: float = np.linalg.solve(powers, values - values[0])[1]
     return float(slope)
 
 

@@ -8,11 +8,20 @@ import numpy as np
 from scipy.stats import chi2
 
 from calib.inference.data_parts import log_likelihood
-from calib.inference.minimise import minimise_in_box
+from calib.inference.minimise import LogProb, minimise_in_box
 from calib.inference.posterior import Posterior
 from fe.response import Array
 
 LEVEL = 0.95
+N_DRAWN = 2048
+"""draws of the prior among which a start is sought where the neighbour's end is none"""
+NEAR = 4.0
+"""SDs about the neighbour's end within which half of them are brought"""
+N_HALVED = 6
+"""times that the distance to the end of the support is halved"""
+N_CLOUDS = 40
+CLOUD = 64
+"""points of a cloud that looks for what is higher along a wall"""
 
 
 @dataclass(frozen=True)
@@ -40,9 +49,13 @@ class Profile:
 
     @property
     def open_ends(self) -> tuple[bool, bool]:
-        """Whether the interval goes on to the lower and to the upper bound of the prior."""
+        """Whether the interval goes on to the lower and to the upper bound of the prior.
+
+        The prior's is where its support ends, if that is no box.
+        """
         limit = 0.5 * chi2.ppf(LEVEL, 1)
-        return bool(self.drop[0] <= limit), bool(self.drop[-1] <= limit)
+        possible = self.drop[np.isfinite(self.drop)]
+        return bool(possible[0] <= limit), bool(possible[-1] <= limit)
 
     def _crossing(self, inside: int, outside: int, limit: float) -> float:
         if not 0 <= outside < self.values.size or not np.isfinite(self.drop[outside]):
@@ -58,7 +71,8 @@ def profile_likelihood(
     """Profile of coordinate `index` on an even grid over the prior's box.
 
     `best` (d,) is where the search starts (a maximum or mean), `sd` (d,) its scale. The grid is
-    walked outwards from it in both directions, each value starting from its neighbour's end.
+    walked outwards from it in both directions, each value starting from its neighbour's end, or
+    from the best of some draws of the prior where the density is zero there.
     """
     bounds = posterior.prior.bounds
     values = np.linspace(bounds[index, 0], bounds[index, 1], n)
@@ -66,28 +80,101 @@ def profile_likelihood(
     near = best[index] + sd[index] * np.linspace(-4.0, 4.0, 17)
     inside = (near > bounds[index, 0]) & (near < bounds[index, 1])
     values = np.unique(np.concatenate([values, near[inside]]))
-    heights = np.full(values.size, -np.inf)
     first = int(np.argmin(np.abs(values - best[index])))
-    for order in (range(first, values.size), range(first, -1, -1)):
-        x = best.copy()
-        for position in order:
-            x, heights[position] = _best_at(posterior, index, values[position], x, sd)
-    return Profile(values, heights)
+    drawn = posterior.prior.sample(np.random.default_rng(0), N_DRAWN)
+    found: dict[float, float] = {}
+    for order in (values[first:], values[first::-1]):
+        found |= _walked(posterior, index, order, best, sd, drawn)
+    at = np.array(sorted(found))
+    return Profile(at, np.array([found[value] for value in at]))
 
 
-def _best_at(
-    posterior: Posterior, index: int, value: float, start: Array, sd: Array
-) -> tuple[Array, float]:
-    """Largest ln likelihood with one coordinate held, from where its neighbour ended."""
+def _walked(
+    posterior: Posterior, index: int, order: Array, best: Array, sd: Array, drawn: Array
+) -> dict[float, float]:
+    """Largest ln likelihood of each value in an order, and of some next to where its support ends.
+
+    Between two values of which one is possible and the next is not the end is halved `N_HALVED`
+    times: the interval may end there.
+    """
+    found: dict[float, float] = {}
+    x = best
+
+    def ask(value: float) -> bool:
+        nonlocal x
+        start = _start_at(posterior, index, value, x, sd, drawn)
+        found[value] = -np.inf
+        if start is not None:
+            x, found[value] = _best_at(posterior, index, start, sd)
+        return start is not None
+
+    alive: float | None = None
+    for value in map(float, order):
+        if ask(value):
+            alive = value
+        elif alive is not None:
+            dead = value
+            for _ in range(N_HALVED):
+                middle = 0.5 * (alive + dead)
+                alive, dead = (middle, dead) if ask(middle) else (alive, middle)
+            alive = None
+    return found
+
+
+def _start_at(
+    posterior: Posterior, index: int, value: float, neighbour: Array, sd: Array, drawn: Array
+) -> Array | None:
+    """Where the neighbour ended, with the coordinate held; else the best of draws (m, d) so held.
+
+    The support need be no box: priors of the constants end elsewhere for every ratio. Half of the
+    draws are brought close to the neighbour. None where the density is zero at all of them.
+    """
+    low, high = posterior.prior.bounds.T
+    begun = np.clip(neighbour, low, high)
+    begun[index] = value
+    if np.isfinite(log_likelihood(posterior, begun[None])[0]):
+        return begun
+    points = drawn.copy()
+    near = len(points) // 2
+    # The places of draws in the box, as far from its middle as they are, in some SDs.
+    points[:near] = begun + NEAR * sd * (2.0 * (points[:near] - low) / (high - low) - 1.0)
+    points = np.clip(points, low, high)
+    points[:, index] = value
+    heights = log_likelihood(posterior, points)
+    best = int(heights.argmax())
+    return points[best] if np.isfinite(heights[best]) else None
+
+
+def _best_at(posterior: Posterior, index: int, start: Array, sd: Array) -> tuple[Array, float]:
+    """Largest ln likelihood with one coordinate held at its value in `start` (d,)."""
     bounds = posterior.prior.bounds
     box = bounds.copy()
-    box[index] = value
-    begun = np.clip(start, box[:, 0], box[:, 1])
-    if bounds.shape[0] == 1:
-        return begun, float(log_likelihood(posterior, begun[None])[0])
+    box[index] = start[index]
 
     def height(x: Array) -> Array:
         return log_likelihood(posterior, x)
 
-    found, _ = minimise_in_box(height, begun, box, sd, bounds)
-    return found, float(height(found[None])[0])
+    if bounds.shape[0] == 1:
+        return start, float(height(start[None])[0])
+    found, value = minimise_in_box(height, start, box, sd, bounds)
+    if posterior.prior.of:
+        return _along_walls(height, found, box, sd)
+    return found, value
+
+
+def _along_walls(height: LogProb, start: Array, box: Array, sd: Array) -> tuple[Array, float]:
+    """Highest point about a start by clouds of points that narrow, for a support that is no box.
+
+    A search along slopes ends at the first wall; the maximum may lie further along it.
+    """
+    rng = np.random.default_rng(0)
+    x, top, width = start, float(height(start[None])[0]), 1.0
+    for _ in range(N_CLOUDS):
+        cloud = x + width * sd * rng.standard_normal((CLOUD, x.size))
+        cloud = np.clip(cloud, box[:, 0], box[:, 1])
+        values = height(cloud)
+        best = int(values.argmax())
+        width *= 1.0 if values[best] > top else 0.5
+        if values[best] > top:
+            x, top = cloud[best], float(values[best])
+    return x, top

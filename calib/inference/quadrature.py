@@ -3,7 +3,8 @@
 ln kappa is integrated inside, on an interval of its own for every point of the other coordinates,
 the outer ones, (r, s) say: given these the posterior of ln kappa is a narrow peak whose place moves
 with them, and a common box would waste nearly all nodes. A grid of more than three outer
-coordinates has too many nodes; there importance sampling gives weighed draws in their place.
+coordinates has too many nodes; there importance sampling gives weighed draws in their place. So it
+does where the outer coordinates lie on a ridge that runs between the nodes.
 """
 
 from __future__ import annotations
@@ -15,6 +16,8 @@ import numpy as np
 
 from calib.inference.coordinates import Space, theta_of
 from calib.inference.importance import N_FIRST, importance_sample
+from calib.inference.missed_mass import CONVERGED, may_miss
+from calib.inference.moments import Moments
 from calib.inference.posterior import Posterior
 from calib.inference.sampling import Box
 from fe.response import Array
@@ -28,6 +31,10 @@ MOST_OUTER = 3
 NODES = {1: 36, 2: 36, 3: 18}
 """nodes of each coordinate by the number of outer ones"""
 
+AGREEING = 3.0
+"""errors of draws by which the evidence of nodes that may miss a ridge may differ from theirs"""
+CLOSE = 0.03
+"""posterior SDs, and shares of them, by which moments of such nodes may differ from the draws'"""
 
 QUADRATURE, DRAWS = "quadrature", "importance sampling"
 
@@ -89,8 +96,9 @@ def integrate(posterior: Posterior, n_nodes: int | None = None) -> Quadrature:
     Intended for posteriors with one peak in ln kappa for given others, which the scale symmetry
     gives; read `log_evidence_error` before use. With three outer coordinates 18 nodes are the most;
     with more, and where the constants have the priors, whose support is no box, `n_nodes` is not
-    used: see `calib.inference.importance`. Raises ValueError when the
-    posterior is zero everywhere in the box.
+    used: see `calib.inference.importance`. Draws are the answer, too, where nodes may miss a narrow
+    ridge (`calib.inference.missed_mass`) and have not the evidence and the moments of the draws.
+    Raises ValueError when the posterior is zero everywhere in the box.
     """
     space = posterior.prior.space
     n_outer = space.size - 1
@@ -104,13 +112,27 @@ def integrate(posterior: Posterior, n_nodes: int | None = None) -> Quadrature:
     x, log_weights = _nodes(posterior, box, n)
     _, coarse = _nodes(posterior, box, 2 * n // 3)
     log_evidence = _log_sum(log_weights)
-    return Quadrature(
+    found = Quadrature(
         x=x,
         weights=np.exp(log_weights - log_evidence),
         log_evidence=log_evidence,
         log_evidence_error=abs(log_evidence - _log_sum(coarse)),
         space=space,
     )
+    moments = Moments(found.x, found.weights)
+    if not may_miss(posterior, moments, box, n, found.log_evidence_error):
+        return found
+    drawn = _by_draws(posterior)
+    return found if _agree(found, drawn) else drawn
+
+
+def _agree(found: Quadrature, drawn: Quadrature) -> bool:
+    """Whether nodes have the evidence and the moments of independent draws."""
+    off = abs(found.log_evidence - drawn.log_evidence)
+    if off > AGREEING * drawn.log_evidence_error or found.log_evidence_error > CONVERGED:
+        return False
+    moments = np.abs([found.mean - drawn.mean, found.sd - drawn.sd])
+    return bool(np.all(moments <= CLOSE * drawn.sd))
 
 
 def _by_draws(posterior: Posterior) -> Quadrature:

@@ -33,6 +33,13 @@ class ForceDensity(NamedTuple):
     """(m,) r^T C^-1 r"""
     n: int
 
+    def misfit_at(self, z: Array) -> Array:
+        """(m,) misfit at shared errors z (m, q)."""
+        along = self.along
+        bent = np.einsum("mi,ijm,mj->m", z, along.curvature, z)
+        at: Array = self.misfit - 2.0 * np.einsum("im,mi->m", along.slope, z) + bent
+        return at
+
     def at(self, weight: Array) -> AlongError:
         """With the covariance C / weight, weights (m,)."""
         change = 0.5 * (self.n * np.log(weight) - (weight - 1.0) * self.misfit)
@@ -69,11 +76,15 @@ def _terms(
 ) -> tuple[Array, Array]:
     """Nodes ln w (k, m), and the logarithms (k, m) of the sum's terms there."""
     # Given the shared errors the integrand is w^shape exp(-rate w), highest at shape / rate; what
-    # the shared errors may take off the misfit is at most all of it.
+    # the shared errors may take off the misfit is at most all of it. A small weight leaves them
+    # where the other parts have them, and there the misfit may be larger than at none.
     shape = 0.5 * (freedom + force.n)
     wide = np.sqrt(2.0 * LEFT_OUT / shape)
     left = min(1.0 + LEFT_OUT / shape, wide * (1.0 + wide / 3.0))
-    low = np.log(shape / (0.5 * (freedom + force.misfit))) - left
+    misfit = force.misfit
+    if others:
+        misfit = np.fmax(misfit, force.misfit_at(shared_posterior(others).mean))
+    low = np.log(shape / (0.5 * (freedom + misfit))) - left
     high = np.full_like(low, np.log(shape / (0.5 * freedom)) + min(LARGEST, wide))
     nodes = np.linspace(low, high, N_NODES)
     step = (high - low) / (N_NODES - 1)

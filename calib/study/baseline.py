@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,7 +12,7 @@ from matplotlib.figure import Figure
 
 from calib.data import PUBLISHED_CONSTANTS, FieldData
 from calib.data.thesis import optimization_runs
-from calib.inference.baseline import Baseline, thesis_baseline
+from calib.inference.baseline import Baseline, RatioBox, is_known, thesis_baseline
 from calib.inference.coordinates import CONSTANTS, constants_of, theta_of, theta_of_constants
 from calib.inference.field_noise import field_covariance
 from calib.inference.forward import EmulatorForward, ForwardModel, GivenInputs
@@ -58,7 +59,8 @@ class BaselineStudy:
     """(n_step,) mm"""
     runs: tuple[Baseline, ...]
     error_at_truth: float | None
-    """mean field error at the truth, mm: what the noise alone gives"""
+    """mean field error at the truth, mm: what the noise alone gives; None for a truth that is not
+    known or lies outside the emulator's box"""
 
 
 def baseline(
@@ -70,8 +72,10 @@ def baseline(
     `truth` (C10, C01, C11 in MPa; default those of thesis Table 5.4) with noise.
     The thesis knows the constants alone: further unknowns of the forward model (friction, height,
     ...) are at their posterior means. `hypothesis` may be left out where there is one only.
-    Raises ValueError where the folder holds no finished study, for a truth beside a field, and
-    for a hypothesis that the study does not have or of another law than mooney-rivlin-3.
+    The emulator is asked in the box of ratios in which it was trained.
+    Raises ValueError where the folder holds no finished study, for a truth beside a field or
+    outside that box, and for a hypothesis that the study does not have or of another law than
+    mooney-rivlin-3.
     """
     context = finished(out)
     under = chosen(context.study, hypothesis)
@@ -92,7 +96,7 @@ def _run(
     context: Context, hypothesis: Hypothesis, truth: tuple[float, float, float] | None
 ) -> BaselineStudy:
     data = load_data(context.out)
-    forward = _forward(context, hypothesis)
+    forward, box = _forward(context, hypothesis)
     field = data.dataset.field
     constants: Array | None = None
     if field is not None:
@@ -104,13 +108,15 @@ def _run(
     else:
         chosen_truth = truth or tuple(PUBLISHED_CONSTANTS[name] for name in CONSTANTS[:3])
         constants = np.array(chosen_truth)
+        _check_known(constants, box)
         observed = synthetic_field(context, hypothesis, forward, constants)
     runs = tuple(
-        thesis_baseline(forward, observed, exact=exact, method=method) for method, exact in VARIANTS
+        thesis_baseline(forward, observed, exact=exact, method=method, ratio_box=box)
+        for method, exact in VARIANTS
     )
     at_truth = None
-    if constants is not None:
-        theta = theta_of_constants(*constants)
+    theta = None if constants is None else theta_of_constants(*constants)
+    if theta is not None and is_known(theta, box):
         weights, basis = forward.predict(theta[None]).weights, forward.field_basis
         assert weights is not None and basis is not None
         off = basis.fields(weights)[0] - observed
@@ -120,18 +126,31 @@ def _run(
     return BaselineStudy(hypothesis.name, synthetic, constants, travel, runs, at_truth)
 
 
-def _forward(context: Context, hypothesis: Hypothesis) -> ForwardModel:
-    """The emulator over (kappa, r, s), what else it takes being at its posterior mean."""
+def _check_known(constants: Array, box: RatioBox) -> None:
+    """Raise ValueError for a synthetic truth (3,) that the emulator does not know."""
+    theta = theta_of_constants(*constants)
+    if not is_known(theta, box):
+        (r_low, r_high), (s_low, s_high) = box
+        raise ValueError(
+            f"--truth: expected r from {r_low:g} to {r_high:g} and s from {s_low:g} to {s_high:g}, "
+            f"where the emulator was trained, found r = {theta[1]:.3g}, s = {theta[2]:.3g}"
+        )
+
+
+def _forward(context: Context, hypothesis: Hypothesis) -> tuple[ForwardModel, RatioBox]:
+    """The emulator over (kappa, r, s) and where it knows (r, s); others at their posterior mean."""
     forward = EmulatorForward(
         ScaledEmulator(load_emulator(context.out, hypothesis)),
         with_field=True,
         correction=load_mesh_error(context.out, hypothesis).correction,
     )
+    (r_low, r_high), (s_low, s_high) = forward.bounds[:2].tolist()
+    box: RatioBox = ((r_low, r_high), (s_low, s_high))
     n = len(inputs_of(context.study, hypothesis))
     if not n:
-        return forward
+        return forward, box
     draws = load_samples(context.out, hypothesis).result.draws
-    return GivenInputs(forward, draws.mean(axis=0)[3 : 3 + n])
+    return GivenInputs(forward, draws.mean(axis=0)[3 : 3 + n]), box
 
 
 def synthetic_field(
@@ -190,7 +209,7 @@ def starts_table(found: BaselineStudy) -> Table:
             (
                 str(i + 1),
                 *(number(value, 3) for value in run.result[i]),
-                f"{run.error[i]:.4f}",
+                f"{run.error[i]:.4f}" if np.isfinite(run.error[i]) else "-",
                 number(run.force[i, -1], 3),
                 minimum.status.name.lower(),
                 *(number(value, 3) for value in printed.result[i]),
@@ -226,13 +245,14 @@ def methods_table(found: BaselineStudy) -> Table:
     """The spread of the nine answers by method."""
     rows = []
     for run in found.runs:
+        ended = np.isfinite(run.error)
         rows.append(
             (
                 run.method,
                 "exact" if run.exact else "differences 0.1",
-                f"{run.error.min():.4f} to {run.error.max():.4f}",
-                f"{number(run.kappa.min(), 3)} to {number(run.kappa.max(), 3)}",
-                f"{number(run.force[:, -1].min(), 3)} to {number(run.force[:, -1].max(), 3)}",
+                _spread(run.error[ended], "{:.4f}".format),
+                _spread(run.kappa[ended], lambda value: number(value, 3)),
+                _spread(run.force[ended, -1], lambda value: number(value, 3)),
                 f"{np.mean([m.n_objective for m in run.minima]):.0f}",
             )
         )
@@ -251,6 +271,11 @@ def methods_table(found: BaselineStudy) -> Table:
         "C10 + C01, and each answer keeps the stiffness that its start and steps gave it. A force "
         "would decide; none is in the thesis' objective.",
     )
+
+
+def _spread(values: Array, told: Callable[[float], str]) -> str:
+    """Smallest and largest of values (n,), a dash where no start was one that the model knows."""
+    return f"{told(values.min())} to {told(values.max())}" if values.size else "-"
 
 
 def baseline_figure(found: BaselineStudy, draws: Array | None) -> Figure:

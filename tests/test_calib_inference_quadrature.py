@@ -1,0 +1,113 @@
+"""Quadrature of normal posteriors of (r, s) whose integrals are known, on ridges and off them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import cast
+
+import numpy as np
+import pytest
+from scipy.stats import multivariate_normal
+
+from calib.inference import Marginal, Posterior, Prior, Quadrature, integrate
+from calib.inference.quadrature import DRAWS, QUADRATURE
+from fe.response import Array
+
+PRIOR = Prior(
+    Marginal("log_uniform", 0.003, 0.3), Marginal("uniform", 0, 1), Marginal("uniform", 0, 0.5)
+)
+LN_KAPPA_SD = 0.02
+
+
+@dataclass(frozen=True)
+class Normal:
+    """Normal in (r, s), cut off at the prior's box, and in ln kappa about a line of (r, s)."""
+
+    correlation: float
+    sd: tuple[float, float]
+    centre: tuple[float, float] = (0.43, 0.21)
+    prior: Prior = PRIOR
+
+    @property
+    def covariance(self) -> Array:
+        """(2, 2) before the prior cuts it off"""
+        correlation: Array = np.array([[1.0, self.correlation], [self.correlation, 1.0]])
+        return np.outer(self.sd, self.sd) * correlation
+
+    @property
+    def log_evidence(self) -> float:
+        """Ln of the mass in the prior's box"""
+        low, high = self.prior.bounds[1:].T
+        mass = multivariate_normal.cdf(
+            high, self.centre, self.covariance, lower_limit=low, abseps=1e-9, releps=1e-9
+        )
+        return float(np.log(mass))
+
+    def log_prob(self, x: Array) -> Array:
+        """(m,) at x (m, 3)"""
+        scaled = (x[:, 0] + 3.6 - 0.5 * x[:, 1] + 0.8 * x[:, 2]) / LN_KAPPA_SD
+        line = -0.5 * scaled**2 - 0.5 * np.log(2.0 * np.pi * LN_KAPPA_SD**2)
+        value = line + multivariate_normal.logpdf(x[:, 1:], self.centre, self.covariance)
+        return np.where(np.isfinite(self.prior.log_prob(x)), value, -np.inf)
+
+
+def integrated(normal: Normal, n: int = 30) -> Quadrature:
+    return integrate(cast("Posterior", normal), n)
+
+
+def off_by(found: Quadrature, normal: Normal) -> float:
+    return abs(found.log_evidence - normal.log_evidence)
+
+
+RIDGES = [
+    Normal(-0.97, (0.02, 0.02)),
+    Normal(-0.99, (0.05, 0.03)),
+    Normal(-0.99, (0.004, 0.004)),
+    Normal(-0.99, (0.02, 0.02)),
+    Normal(-0.999, (0.05, 0.05)),
+    Normal(0.98, (0.03, 0.01)),
+    # The scan of the box has no point on these: the box cuts them off.
+    Normal(-0.995, (0.1, 0.004)),
+    Normal(-0.9975, (0.0034, 0.0861), (0.4, 0.46)),
+    Normal(0.9515, (0.0021, 0.152), (0.33, 0.22)),
+    # Nor has the box these at all.
+    Normal(0.9955, (0.0015, 0.0133), (0.24, 0.09)),
+    Normal(-0.9995, (0.0015, 0.0014), (0.13, 0.4)),
+]
+
+
+@pytest.mark.parametrize("normal", RIDGES)
+def test_evidence_and_moments_of_a_narrow_ridge_are_right_within_what_is_stated(
+    normal: Normal,
+) -> None:
+    found = integrated(normal)
+    assert off_by(found, normal) < 3.0 * found.log_evidence_error + 0.01
+    assert found.log_evidence_error < 0.02
+    if normal.log_evidence > -1e-6:  # else the bounds of the prior change the moments
+        sd = np.array(normal.sd)
+        assert np.abs(found.mean[1:] - normal.centre).max() < 0.04 * sd.max()
+        assert found.sd[1:] == pytest.approx(sd, rel=0.04)
+        correlation = found.covariance[1, 2] / found.sd[1] / found.sd[2]
+        assert correlation == pytest.approx(normal.correlation, abs=0.004)
+
+
+@pytest.mark.parametrize("correlation", [-0.9, -0.5, 0.0, 0.8, 0.9])
+@pytest.mark.parametrize("sd", [(0.02, 0.02), (0.05, 0.03), (0.2, 0.1)])
+def test_correlations_that_the_nodes_resolve_are_left_to_the_nodes(
+    correlation: float, sd: tuple[float, float], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(posterior: Posterior) -> Quadrature:
+        raise AssertionError("draws were asked")
+
+    monkeypatch.setattr("calib.inference.quadrature._by_draws", refuse)
+    normal = Normal(correlation, sd)
+    found = integrated(normal)
+    assert found.method == QUADRATURE
+    assert off_by(found, normal) < 0.003
+
+
+def test_a_wide_ridge_keeps_its_nodes_and_one_that_they_miss_has_draws() -> None:
+    wide = integrated(Normal(0.97, (0.3, 0.2)), 36)
+    assert wide.method == QUADRATURE
+    assert off_by(wide, Normal(0.97, (0.3, 0.2))) < 1e-3
+    assert integrated(RIDGES[0]).method == DRAWS
