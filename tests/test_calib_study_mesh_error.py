@@ -231,6 +231,41 @@ def test_constants_that_the_field_hardly_tells_apart_stay_within_their_box() -> 
     assert np.all(narrow.ratios < 1e-6 * EXTENT)
 
 
+def test_the_model_at_the_last_check_is_the_corrected_one_and_its_derivatives() -> None:
+    error = mesh_error(*both(CHECKS), 1.5, "stuck", EXTENT, under_stiffer_pin(CHECKS))
+    assert error.at_check is not None
+
+    def corrected(ratios: Array) -> Array:
+        return error.correction.response(BLOCK(ratios), ratios).displacement
+
+    np.testing.assert_allclose(error.at_check.field, corrected(CHECKS[-1]), atol=1e-12)
+    for tangent, step in zip(error.at_check.tangents, 1e-5 * np.eye(2), strict=True):
+        slope = (corrected(CHECKS[-1] + step) - corrected(CHECKS[-1] - step)) / 2e-5
+        np.testing.assert_allclose(tangent, slope, atol=1e-7)
+    assert mesh_error(*both(CHECKS), 1.5, "stuck").at_check is None
+
+
+def test_errors_of_ratios_do_not_hang_on_how_rough_the_changes_of_an_emulator_are() -> None:
+    class Rough(EmulatorForward):
+        def jacobian(self, theta: Array) -> Jacobian:
+            found = super().jacobian(theta)
+            assert found.weights is not None
+            off = np.random.default_rng(8).standard_normal(found.weights.shape)
+            return Jacobian(found.force, found.weights + 0.1 * np.abs(found.weights) * off)
+
+    error, data, noise = mesh_error(*both(CHECKS), 1.5, "stuck", EXTENT), dataset(), NoiseSettings()
+    smooth, rough = (
+        of(scaled(), with_field=True, correction=error.correction)
+        for of in (EmulatorForward, Rough)
+    )
+    known = [error.mistaken(data, noise, forward).ratios for forward in (smooth, rough)]
+    np.testing.assert_array_equal(*known)
+    by_emulator = replace(error, at_check=None)
+    asked = [by_emulator.mistaken(data, noise, forward).ratios for forward in (smooth, rough)]
+    assert np.abs(asked[1] / asked[0] - 1.0).max() > 0.05
+    np.testing.assert_allclose(known[0], asked[0], rtol=0.1)
+
+
 def test_forces_alone_have_no_patterns() -> None:
     forward = EmulatorForward(scaled())
     bare = replace(dataset(), field=None)
@@ -337,6 +372,9 @@ def test_a_mesh_error_is_read_as_it_was_kept(with_slopes: bool, tmp_path: Path) 
     assert found.pin is not None and error.pin is not None and found.pin.stiffening == 4.0
     np.testing.assert_array_equal(found.pin.field, error.pin.field)
     np.testing.assert_array_equal(found.force, error.force)
+    assert found.at_check is not None and error.at_check is not None
+    np.testing.assert_array_equal(found.at_check.tangents, error.at_check.tangents)
+    np.testing.assert_array_equal(found.at_check.field, error.at_check.field)
     if found.slopes is not None and error.slopes is not None:
         np.testing.assert_array_equal(found.slopes.field, error.slopes.field)
         np.testing.assert_array_equal(found.slopes.reach, error.slopes.reach)
@@ -418,7 +456,8 @@ def test_errors_of_ratios_are_those_of_mesh_and_pin_one_by_one() -> None:
         mesh_error(stiffer[0], coarse, np.sqrt(1.0 + 1.5 * 3.0), "stuck", EXTENT),
     )
     one = found.mistaken(data, NoiseSettings(), forward)
-    apart = [part.mistaken(data, NoiseSettings(), forward) for part in parts]
+    same = [replace(part, at_check=found.at_check) for part in parts]  # one model's changes
+    apart = [part.mistaken(data, NoiseSettings(), forward) for part in same]
     np.testing.assert_allclose(one.ratios**2, sum(part.ratios**2 for part in apart), rtol=1e-6)
     np.testing.assert_allclose(one.nuisances, sum(part.nuisances for part in apart), rtol=1e-6)
 

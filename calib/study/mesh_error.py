@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -11,7 +11,15 @@ from calib.data import Dataset
 from calib.inference.forward import EmulatorForward
 from calib.inference.mesh_correction import CorrectionSlopes, MeshCorrection
 from calib.inference.noise import NoiseSettings, field_nuisances
-from calib.inference.tangent_errors import Mistaken, apart, mistaken, patterns_at, tangents_at
+from calib.inference.tangent_errors import (
+    Mistaken,
+    apart,
+    mistaken,
+    patterns_at,
+    tangents_at,
+    with_nuisances,
+)
+from calib.study.mesh_parts import AtCheck, MeshSlopes, PinError
 from calib.study.training_runs import rows
 from fe.campaign import CampaignFailed
 from fe.campaign_result import Campaign
@@ -43,39 +51,6 @@ def left_share(refinement: float) -> float:
 
 
 @dataclass(frozen=True)
-class PinError:
-    """What of the difference from the finer mesh's runs is the pin's, which gives way less there.
-
-    Measured on the sampling mesh: the pin's part may be as large as the mesh's, of the other sign,
-    and is followed far better, so that a share of their sum would tell of neither. Forces follow
-    the penetration, which `stiffening` k divides at every pressure: of c they miss c / k, which is
-    c / (k - 1) of the difference. That is corrected for, too, up to a rigid pin.
-    """
-
-    stiffening: float
-    """how many times less the pin of the finer mesh's runs gives way"""
-    signed_force: Array
-    """(n_check, n_step) force under the pin of the emulator's runs over that under the other - 1"""
-    field: Array
-    """(n_check, n_step, n_point, 3) displacement under the one minus that under the other, mm"""
-
-    @property
-    def beyond(self) -> float:
-        """How far a rigid pin is beyond the finer mesh's, as a share of the difference."""
-        return 1.0 / (self.stiffening - 1.0)
-
-
-@dataclass(frozen=True)
-class MeshSlopes:
-    """Derivatives of the field's difference between two meshes by the ratios, at each check."""
-
-    field: Array
-    """(n_check, n_step, n_point, 3, d) of coarse minus fine displacement under a rigid pin, mm"""
-    reach: Array
-    """(d,) how far from a check they are followed"""
-
-
-@dataclass(frozen=True)
 class MeshError:
     """How far the mesh of the emulator's runs is from the finer mesh, for one hypothesis."""
 
@@ -93,6 +68,8 @@ class MeshError:
     """(d,) of the box of the ratios, for data with a field"""
     pin: PinError | None = None
     """what of it is the pin's; None where that is the same for both meshes"""
+    at_check: AtCheck | None = None
+    """None where the slopes are"""
 
     @property
     def _parts(self) -> list[tuple[Array, Array]]:
@@ -188,12 +165,18 @@ class MeshError:
 
         All checks together count as one. As likely as values even over the box of the ratios and
         as the nuisances are, so that constants which the field hardly tells apart stay within it.
+        By the changes of the FE model itself where they are known: an emulator of the prior's box
+        whose changes are off by 4 %, in shapes that noise has not, makes constants look apart that
+        are not, and sizes six times too small.
         """
         d = self.ratios.shape[1]
         if dataset.field is None:
             return Mistaken(np.zeros(d), (), np.zeros((0, 0)), forward.bounds)
         nuisances = field_nuisances(dataset, noise)
-        tangents = tangents_at(forward, self._theta(forward), nuisances)
+        if (known := self.at_check) is None:
+            tangents = tangents_at(forward, self._theta(forward), nuisances)
+        else:
+            tangents = with_nuisances(known.tangents, known.field, nuisances)
         of_ratios = np.full(d, np.inf) if self.extent is None else self.extent / np.sqrt(12.0)
         held = np.append(of_ratios, [error.sd for error in nuisances])
         found = np.zeros((held.size, held.size))
@@ -242,7 +225,7 @@ def mesh_error(
     last = np.flatnonzero(every)[-N_CHECKED:]
     fine, coarse = rows(fine, last), rows(coarse, last)
     under = None if stiffer is None else (rows(stiffer[0], last), stiffer[1])
-    return MeshError(
+    found = MeshError(
         refinement=refinement,
         ratios=fine.theta,
         signed_force=coarse.force / fine.force - 1.0,
@@ -251,6 +234,17 @@ def mesh_error(
         extent=extent,
         pin=None if under is None else _pin_error(coarse, *under),
     )
+    return replace(found, at_check=_at_check(found.correction, fine, coarse))
+
+
+def _at_check(correction: MeshCorrection, fine: Campaign, coarse: Campaign) -> AtCheck | None:
+    """The last of the coarse runs, corrected; None without slopes, where its own may not do."""
+    if correction.slopes is None:
+        return None
+    names = [parameter.name for parameter in fine.parameters]
+    own = named_gradient(coarse.displacement_gradient[-1], coarse.gradient_parameters, names)
+    tangents = np.moveaxis(own, -1, 0) + correction.field_slopes
+    return AtCheck(tangents, coarse.displacement[-1] + correction.field)
 
 
 def _pin_error(coarse: Campaign, stiffer: Campaign, stiffening: float) -> PinError:

@@ -9,7 +9,8 @@ import numpy as np
 
 from calib.study.artifacts import read_json, read_npz, write_json, write_npz
 from calib.study.config import Study
-from calib.study.mesh_error import FORCE_BEYOND, REACH, MeshError, MeshSlopes, PinError, left_share
+from calib.study.mesh_error import FORCE_BEYOND, REACH, MeshError, left_share
+from calib.study.mesh_parts import AtCheck, MeshSlopes, PinError
 from calib.study.sections import Hypothesis
 
 
@@ -36,6 +37,9 @@ def load_mesh_error(out: Path, hypothesis: Hypothesis) -> MeshError:
             np.asarray(facts["pin"]["signed_force"], dtype=float),
             stored["pin_field"],
         ),
+        at_check=AtCheck(stored["tangents"], stored["field_at_check"])
+        if "tangents" in stored  # not in files before 2026-11-26
+        else None,
     )
 
 
@@ -71,6 +75,8 @@ def save_mesh_error(
         arrays |= {"extent": error.extent}
     if error.pin is not None:
         arrays |= {"pin_field": error.pin.field}
+    if error.at_check is not None:
+        arrays |= {"tangents": error.at_check.tangents, "field_at_check": error.at_check.field}
     write_npz(folder / "mesh_error.npz", arrays)
     return [folder / "mesh_error.json", folder / "mesh_error.npz"]
 
