@@ -101,6 +101,7 @@ def _walked(
     x = best
 
     def ask(value: float) -> bool:
+        """Search at a value, from where the last search ended; whether it is possible at all."""
         nonlocal x
         start = _start_at(posterior, index, value, x, sd, drawn)
         found[value] = -np.inf
