@@ -26,6 +26,7 @@ from fe.face_rows import (
     add_matrices,
     add_vectors,
     empty_rows,
+    none_filled,
     positions,
 )
 from fe.pin_surface import GRIP, RigidPin, pin_point
@@ -221,7 +222,7 @@ def contact_system(
     energy = 0.0
     pin_force = 0.0
     for c in range(n_face):
-        n = 0
+        n = none_filled()
         here = positions(u, faces.nodes[c], faces.shape[c], faces.points[c])
         for q in range(n_quad):
             x, w = here[q], faces.weights[c, q]

@@ -60,6 +60,8 @@ def directions(material: Material, elements: Elements, changes: Array, motion: A
     there = largest > ROUNDING * largest.max(initial=0.0)
     rows, columns = np.nonzero(there.any(axis=0))
     motions, entries = np.nonzero(there[:, rows, columns])
+    # Columns of one array as they come: kernels would be compiled for that layout, too.
+    motions, entries = np.ascontiguousarray(motions), np.ascontiguousarray(entries)
     stretch = np.ascontiguousarray(np.einsum("eqvkk->eqv", L))
     masses = np.einsum(
         "eq,eqv,qm,qn->evmn", elements.weights, stretch, elements.psi, elements.psi, optimize=True

@@ -43,6 +43,12 @@ def empty_rows(n_row: int, n_a: int) -> FaceRows:
 
 
 @njit(cache=True)
+def none_filled() -> int:
+    """0, of which the compiler knows the type alone: for a literal it would compile sums twice."""
+    return 0
+
+
+@njit(cache=True)
 def add_vectors(
     rows: FaceRows, n: int, force: Array, by_travel: Array, pin_force_by_u: Array
 ) -> None:

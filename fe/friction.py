@@ -32,6 +32,7 @@ from fe.face_rows import (
     add_matrices,
     add_vectors,
     empty_rows,
+    none_filled,
     positions,
 )
 from fe.pin_surface import RigidPin
@@ -160,7 +161,7 @@ def friction_system(
     rows, beyond = empty_rows(n_quad, n_a), np.empty((n_quad, 9))
     for c in range(n_face):
         coupling[c] = 0.0
-        n = 0
+        n = none_filled()
         here = positions(u, faces.nodes[c], faces.shape[c], faces.points[c])
         for q in range(n_quad):
             if frame.limit[c, q] <= 0.0:
