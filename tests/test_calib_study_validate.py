@@ -15,8 +15,8 @@ from calib.cli import FAILED, WRONG_INPUT, main
 from calib.data.dataset import Dataset, FieldData
 from calib.data.dataset_file import save_dataset
 from calib.inference.inference_data import load_inference_data, save_inference_data
-from calib.study.second_data import Study, plate_model, second_data, solve, stated
-from calib.study.second_prediction import at_points
+from calib.study.second_data import SecondData, Study, plate_model, second_data, solve, stated
+from calib.study.second_prediction import N_REPLICATES, Predicted, at_points, replicates
 from calib.study.second_test import SecondTest, load_second_test
 from calib.study.validate import posterior_draws, validate
 from calib.toml_file import FileRefused
@@ -133,6 +133,20 @@ def test_a_measured_data_set_is_read_from_its_file(tmp_path: Path, second_file: 
     read = second_data(read_test, folder, STUDY)
     assert not read.synthetic and read.levels == pytest.approx(made.levels)
     assert read.answer == pytest.approx(made.answer)
+
+
+def test_replicates_of_forces_at_set_travels_scatter_as_the_samples_do(second_file: Path) -> None:
+    test, _ = load_second_test(second_file)
+    levels, force = np.array([2.0, 4.0]), np.array([0.3, 0.5])
+    data = SecondData(
+        "plate", True, "travel", levels, force, np.full(2, 0.06), 9, None, None, STUDY.correlation
+    )
+    draws = Predicted(np.tile(force, (4, 1)), None)
+    no_mesh = Predicted(np.zeros((1, 2)), None)
+    again = replicates(test, data, draws, no_mesh, np.random.default_rng(4))
+    of_an_sd = 4 / np.sqrt(2 * N_REPLICATES)
+    assert again.sample.std(axis=0) == pytest.approx(0.06 * force, rel=of_an_sd)
+    assert again.answer.std(axis=0) == pytest.approx(0.02 * force, rel=of_an_sd)
 
 
 def test_a_linear_field_is_carried_to_other_points_exactly() -> None:

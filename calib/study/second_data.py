@@ -80,8 +80,9 @@ class SecondData:
     def softened(self, values: Array) -> Array:
         """(n_step, ...) change of values (n_step, ...) per relative gain in stiffness, at a level.
 
-        At a set force F a sample stiffer by e answers as the model does at F (1 - e). At a set
-        travel the force gains e; a field would not change.
+        Values of one dimension are one sample's answers, those of more its field. At a set force F
+        a sample stiffer by e answers as the model does at F (1 - e). At a set travel the force
+        gains e; a field would not change.
         """
         if self.control == "travel":
             return values if values.ndim == 1 else np.zeros_like(values)

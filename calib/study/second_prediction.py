@@ -114,7 +114,7 @@ def replicates(
     mean = rng.standard_normal(single.shape) @ factor.T / np.sqrt(data.n_samples)
     left = left_share(refinement(test.mesh.check, test.mesh.sampling))
     mesh = left * rng.standard_normal(index.size)
-    softened = data.softened(predicted.answer.T).T[index]
+    softened = np.stack([data.softened(each) for each in predicted.answer])[index]
     answer = predicted.answer[index] + mesh[:, None] * difference.answer
     field = None
     if data.field is not None and predicted.field is not None and difference.field is not None:
