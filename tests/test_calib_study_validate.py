@@ -115,7 +115,7 @@ def test_set_travels_are_blind_to_stiffness_in_the_field_and_see_it_in_the_force
     assert soft["answer"]["ratio"] == pytest.approx(1 / 0.6, rel=0.04)
 
 
-def test_a_measured_data_set_is_read_from_its_file(tmp_path: Path, second_file: Path) -> None:
+def test_a_measured_data_set_is_read_from_its_file(second_file: Path) -> None:
     test, folder = load_second_test(second_file)
     made = second_data(test, folder, STUDY)
     assert made.synthetic and made.field is not None
@@ -125,14 +125,30 @@ def test_a_measured_data_set_is_read_from_its_file(tmp_path: Path, second_file: 
     assert made.answer == pytest.approx(travel, rel=0.04)
     field: FieldData = made.field
     dataset = Dataset("measured", False, made.answer, made.levels, 0.04 * made.levels, 10, field)
-    save_dataset(tmp_path / "plate.npz", dataset)
+    read = second_data(*_measured(second_file, dataset), STUDY)
+    assert not read.synthetic and read.levels == pytest.approx(made.levels)
+    assert read.answer == pytest.approx(made.answer)
+
+
+def _measured(second_file: Path, dataset: Dataset) -> tuple[SecondTest, Path]:
+    """A second test whose data are a file beside it."""
+    save_dataset(second_file.parent / "plate.npz", dataset)
     head, _, tail = SMALL.replace("levels = [0.2, 0.4, 0.6]", "").partition("[virtual]")
     text = head.replace('"virtual"', '"plate.npz"') + "[mesh]" + tail.partition("[mesh]")[2]
     second_file.write_text(text)
-    read_test, folder = load_second_test(second_file)
-    read = second_data(read_test, folder, STUDY)
-    assert not read.synthetic and read.levels == pytest.approx(made.levels)
-    assert read.answer == pytest.approx(made.answer)
+    return load_second_test(second_file)
+
+
+@pytest.mark.parametrize("place", [(-3.0, 2.0), (2.0, -1.0), (7.0, 0.0), (9.0, 16.0)])
+def test_points_off_the_quarter_of_the_plate_are_refused(
+    second_file: Path, place: tuple[float, float]
+) -> None:
+    levels, points = np.array([1.0, 2.0]), np.array([[0.0, 0.0], [6.0, 0.0], [10.0, 15.0], place])
+    field = FieldData(points, np.ones((2, 4, 3)), np.full(3, 0.01), 1.0, 0.5)
+    dataset = Dataset("measured", False, levels, 0.1 * levels, 0.01 * levels, 10, field)
+    says = f"plate.npz: points: found 1 off the plate, the first at x = {place[0]:g}, "
+    with pytest.raises(ValueError, match=says):
+        second_data(*_measured(second_file, dataset), STUDY)
 
 
 def test_replicates_of_forces_at_set_travels_scatter_as_the_samples_do(second_file: Path) -> None:

@@ -19,6 +19,8 @@ from fe.specimens.tensile import TensileModel
 
 LAW = "mooney-rivlin-3"
 """of constants that a file of a second test states"""
+SAME_PLACE = 1e-6
+"""mm by which rounding may take a point off the plate"""
 
 
 @dataclass(frozen=True)
@@ -128,7 +130,10 @@ def second_data(test: SecondTest, folder: Path, study: Study) -> SecondData:
     """
     if test.virtual is not None:
         return _virtual(test, test.virtual, study)
-    dataset, _ = load_dataset(folder / test.data.source)
+    path = folder / test.data.source
+    dataset, _ = load_dataset(path)
+    if dataset.field is not None:
+        _check_places(path, test, dataset.field.points)
     forced = test.control == "force"
     return SecondData(
         name=dataset.name,
@@ -142,6 +147,24 @@ def second_data(test: SecondTest, folder: Path, study: Study) -> SecondData:
         field=dataset.field,
         correlation=study.correlation,
     )
+
+
+def _check_places(path: Path, test: SecondTest, points: Array) -> None:
+    """Raise ValueError for points (n, 2) [mm] that are not on the quarter of the plate's front.
+
+    A prediction there would be that of the nearest point on it, on the wrong side of a mirror.
+    """
+    plate = test.plate.specimen()
+    beyond = points - np.column_stack(
+        [plate.half_width(points[:, 1]), np.full(len(points), plate.length / 2.0)]
+    )
+    off = np.any((points < -SAME_PLACE) | (beyond > SAME_PLACE), axis=1)
+    if off.any():
+        x, y = points[int(np.argmax(off))]
+        raise ValueError(
+            f"{path}: points: found {np.count_nonzero(off)} off the plate, the first at x = {x:g}, "
+            f"y = {y:g} mm, expected all on the quarter x >= 0, y >= 0 from its middle to its edge"
+        )
 
 
 def _virtual(test: SecondTest, truth: SecondTruth, study: Study) -> SecondData:
