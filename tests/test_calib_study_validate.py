@@ -151,6 +151,13 @@ def test_points_off_the_quarter_of_the_plate_are_refused(
         second_data(*_measured(second_file, dataset), STUDY)
 
 
+def test_set_forces_that_do_not_increase_are_refused_by_their_file(second_file: Path) -> None:
+    travel, force = np.array([1.0, 2.0, 3.0]), np.array([0.2, 0.4, 0.35])
+    dataset = Dataset("measured", False, travel, force, 0.1 * force, 10)
+    with pytest.raises(ValueError, match=r"plate.npz: force_mean: found 0.2, 0.4, 0.35 N"):
+        second_data(*_measured(second_file, dataset), STUDY)
+
+
 def test_replicates_of_forces_at_set_travels_scatter_as_the_samples_do(second_file: Path) -> None:
     test, _ = load_second_test(second_file)
     levels, force = np.array([2.0, 4.0]), np.array([0.3, 0.5])

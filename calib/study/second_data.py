@@ -135,6 +135,11 @@ def second_data(test: SecondTest, folder: Path, study: Study) -> SecondData:
     if dataset.field is not None:
         _check_places(path, test, dataset.field.points)
     forced = test.control == "force"
+    if forced and np.any(np.diff(dataset.force_mean) <= 0):
+        forces = ", ".join(f"{force:g}" for force in dataset.force_mean)
+        raise ValueError(
+            f"{path}: force_mean: found {forces} N, expected increasing forces where they are set"
+        )
     return SecondData(
         name=dataset.name,
         synthetic=dataset.synthetic,
