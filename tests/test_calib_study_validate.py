@@ -215,6 +215,16 @@ def test_a_missing_study_or_hypothesis_is_said_in_one_sentence(
         validate(_finished(tmp_path, right=1.0), asked, folder, lambda _: None)
 
 
+def test_more_draws_than_a_posterior_holds_are_refused_in_one_sentence(
+    tmp_path: Path, second_file: Path
+) -> None:
+    test, _ = load_second_test(second_file)
+    out = _finished(tmp_path, right=1.0)
+    assert len(posterior_draws(out, replace(test, draws=100))[0]["right"].bulk) == 100
+    with pytest.raises(ValueError, match="draws: found 101, expected at most the 100 that the"):
+        posterior_draws(out, replace(test, draws=101))
+
+
 def test_a_posterior_that_lacks_a_constant_of_its_law_is_refused(
     tmp_path: Path, second_file: Path
 ) -> None:
