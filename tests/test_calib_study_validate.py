@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
+from typing import Literal
 
 import arviz as az
 import numpy as np
@@ -15,6 +16,7 @@ from calib.cli import FAILED, WRONG_INPUT, main
 from calib.data.dataset import Dataset, FieldData
 from calib.data.dataset_file import save_dataset
 from calib.inference.inference_data import load_inference_data, save_inference_data
+from calib.inference.noise import slope_matrix
 from calib.study.second_data import SecondData, Study, plate_model, second_data, solve, stated
 from calib.study.second_prediction import N_REPLICATES, Predicted, at_points, replicates
 from calib.study.second_test import SecondTest, load_second_test
@@ -170,6 +172,32 @@ def test_replicates_of_forces_at_set_travels_scatter_as_the_samples_do(second_fi
     of_an_sd = 4 / np.sqrt(2 * N_REPLICATES)
     assert again.sample.std(axis=0) == pytest.approx(0.06 * force, rel=of_an_sd)
     assert again.answer.std(axis=0) == pytest.approx(0.02 * force, rel=of_an_sd)
+
+
+@pytest.mark.parametrize("control", ["force", "travel"])
+def test_replicates_have_the_errors_that_all_levels_share(
+    second_file: Path, control: Literal["force", "travel"]
+) -> None:
+    test, _ = load_second_test(second_file)
+    levels, answer = np.array([2.0, 4.0]), np.array([3.0, 5.0])
+    moved = np.array([0.5, 1.5])[:, None, None] * np.ones((2, 1, 3))
+    tiny = np.full(2, 1e-6)
+    field = FieldData(np.ones((1, 2)), moved, np.full(3, 1e-6), 1.0, 0.5, scale_sd=0.02)
+    data = SecondData(
+        "plate", True, control, levels, answer, tiny, 9, None, field, 0.7, travel_zero_sd=0.03
+    )
+    draws = Predicted(np.tile(answer, (4, 1)), np.tile(moved, (4, 1, 1, 1)))
+    no_mesh = Predicted(np.zeros((1, 2)), np.zeros((1, 2, 1, 3)))
+    again = replicates(test, data, draws, no_mesh, np.random.default_rng(4))
+    assert again.field is not None
+    slope = slope_matrix(levels)
+    by_zero = 0.03 * (np.ones(2) if control == "force" else slope @ answer)
+    of_field = 0.03 * (np.zeros(2) if control == "force" else slope @ moved[:, 0, 0])
+    of_an_sd = 4 / np.sqrt(2 * N_REPLICATES)
+    assert again.answer.std(axis=0) == pytest.approx(np.abs(by_zero), rel=of_an_sd)
+    expected = np.hypot(0.02 * moved[:, 0, 0], of_field)
+    assert again.field.std(axis=0)[:, 0, 0] == pytest.approx(expected, rel=of_an_sd)
+    assert abs(np.corrcoef(again.field[:, :, 0, 0].T)[0, 1]) > 0.9
 
 
 def test_a_linear_field_is_carried_to_other_points_exactly() -> None:

@@ -69,6 +69,8 @@ class SecondData:
     field: FieldData | None
     correlation: float
     """of one sample's deviation between neighbouring levels"""
+    travel_zero_sd: float = 0.0
+    """SD of the error that all samples have in common in the zero of the travel, mm"""
 
     @property
     def quantity(self) -> str:
@@ -90,6 +92,17 @@ class SecondData:
             return values if values.ndim == 1 else np.zeros_like(values)
         slopes = self.levels[:, None] * slope_matrix(self.levels)
         changed: Array = -np.tensordot(slopes, values, axes=1)
+        return changed
+
+    def by_travel(self, values: Array) -> Array:
+        """(n_step, ...) change of values (n_step, ...) per mm by which the travel's zero is off.
+
+        Values as in `softened`. At a set force it is the travel that is read wrong, and the field
+        is what it was; at a set travel both force and field are those of another one.
+        """
+        if self.control == "force":
+            return np.ones_like(values) if values.ndim == 1 else np.zeros_like(values)
+        changed: Array = np.tensordot(slope_matrix(self.levels), values, axes=1)
         return changed
 
 
@@ -151,6 +164,7 @@ def second_data(test: SecondTest, folder: Path, study: Study) -> SecondData:
         samples=None if forced or dataset.samples is None else dataset.samples.force,
         field=dataset.field,
         correlation=study.correlation,
+        travel_zero_sd=dataset.travel_zero_sd,
     )
 
 
