@@ -602,6 +602,22 @@ def test_stated_deviations_turn_with_the_axes(some):
     np.testing.assert_allclose(turned, np.abs(axes) @ [0.02, 0.03, 0.04], rtol=1e-9)
 
 
+def test_what_is_stated_of_points_beside_the_sample_says_nothing_of_its_noise(some):
+    rectangle = np.array([0.2, 0.5, 0.5, 0.8])
+    pin = f"\n[mask]\npin_rectangle_mm = {rectangle.tolist()}\n"
+    folder = some(*list(GOOD)[:2], text=EXPERIMENT + pin)
+    stating(folder, (0.02, 0.03, 0.04))
+    for path in folder.glob("S*/dic/*.csv"):
+        frame = read_dic(path).frames[0]
+        place = frame.position[:, :2]
+        on_pin = np.all((place >= rectangle[:2]) & (place <= rectangle[2:]), axis=1)
+        assert on_pin.any()
+        blurred = np.where(on_pin[:, None], 1.0, frame.sigma)
+        write_points(path, replace(frame, sigma=blurred))
+    stated = analyse(folder).samples[0].face.stated_std
+    np.testing.assert_allclose(stated, [0.02, 0.03, 0.04], rtol=1e-9)
+
+
 def with_rules(folder: Path, lab: Path, text: str) -> Path:
     """The study with a section [data.quality]."""
     source = f'source = "experiment"\nfolder = "{lab}"\n[data.quality]\n{text}'

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 
@@ -18,6 +19,7 @@ from calib.data.qc.registration import Placement, place
 from calib.data.qc.rigid_motion import folded, without_rigid_motion
 from calib.data.qc.synchronise import Synchronised, synchronise
 from calib.data.readers import PointFrame, WrongFile, read_dic, read_machine
+from calib.data.readers.frames import BoolArray
 from fe.response import Array
 
 STEREO = (
@@ -130,7 +132,8 @@ def _face(
     chosen, places = _frames_of_holds(together, numbers, travel, experiment)
     picked = [frames[0], *(frames[index] for index in chosen)]
     axes, quality = experiment.axes.matrix, experiment.quality
-    lattice = lattice_of(picked, axes, partial(inside, experiment.mask))
+    keep = partial(inside, experiment.mask)
+    lattice = lattice_of(picked, axes, keep)
     cleaned = without_outliers(
         lattice.displacement[1:], quality.outlier_mad, quality.outlier_floor_mm
     )
@@ -144,13 +147,20 @@ def _face(
     on_pin = None if pin is None else np.array([_pin_travel(f, axes, pin) for f in picked[1:]])
     scale = max((f.scale_sd or 0.0 for f in picked), default=0.0)
     length = max((f.correlation_length or 0.0 for f in picked[1:]), default=0.0) or None
-    stated = _stated(picked[1:], axes)
+    stated = _stated(picked[1:], axes, keep)
     return FaceField(lattice, places, placement, cleaned, stated, scale, length, on_pin)
 
 
-def _stated(frames: list[PointFrame], axes: Array) -> Array | None:
-    """Root mean square (3,) of the SDs that the frames' program states, in our axes, mm."""
-    known = [f.sigma[f.valid] for f in frames if f.sigma is not None]
+def _stated(
+    frames: list[PointFrame], axes: Array, keep: Callable[[Array], BoolArray]
+) -> Array | None:
+    """Root mean square (3,) of the SDs that the frames' program states, in our axes, mm.
+
+    `keep` says which points (n, 2) [mm] are the sample's: what is beside it may be blurred.
+    """
+    known = [
+        f.sigma[f.valid & keep((f.position @ axes.T)[:, :2])] for f in frames if f.sigma is not None
+    ]
     squares = np.concatenate(known) ** 2 if known else np.zeros((0, 3))
     squares = squares[np.isfinite(squares).all(axis=1)]
     if not squares.size:
