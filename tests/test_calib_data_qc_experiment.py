@@ -602,6 +602,15 @@ def test_stated_deviations_turn_with_the_axes(some):
     np.testing.assert_allclose(turned, np.abs(axes) @ [0.02, 0.03, 0.04], rtol=1e-9)
 
 
+def test_a_sample_that_was_copied_is_not_counted_twice(some, capsys):
+    folder = some("S1", "S3", "S5")
+    shutil.copytree(folder / "S3", folder / "S4")
+    assert main(["qc", str(folder)]) == 2
+    said = capsys.readouterr().err.strip().splitlines()[-1]
+    machine = [folder / name / "machine.csv" for name in ("S4", "S3")]
+    assert f"{machine[0]}: expected a sample of its own, found a copy of {machine[1]}" in said
+
+
 def test_what_is_stated_of_points_beside_the_sample_says_nothing_of_its_noise(some):
     rectangle = np.array([0.2, 0.5, 0.5, 0.8])
     pin = f"\n[mask]\npin_rectangle_mm = {rectangle.tolist()}\n"
