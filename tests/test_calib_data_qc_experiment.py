@@ -21,7 +21,7 @@ from calib.data.qc.pipeline import QcResult
 from calib.data.qc.results import FIGURE_NAMES
 from calib.data.qc.rules import Rules
 from calib.data.qc.statistics import accuracy_table, force_table, noise_table, relaxation_table
-from calib.data.readers import read_dic, write_points
+from calib.data.readers import WrongFile, read_dic, write_points
 from calib.inference.field_noise import field_covariance
 from calib.inference.forward import DirectForward
 from calib.inference.likelihood import build_likelihood
@@ -600,6 +600,27 @@ def test_stated_deviations_turn_with_the_axes(some):
     turned = analyse(folder).samples[0].face.stated_std
     axes = read_experiment(folder).axes.matrix
     np.testing.assert_allclose(turned, np.abs(axes) @ [0.02, 0.03, 0.04], rtol=1e-9)
+
+
+def test_frames_that_are_named_come_in_the_order_of_their_times(some, result):
+    folder = some("S1", "S2")
+    for name in ("S1", "S2"):
+        place, table = folder / name / "dic", folder / name / "frames.csv"
+        (place / "B000.csv").rename(place / "reference.csv")  # sorts after B004
+        reference = replace(read_dic(place / "reference.csv").frames[0], name="reference")
+        write_points(place / "reference.csv", reference)
+        head, first, *others = table.read_text().splitlines()
+        named = [f"B00{row}" for row in others] + [f"reference,{first.split(',')[1]}"]
+        table.write_text("\n".join([head, *named]) + "\n")
+    renamed = analyse(folder)
+    for sample, known in zip(renamed.samples, result.samples[:2], strict=True):
+        np.testing.assert_array_equal(sample.face.travel, known.face.travel)
+        displacement = sample.face.lattice.displacement
+        np.testing.assert_array_equal(displacement, known.face.lattice.displacement)
+    text = table.read_text()
+    table.write_text(text.replace(text.splitlines()[2].split(",")[1], named[0].split(",")[1]))
+    with pytest.raises(WrongFile, match=r"frames.csv:3: expected another time than that of B001"):
+        analyse(folder)
 
 
 def test_a_sample_that_was_copied_is_not_counted_twice(some, capsys):

@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 
 from calib.data.qc.experiment_file import Box, Experiment, Mapping, RigidBody
-from calib.data.qc.lab_files import SampleFiles, frame_times
+from calib.data.qc.lab_files import SampleFiles, frames_in_time
 from calib.data.qc.lattice import Lattice, lattice_of
 from calib.data.qc.machine_test import MachineTest, NotAsPlanned, at_travel, machine_test
 from calib.data.qc.mapping import map_coarsely, map_field
@@ -94,12 +94,12 @@ def read_sample(files: SampleFiles, experiment: Experiment) -> Sample:
     protocol = experiment.protocol
     record = read_machine(files.machine)
     series = read_dic(files.dic)
-    times = frame_times(files.frames, series)
-    if series.frames[0].is_planar:
+    frames, times = frames_in_time(files.frames, series)
+    if frames[0].is_planar:
         raise WrongFile(files.dic, None, STEREO, "frames of one camera (planar)")
     if record.travel is None:
         raise WrongFile(files.machine, None, "the travel with the force", "a force alone")
-    if len(series.frames) < 2:
+    if len(frames) < 2:
         raise WrongFile(files.dic, None, "the reference and one frame or more", "one frame")
     machine = None
     try:
@@ -111,7 +111,7 @@ def read_sample(files: SampleFiles, experiment: Experiment) -> Sample:
         numbers, travel, forces = machine.loaded()
         reach = REACH * protocol.increment_mm
         force = at_travel(travel, forces, protocol.travel, reach, HOLDS_OF_FORCE)
-        face = _face(list(series.frames), together, numbers, travel, experiment)
+        face = _face(list(frames), together, numbers, travel, experiment)
     except NotAsPlanned as failure:
         return Sample(files.name, machine, failure=failure)
     except ValueError as error:  # of readings or points that show no such test
