@@ -623,6 +623,15 @@ def test_frames_that_are_named_come_in_the_order_of_their_times(some, result):
         analyse(folder)
 
 
+def test_samples_that_make_no_data_set_together_are_refused_with_their_folder(tmp_path, capsys):
+    # without noise no point is resolved
+    still = {f"S{i}": Truth(stiffness=1.0 + 0.1 * i) for i in range(3)}
+    folder = write_laboratory(tmp_path / "lab", still, static=0)
+    assert main(["qc", str(folder)]) == 2
+    said = capsys.readouterr().err.strip().splitlines()[-1]
+    assert f"{folder}: expected points that enough samples have, found none" in said
+
+
 def test_a_sample_that_was_copied_is_not_counted_twice(some, capsys):
     folder = some("S1", "S3", "S5")
     shutil.copytree(folder / "S3", folder / "S4")

@@ -128,7 +128,10 @@ def analyse(
         dataset=None,
         seconds=time.perf_counter() - started,
     )
-    return _with_dataset(result, noise, started)
+    try:
+        return _with_dataset(result, noise, started)
+    except ValueError as error:  # of samples that are good one by one
+        raise ValueError(f"{folder}: {error}") from error
 
 
 def _samples(
