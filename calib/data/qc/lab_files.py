@@ -15,6 +15,7 @@ import numpy as np
 
 from calib.data.qc.experiment_file import FILE, Experiment
 from calib.data.readers import DicSeries, PointFrame, WrongFile
+from calib.data.readers.natural_order import natural_order
 from fe.response import Array
 
 STATIC = "static"
@@ -46,7 +47,7 @@ def sample_files(folder: Path, experiment: Experiment) -> tuple[SampleFiles, ...
         names = list(experiment.samples)
     else:
         held = (path for path in folder.iterdir() if path.is_dir() and path.name != STATIC)
-        names = sorted((p.name for p in held if (p / MACHINE).exists()), key=_natural)
+        names = sorted((p.name for p in held if (p / MACHINE).exists()), key=natural_order)
     if not names:
         raise WrongFile(folder, None, f"folders of samples with {MACHINE}", "none")
     return tuple(_sample(folder, name) for name in names)
@@ -171,8 +172,3 @@ def _time(path: Path, number: int, cells: list[str]) -> float:
     if not np.isfinite(value):
         raise WrongFile(path, number, "a frame and its time in s", ",".join(cells)[:80])
     return value
-
-
-def _natural(name: str) -> list[tuple[int, str]]:
-    parts = re.split(r"(\d+)", name)
-    return [(int(part), "") if part.isdecimal() else (-1, part) for part in parts]
