@@ -79,6 +79,12 @@ def test_a_coarse_clock_that_gives_several_readings_one_time_is_no_hindrance(res
     np.testing.assert_allclose(found.loaded()[2], fine.loaded()[2], atol=0.02)
 
 
+def test_a_record_of_one_time_is_not_as_planned():
+    record, _, _ = machine_record(Truth(), np.random.default_rng(0))
+    with pytest.raises(NotAsPlanned, match="times of readings: found 1, expected 2 or more"):
+        machine_test(replace(record, time=np.zeros_like(record.time)), PROTOCOL, MACHINE)
+
+
 def test_a_known_operators_zero_stands_in_for_the_force():
     test, _, _ = run(Truth(slack=0.42, force_noise=0.3), contact_sd_mm=0.0)
     assert test.contact.travel == pytest.approx(0.42, abs=1e-3)
