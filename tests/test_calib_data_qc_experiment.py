@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 import json
 import shutil
 from dataclasses import dataclass, replace
@@ -21,6 +22,7 @@ from calib.data.qc.pipeline import QcResult
 from calib.data.qc.results import FIGURE_NAMES
 from calib.data.qc.rules import Rules
 from calib.data.qc.statistics import accuracy_table, force_table, noise_table, relaxation_table
+from calib.data.qc.table import QcTable, table_csv
 from calib.data.readers import WrongFile, read_dic, write_points
 from calib.inference.field_noise import field_covariance
 from calib.inference.forward import DirectForward
@@ -621,6 +623,13 @@ def test_frames_that_are_named_come_in_the_order_of_their_times(some, result):
     table.write_text(text.replace(text.splitlines()[2].split(",")[1], named[0].split(",")[1]))
     with pytest.raises(WrongFile, match=r"frames.csv:3: expected another time than that of B001"):
         analyse(folder)
+
+
+def test_cells_of_a_table_come_back_from_its_csv():
+    texts = ("S1", 'the "first", again', 'say "x"', "two\nlines")
+    table = QcTable("name", "title", ("sample", "mm"), tuple((text, 0.1) for text in texts))
+    rows = list(csv.reader(io.StringIO(table_csv(table), newline="")))
+    assert rows == [["sample", "mm"], *([text, "0.1"] for text in texts)]
 
 
 def test_samples_that_make_no_data_set_together_are_refused_with_their_folder(tmp_path, capsys):
