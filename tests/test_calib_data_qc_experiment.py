@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 import json
 import shutil
 from dataclasses import dataclass, replace
@@ -21,7 +22,8 @@ from calib.data.qc.pipeline import QcResult
 from calib.data.qc.results import FIGURE_NAMES
 from calib.data.qc.rules import Rules
 from calib.data.qc.statistics import accuracy_table, force_table, noise_table, relaxation_table
-from calib.data.readers import read_dic, write_points
+from calib.data.qc.table import QcTable, table_csv
+from calib.data.readers import WrongFile, read_dic, write_points
 from calib.inference.field_noise import field_covariance
 from calib.inference.forward import DirectForward
 from calib.inference.likelihood import build_likelihood
@@ -600,6 +602,68 @@ def test_stated_deviations_turn_with_the_axes(some):
     turned = analyse(folder).samples[0].face.stated_std
     axes = read_experiment(folder).axes.matrix
     np.testing.assert_allclose(turned, np.abs(axes) @ [0.02, 0.03, 0.04], rtol=1e-9)
+
+
+def test_frames_that_are_named_come_in_the_order_of_their_times(some, result):
+    folder = some("S1", "S2")
+    for name in ("S1", "S2"):
+        place, table = folder / name / "dic", folder / name / "frames.csv"
+        (place / "B000.csv").rename(place / "reference.csv")  # sorts after B004
+        reference = replace(read_dic(place / "reference.csv").frames[0], name="reference")
+        write_points(place / "reference.csv", reference)
+        head, first, *others = table.read_text().splitlines()
+        named = [f"B00{row}" for row in others] + [f"reference,{first.split(',')[1]}"]
+        table.write_text("\n".join([head, *named]) + "\n")
+    renamed = analyse(folder)
+    for sample, known in zip(renamed.samples, result.samples[:2], strict=True):
+        np.testing.assert_array_equal(sample.face.travel, known.face.travel)
+        displacement = sample.face.lattice.displacement
+        np.testing.assert_array_equal(displacement, known.face.lattice.displacement)
+    text = table.read_text()
+    table.write_text(text.replace(text.splitlines()[2].split(",")[1], named[0].split(",")[1]))
+    with pytest.raises(WrongFile, match=r"frames.csv:3: expected another time than that of B001"):
+        analyse(folder)
+
+
+def test_cells_of_a_table_come_back_from_its_csv():
+    texts = ("S1", 'the "first", again', 'say "x"', "two\nlines")
+    table = QcTable("name", "title", ("sample", "mm"), tuple((text, 0.1) for text in texts))
+    rows = list(csv.reader(io.StringIO(table_csv(table), newline="")))
+    assert rows == [["sample", "mm"], *([text, "0.1"] for text in texts)]
+
+
+def test_samples_that_make_no_data_set_together_are_refused_with_their_folder(tmp_path, capsys):
+    # without noise no point is resolved
+    still = {f"S{i}": Truth(stiffness=1.0 + 0.1 * i) for i in range(3)}
+    folder = write_laboratory(tmp_path / "lab", still, static=0)
+    assert main(["qc", str(folder)]) == 2
+    said = capsys.readouterr().err.strip().splitlines()[-1]
+    assert f"{folder}: expected points that enough samples have, found none" in said
+
+
+def test_a_sample_that_was_copied_is_not_counted_twice(some, capsys):
+    folder = some("S1", "S3", "S5")
+    shutil.copytree(folder / "S3", folder / "S4")
+    assert main(["qc", str(folder)]) == 2
+    said = capsys.readouterr().err.strip().splitlines()[-1]
+    machine = [folder / name / "machine.csv" for name in ("S4", "S3")]
+    assert f"{machine[0]}: expected a sample of its own, found a copy of {machine[1]}" in said
+
+
+def test_what_is_stated_of_points_beside_the_sample_says_nothing_of_its_noise(some):
+    rectangle = np.array([0.2, 0.5, 0.5, 0.8])
+    pin = f"\n[mask]\npin_rectangle_mm = {rectangle.tolist()}\n"
+    folder = some(*list(GOOD)[:2], text=EXPERIMENT + pin)
+    stating(folder, (0.02, 0.03, 0.04))
+    for path in folder.glob("S*/dic/*.csv"):
+        frame = read_dic(path).frames[0]
+        place = frame.position[:, :2]
+        on_pin = np.all((place >= rectangle[:2]) & (place <= rectangle[2:]), axis=1)
+        assert on_pin.any()
+        blurred = np.where(on_pin[:, None], 1.0, frame.sigma)
+        write_points(path, replace(frame, sigma=blurred))
+    stated = analyse(folder).samples[0].face.stated_std
+    np.testing.assert_allclose(stated, [0.02, 0.03, 0.04], rtol=1e-9)
 
 
 def with_rules(folder: Path, lab: Path, text: str) -> Path:

@@ -65,6 +65,26 @@ def test_noise_of_a_real_load_cell_leaves_forces_right_within_what_is_stated():
     assert noise == pytest.approx(0.07, rel=0.15)
 
 
+@pytest.mark.parametrize("resolution", [0.1, 0.2])
+def test_a_coarse_clock_that_gives_several_readings_one_time_is_no_hindrance(resolution):
+    record, _, _ = machine_record(Truth(force_noise=0.01), np.random.default_rng(0))
+    coarse = replace(record, time=np.floor(record.time / resolution + 1e-9) * resolution)
+    assert np.median(np.diff(coarse.time)) == 0
+    one = coarse.at_distinct_times()
+    assert np.all(np.diff(one.time) > 0)
+    at = record.time < one.time[1] - 1e-9
+    assert one.force[0] == pytest.approx(record.force[at].mean())
+    fine, found = (machine_test(one, PROTOCOL, MACHINE) for one in (record, coarse))
+    assert found.contact.travel == pytest.approx(fine.contact.travel, abs=0.01)
+    np.testing.assert_allclose(found.loaded()[2], fine.loaded()[2], atol=0.02)
+
+
+def test_a_record_of_one_time_is_not_as_planned():
+    record, _, _ = machine_record(Truth(), np.random.default_rng(0))
+    with pytest.raises(NotAsPlanned, match="times of readings: found 1, expected 2 or more"):
+        machine_test(replace(record, time=np.zeros_like(record.time)), PROTOCOL, MACHINE)
+
+
 def test_a_known_operators_zero_stands_in_for_the_force():
     test, _, _ = run(Truth(slack=0.42, force_noise=0.3), contact_sd_mm=0.0)
     assert test.contact.travel == pytest.approx(0.42, abs=1e-3)

@@ -257,6 +257,14 @@ def test_patterns_are_of_the_study_s_folder_or_absolute(tmp_path):
     assert found == (plain / "d1.bmp", plain / "d2.bmp")
 
 
+def test_images_of_a_pattern_come_by_their_numbers_as_frames_are_read(tmp_path):
+    numbers = (1, 2, 9, 10, 11, 100)
+    for number in numbers:
+        (tmp_path / f"img_{number}.tif").touch()
+    found = named_files(("img_*.tif",), tmp_path, "images.deformed", set())
+    assert [path.name for path in found] == [f"img_{number}.tif" for number in numbers]
+
+
 def test_file_that_is_no_image_is_refused(tmp_path):
     (tmp_path / "x.tif").write_text("no image")
     words = (

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
+from typing import Literal
 
 import arviz as az
 import numpy as np
@@ -15,8 +16,9 @@ from calib.cli import FAILED, WRONG_INPUT, main
 from calib.data.dataset import Dataset, FieldData
 from calib.data.dataset_file import save_dataset
 from calib.inference.inference_data import load_inference_data, save_inference_data
-from calib.study.second_data import Study, plate_model, second_data, solve, stated
-from calib.study.second_prediction import at_points
+from calib.inference.noise import slope_matrix
+from calib.study.second_data import SecondData, Study, plate_model, second_data, solve, stated
+from calib.study.second_prediction import N_REPLICATES, Predicted, at_points, replicates
 from calib.study.second_test import SecondTest, load_second_test
 from calib.study.validate import posterior_draws, validate
 from calib.toml_file import FileRefused
@@ -115,7 +117,7 @@ def test_set_travels_are_blind_to_stiffness_in_the_field_and_see_it_in_the_force
     assert soft["answer"]["ratio"] == pytest.approx(1 / 0.6, rel=0.04)
 
 
-def test_a_measured_data_set_is_read_from_its_file(tmp_path: Path, second_file: Path) -> None:
+def test_a_measured_data_set_is_read_from_its_file(second_file: Path) -> None:
     test, folder = load_second_test(second_file)
     made = second_data(test, folder, STUDY)
     assert made.synthetic and made.field is not None
@@ -125,14 +127,77 @@ def test_a_measured_data_set_is_read_from_its_file(tmp_path: Path, second_file: 
     assert made.answer == pytest.approx(travel, rel=0.04)
     field: FieldData = made.field
     dataset = Dataset("measured", False, made.answer, made.levels, 0.04 * made.levels, 10, field)
-    save_dataset(tmp_path / "plate.npz", dataset)
+    read = second_data(*_measured(second_file, dataset), STUDY)
+    assert not read.synthetic and read.levels == pytest.approx(made.levels)
+    assert read.answer == pytest.approx(made.answer)
+
+
+def _measured(second_file: Path, dataset: Dataset) -> tuple[SecondTest, Path]:
+    """A second test whose data are a file beside it."""
+    save_dataset(second_file.parent / "plate.npz", dataset)
     head, _, tail = SMALL.replace("levels = [0.2, 0.4, 0.6]", "").partition("[virtual]")
     text = head.replace('"virtual"', '"plate.npz"') + "[mesh]" + tail.partition("[mesh]")[2]
     second_file.write_text(text)
-    read_test, folder = load_second_test(second_file)
-    read = second_data(read_test, folder, STUDY)
-    assert not read.synthetic and read.levels == pytest.approx(made.levels)
-    assert read.answer == pytest.approx(made.answer)
+    return load_second_test(second_file)
+
+
+@pytest.mark.parametrize("place", [(-3.0, 2.0), (2.0, -1.0), (7.0, 0.0), (9.0, 16.0)])
+def test_points_off_the_quarter_of_the_plate_are_refused(
+    second_file: Path, place: tuple[float, float]
+) -> None:
+    levels, points = np.array([1.0, 2.0]), np.array([[0.0, 0.0], [6.0, 0.0], [10.0, 15.0], place])
+    field = FieldData(points, np.ones((2, 4, 3)), np.full(3, 0.01), 1.0, 0.5)
+    dataset = Dataset("measured", False, levels, 0.1 * levels, 0.01 * levels, 10, field)
+    says = f"plate.npz: points: found 1 off the plate, the first at x = {place[0]:g}, "
+    with pytest.raises(ValueError, match=says):
+        second_data(*_measured(second_file, dataset), STUDY)
+
+
+def test_set_forces_that_do_not_increase_are_refused_by_their_file(second_file: Path) -> None:
+    travel, force = np.array([1.0, 2.0, 3.0]), np.array([0.2, 0.4, 0.35])
+    dataset = Dataset("measured", False, travel, force, 0.1 * force, 10)
+    with pytest.raises(ValueError, match=r"plate.npz: force_mean: found 0.2, 0.4, 0.35 N"):
+        second_data(*_measured(second_file, dataset), STUDY)
+
+
+def test_replicates_of_forces_at_set_travels_scatter_as_the_samples_do(second_file: Path) -> None:
+    test, _ = load_second_test(second_file)
+    levels, force = np.array([2.0, 4.0]), np.array([0.3, 0.5])
+    data = SecondData(
+        "plate", True, "travel", levels, force, np.full(2, 0.06), 9, None, None, STUDY.correlation
+    )
+    draws = Predicted(np.tile(force, (4, 1)), None)
+    no_mesh = Predicted(np.zeros((1, 2)), None)
+    again = replicates(test, data, draws, no_mesh, np.random.default_rng(4))
+    of_an_sd = 4 / np.sqrt(2 * N_REPLICATES)
+    assert again.sample.std(axis=0) == pytest.approx(0.06 * force, rel=of_an_sd)
+    assert again.answer.std(axis=0) == pytest.approx(0.02 * force, rel=of_an_sd)
+
+
+@pytest.mark.parametrize("control", ["force", "travel"])
+def test_replicates_have_the_errors_that_all_levels_share(
+    second_file: Path, control: Literal["force", "travel"]
+) -> None:
+    test, _ = load_second_test(second_file)
+    levels, answer = np.array([2.0, 4.0]), np.array([3.0, 5.0])
+    moved = np.array([0.5, 1.5])[:, None, None] * np.ones((2, 1, 3))
+    tiny = np.full(2, 1e-6)
+    field = FieldData(np.ones((1, 2)), moved, np.full(3, 1e-6), 1.0, 0.5, scale_sd=0.02)
+    data = SecondData(
+        "plate", True, control, levels, answer, tiny, 9, None, field, 0.7, travel_zero_sd=0.03
+    )
+    draws = Predicted(np.tile(answer, (4, 1)), np.tile(moved, (4, 1, 1, 1)))
+    no_mesh = Predicted(np.zeros((1, 2)), np.zeros((1, 2, 1, 3)))
+    again = replicates(test, data, draws, no_mesh, np.random.default_rng(4))
+    assert again.field is not None
+    slope = slope_matrix(levels)
+    by_zero = 0.03 * (np.ones(2) if control == "force" else slope @ answer)
+    of_field = 0.03 * (np.zeros(2) if control == "force" else slope @ moved[:, 0, 0])
+    of_an_sd = 4 / np.sqrt(2 * N_REPLICATES)
+    assert again.answer.std(axis=0) == pytest.approx(np.abs(by_zero), rel=of_an_sd)
+    expected = np.hypot(0.02 * moved[:, 0, 0], of_field)
+    assert again.field.std(axis=0)[:, 0, 0] == pytest.approx(expected, rel=of_an_sd)
+    assert abs(np.corrcoef(again.field[:, :, 0, 0].T)[0, 1]) > 0.9
 
 
 def test_a_linear_field_is_carried_to_other_points_exactly() -> None:
@@ -176,6 +241,16 @@ def test_a_missing_study_or_hypothesis_is_said_in_one_sentence(
     asked: SecondTest = replace(test, hypothesis="other")
     with pytest.raises(ValueError, match="hypothesis: found other, expected one of right"):
         validate(_finished(tmp_path, right=1.0), asked, folder, lambda _: None)
+
+
+def test_more_draws_than_a_posterior_holds_are_refused_in_one_sentence(
+    tmp_path: Path, second_file: Path
+) -> None:
+    test, _ = load_second_test(second_file)
+    out = _finished(tmp_path, right=1.0)
+    assert len(posterior_draws(out, replace(test, draws=100))[0]["right"].bulk) == 100
+    with pytest.raises(ValueError, match="draws: found 101, expected at most the 100 that the"):
+        posterior_draws(out, replace(test, draws=101))
 
 
 def test_a_posterior_that_lacks_a_constant_of_its_law_is_refused(

@@ -6,6 +6,7 @@ import glob
 from collections.abc import Sequence
 from pathlib import Path
 
+from calib.data.readers.natural_order import natural_order
 from calib.dic import GreyImage, read_image
 from calib.dic.images import check_sizes
 from calib.toml_file import Contradiction
@@ -14,7 +15,9 @@ from calib.toml_file import Contradiction
 def named_files(
     names: tuple[str, ...], folder: Path, key: str, leave: set[str | None]
 ) -> tuple[Path, ...]:
-    """Files in their order, * written out by name; names in `leave` are left out of these.
+    """Files in their order, * written out in the natural order of names, 9 before 10.
+
+    Names in `leave` are left out of these.
 
     Raises Contradiction, at `key`, for a pattern that no file has.
     """
@@ -26,8 +29,8 @@ def named_files(
             continue
         # a name may be absolute, the folder's own name is not a pattern
         pattern = Path(name) if Path(name).is_absolute() else Path(glob.escape(str(folder))) / name
-        matching = (Path(one) for one in sorted(glob.glob(str(pattern), recursive=True)))
-        found = [p for p in matching if p.is_file() and p not in left_out]
+        matching = sorted(glob.glob(str(pattern), recursive=True), key=natural_order)
+        found = [p for p in map(Path, matching) if p.is_file() and p not in left_out]
         if not found:
             but = " beside those of other keys" if left_out else ""
             raise Contradiction(key, name, f"the pattern of one or more files in {folder}{but}")

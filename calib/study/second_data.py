@@ -19,6 +19,8 @@ from fe.specimens.tensile import TensileModel
 
 LAW = "mooney-rivlin-3"
 """of constants that a file of a second test states"""
+SAME_PLACE = 1e-6
+"""mm by which rounding may take a point off the plate"""
 
 
 @dataclass(frozen=True)
@@ -67,6 +69,8 @@ class SecondData:
     field: FieldData | None
     correlation: float
     """of one sample's deviation between neighbouring levels"""
+    travel_zero_sd: float = 0.0
+    """SD of the error that all samples have in common in the zero of the travel, mm"""
 
     @property
     def quantity(self) -> str:
@@ -80,13 +84,25 @@ class SecondData:
     def softened(self, values: Array) -> Array:
         """(n_step, ...) change of values (n_step, ...) per relative gain in stiffness, at a level.
 
-        At a set force F a sample stiffer by e answers as the model does at F (1 - e). At a set
-        travel the force gains e; a field would not change.
+        Values of one dimension are one sample's answers, those of more its field. At a set force F
+        a sample stiffer by e answers as the model does at F (1 - e). At a set travel the force
+        gains e; a field would not change.
         """
         if self.control == "travel":
             return values if values.ndim == 1 else np.zeros_like(values)
         slopes = self.levels[:, None] * slope_matrix(self.levels)
         changed: Array = -np.tensordot(slopes, values, axes=1)
+        return changed
+
+    def by_travel(self, values: Array) -> Array:
+        """(n_step, ...) change of values (n_step, ...) per mm by which the travel's zero is off.
+
+        Values as in `softened`. At a set force it is the travel that is read wrong, and the field
+        is what it was; at a set travel both force and field are those of another one.
+        """
+        if self.control == "force":
+            return np.ones_like(values) if values.ndim == 1 else np.zeros_like(values)
+        changed: Array = np.tensordot(slope_matrix(self.levels), values, axes=1)
         return changed
 
 
@@ -127,8 +143,16 @@ def second_data(test: SecondTest, folder: Path, study: Study) -> SecondData:
     """
     if test.virtual is not None:
         return _virtual(test, test.virtual, study)
-    dataset, _ = load_dataset(folder / test.data.source)
+    path = folder / test.data.source
+    dataset, _ = load_dataset(path)
+    if dataset.field is not None:
+        _check_places(path, test, dataset.field.points)
     forced = test.control == "force"
+    if forced and np.any(np.diff(dataset.force_mean) <= 0):
+        forces = ", ".join(f"{force:g}" for force in dataset.force_mean)
+        raise ValueError(
+            f"{path}: force_mean: found {forces} N, expected increasing forces where they are set"
+        )
     return SecondData(
         name=dataset.name,
         synthetic=dataset.synthetic,
@@ -140,7 +164,26 @@ def second_data(test: SecondTest, folder: Path, study: Study) -> SecondData:
         samples=None if forced or dataset.samples is None else dataset.samples.force,
         field=dataset.field,
         correlation=study.correlation,
+        travel_zero_sd=dataset.travel_zero_sd,
     )
+
+
+def _check_places(path: Path, test: SecondTest, points: Array) -> None:
+    """Raise ValueError for points (n, 2) [mm] that are not on the quarter of the plate's front.
+
+    A prediction there would be that of the nearest point on it, on the wrong side of a mirror.
+    """
+    plate = test.plate.specimen()
+    beyond = points - np.column_stack(
+        [plate.half_width(points[:, 1]), np.full(len(points), plate.length / 2.0)]
+    )
+    off = np.any((points < -SAME_PLACE) | (beyond > SAME_PLACE), axis=1)
+    if off.any():
+        x, y = points[int(np.argmax(off))]
+        raise ValueError(
+            f"{path}: points: found {np.count_nonzero(off)} off the plate, the first at x = {x:g}, "
+            f"y = {y:g} mm, expected all on the quarter x >= 0, y >= 0 from its middle to its edge"
+        )
 
 
 def _virtual(test: SecondTest, truth: SecondTruth, study: Study) -> SecondData:

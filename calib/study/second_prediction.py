@@ -105,8 +105,9 @@ def replicates(
 ) -> Replicates:
     """Predictions with all errors: stiffness of the samples, noise of the field, mesh.
 
-    The stiffness of the tested samples moves answer and field together; what is left of the mesh's
-    error has the shape of the measured difference and the SD of `calib.study.mesh_error`.
+    The stiffness of the tested samples moves answer and field together, and so does the zero of
+    the travel; what is left of the mesh's error has the shape of the measured difference and the
+    SD of `calib.study.mesh_error`. Scale of the field and zero err alike at all levels.
     """
     index = np.arange(N_REPLICATES) % len(predicted.answer)
     factor = np.linalg.cholesky(data.stiffness_covariance())
@@ -114,7 +115,7 @@ def replicates(
     mean = rng.standard_normal(single.shape) @ factor.T / np.sqrt(data.n_samples)
     left = left_share(refinement(test.mesh.check, test.mesh.sampling))
     mesh = left * rng.standard_normal(index.size)
-    softened = data.softened(predicted.answer.T).T[index]
+    softened = np.stack([data.softened(each) for each in predicted.answer])[index]
     answer = predicted.answer[index] + mesh[:, None] * difference.answer
     field = None
     if data.field is not None and predicted.field is not None and difference.field is not None:
@@ -122,7 +123,18 @@ def replicates(
         changed = np.stack([data.softened(each) for each in predicted.field])[index]
         field = predicted.field[index] + mean[:, :, None, None] * changed + noise
         field += mesh[:, None, None, None] * difference.field
+    zero, scale = rng.standard_normal((2, index.size))
+    answer += data.travel_zero_sd * zero[:, None] * _by_travel(data, predicted.answer)[index]
+    if field is not None and data.field is not None and predicted.field is not None:
+        shift = data.travel_zero_sd * zero[:, None, None, None]
+        field += shift * _by_travel(data, predicted.field)[index]
+        field *= 1.0 + data.field.scale_sd * scale[:, None, None, None]
     return Replicates(answer + mean * softened, answer + single * softened, field)
+
+
+def _by_travel(data: SecondData, values: Array) -> Array:
+    """(n, n_step, ...) change of values (n, n_step, ...) per mm by which the zero is off."""
+    return np.stack([data.by_travel(each) for each in values])
 
 
 def _collected(data: SecondData, found: list[Response], points: Array, n_failed: int) -> Predicted:

@@ -80,6 +80,9 @@ def posterior_draws(out: Path, test: SecondTest) -> tuple[dict[str, Rubbers], St
         bulk_ratio = float(stated.get("contact", {}).get("bulk_ratio") or study.bulk_ratio)
         law = space_in(stated).law
         every = _rubbers(path, name, posterior.sel(hypothesis=name), law, bulk_ratio)
+        if test.draws > len(every.bulk):
+            expected = f"at most the {len(every.bulk)} that the posterior of {name} holds"
+            raise ValueError(f"draws: found {test.draws}, expected {expected}")
         chosen = rng.choice(len(every.bulk), test.draws, replace=False)
         draws[name] = Rubbers(law.name, every.constants[chosen], every.bulk[chosen])
     return draws, study

@@ -14,7 +14,8 @@ from pathlib import Path
 import numpy as np
 
 from calib.data.qc.experiment_file import FILE, Experiment
-from calib.data.readers import DicSeries, WrongFile
+from calib.data.readers import DicSeries, PointFrame, WrongFile
+from calib.data.readers.natural_order import natural_order
 from fe.response import Array
 
 STATIC = "static"
@@ -46,7 +47,7 @@ def sample_files(folder: Path, experiment: Experiment) -> tuple[SampleFiles, ...
         names = list(experiment.samples)
     else:
         held = (path for path in folder.iterdir() if path.is_dir() and path.name != STATIC)
-        names = sorted((p.name for p in held if (p / MACHINE).exists()), key=_natural)
+        names = sorted((p.name for p in held if (p / MACHINE).exists()), key=natural_order)
     if not names:
         raise WrongFile(folder, None, f"folders of samples with {MACHINE}", "none")
     return tuple(_sample(folder, name) for name in names)
@@ -94,18 +95,27 @@ def input_hash(folder: Path, samples: tuple[SampleFiles, ...]) -> str:
     return digest.hexdigest()
 
 
-def frame_times(path: Path, series: DicSeries) -> Array:
-    """(n_frame,) time of each frame by the camera's clock, s, from a csv `frame,time_s`.
+def frames_in_time(path: Path, series: DicSeries) -> tuple[tuple[PointFrame, ...], Array]:
+    """Frames as they were taken, and their times (n_frame,) s by the camera's clock.
 
-    `frame` is the name of the frame's file without its ending, or a number that counts up.
+    By a csv `frame,time_s`. `frame` is the name of the frame's file without its ending, or a number
+    that counts up: names need not sort as frames were taken, as `reference` comes after `B0001`.
     Raises WrongFile with the line.
     """
+    times = _frame_times(path, series)
+    order = np.argsort(times, kind="stable")
+    return tuple(series.frames[index] for index in order), times[order]
+
+
+def _frame_times(path: Path, series: DicSeries) -> Array:
+    """(n_frame,) times of the frames of a series, all different."""
     rows = _rows(path)
     names = [frame.name for frame in series.frames]
     if len(rows) != len(names):
         raise WrongFile(path, None, f"{len(names)} lines, one a frame of {DIC}", f"{len(rows)}")
     by_name = {name: time for _, name, time in rows}
     if set(by_name) == set(names) and len(by_name) == len(names):
+        _check_different(path, rows)
         return np.array([by_name[name] for name in names])
     previous = -np.inf
     for line, name, _ in rows:
@@ -117,6 +127,15 @@ def frame_times(path: Path, series: DicSeries) -> Array:
         row = int(np.argmax(np.diff(times) <= 0)) + 1
         raise WrongFile(path, rows[row][0], "times that increase", f"{times[row]:g}")
     return times
+
+
+def _check_different(path: Path, rows: list[tuple[int, str, float]]) -> None:
+    """Raise WrongFile where two frames have one time: which was taken first is not known."""
+    seen: dict[float, str] = {}
+    for line, name, time in rows:
+        first = seen.setdefault(time, name)
+        if first != name:
+            raise WrongFile(path, line, f"another time than that of {first}", f"{time:g}")
 
 
 def _rows(path: Path) -> list[tuple[int, str, float]]:
@@ -153,8 +172,3 @@ def _time(path: Path, number: int, cells: list[str]) -> float:
     if not np.isfinite(value):
         raise WrongFile(path, number, "a frame and its time in s", ",".join(cells)[:80])
     return value
-
-
-def _natural(name: str) -> list[tuple[int, str]]:
-    parts = re.split(r"(\d+)", name)
-    return [(int(part), "") if part.isdecimal() else (-1, part) for part in parts]

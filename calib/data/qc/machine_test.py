@@ -60,8 +60,10 @@ def machine_test(record: MachineRecord, protocol: Protocol, machine: Machine) ->
     Raises NotAsPlanned when there are fewer holds than the increments used need, ValueError when
     the record has no travel.
     """
-    record = in_compression(record, machine.compression_force_sign)
+    record = in_compression(record.at_distinct_times(), machine.compression_force_sign)
     time, force, position = record.time, record.force, record.travel
+    if time.size < 2:
+        raise NotAsPlanned("times of readings", time.size, "2 or more")
     assert position is not None  # in_compression has refused it
     holds = find_holds(time, position, protocol)
     row = step_row(holds, protocol)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -22,6 +23,7 @@ from calib.data.qc.quality import Rejection, Rule, broken, odd_forces, placement
 from calib.data.qc.rules import Rules, inputs_under, under_rules
 from calib.data.qc.sample import REACH, Sample, read_sample
 from calib.data.qc.static_noise import StaticNoise, static_noise
+from calib.data.readers import WrongFile
 from calib.data.readers.frames import BoolArray
 from fe.response import Array
 
@@ -126,7 +128,10 @@ def analyse(
         dataset=None,
         seconds=time.perf_counter() - started,
     )
-    return _with_dataset(result, noise, started)
+    try:
+        return _with_dataset(result, noise, started)
+    except ValueError as error:  # of samples that are good one by one
+        raise ValueError(f"{folder}: {error}") from error
 
 
 def _samples(
@@ -136,14 +141,31 @@ def _samples(
     tell: Callable[[int, int], None] | None,
 ) -> tuple[tuple[Sample, ...], Array, tuple[tuple[Rule, ...], ...]]:
     samples, fields, rules = [], [], []
+    seen: dict[bytes, SampleFiles] = {}
     for number, one in enumerate(files, start=1):
         sample = read_sample(one, experiment)
+        _check_own(sample, one, seen)
         samples.append(sample)
         fields.append(sample_field(sample, experiment, points, experiment.field.mapping))
         rules.append(placement_rules(sample, _complete(sample), experiment))
         if tell is not None:
             tell(number, len(files))
     return tuple(samples), np.array(fields), tuple(rules)
+
+
+def _check_own(sample: Sample, files: SampleFiles, seen: dict[bytes, SampleFiles]) -> None:
+    """Raise WrongFile for a sample whose forces and field are those of one before, to the last bit.
+
+    A folder that was copied would count as one sample more. `seen` are those before; this one is
+    added.
+    """
+    machine, face = sample.machine, sample.face
+    if machine is None or face is None:
+        return
+    found = hashlib.sha256(machine.force.tobytes() + face.lattice.displacement.tobytes()).digest()
+    first = seen.setdefault(found, files)
+    if first is not files:
+        raise WrongFile(files.machine, None, "a sample of its own", f"a copy of {first.machine}")
 
 
 def sample_field(sample: Sample, experiment: Experiment, points: Array, method: Mapping) -> Array:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
 
 from calib.data.qc.experiment_file import Box, Experiment, Mapping, RigidBody
-from calib.data.qc.lab_files import SampleFiles, frame_times
+from calib.data.qc.lab_files import SampleFiles, frames_in_time
 from calib.data.qc.lattice import Lattice, lattice_of
 from calib.data.qc.machine_test import MachineTest, NotAsPlanned, at_travel, machine_test
 from calib.data.qc.mapping import map_coarsely, map_field
@@ -18,6 +19,7 @@ from calib.data.qc.registration import Placement, place
 from calib.data.qc.rigid_motion import folded, without_rigid_motion
 from calib.data.qc.synchronise import Synchronised, synchronise
 from calib.data.readers import PointFrame, WrongFile, read_dic, read_machine
+from calib.data.readers.frames import BoolArray
 from fe.response import Array
 
 STEREO = (
@@ -92,12 +94,12 @@ def read_sample(files: SampleFiles, experiment: Experiment) -> Sample:
     protocol = experiment.protocol
     record = read_machine(files.machine)
     series = read_dic(files.dic)
-    times = frame_times(files.frames, series)
-    if series.frames[0].is_planar:
+    frames, times = frames_in_time(files.frames, series)
+    if frames[0].is_planar:
         raise WrongFile(files.dic, None, STEREO, "frames of one camera (planar)")
     if record.travel is None:
         raise WrongFile(files.machine, None, "the travel with the force", "a force alone")
-    if len(series.frames) < 2:
+    if len(frames) < 2:
         raise WrongFile(files.dic, None, "the reference and one frame or more", "one frame")
     machine = None
     try:
@@ -109,7 +111,7 @@ def read_sample(files: SampleFiles, experiment: Experiment) -> Sample:
         numbers, travel, forces = machine.loaded()
         reach = REACH * protocol.increment_mm
         force = at_travel(travel, forces, protocol.travel, reach, HOLDS_OF_FORCE)
-        face = _face(list(series.frames), together, numbers, travel, experiment)
+        face = _face(list(frames), together, numbers, travel, experiment)
     except NotAsPlanned as failure:
         return Sample(files.name, machine, failure=failure)
     except ValueError as error:  # of readings or points that show no such test
@@ -130,7 +132,8 @@ def _face(
     chosen, places = _frames_of_holds(together, numbers, travel, experiment)
     picked = [frames[0], *(frames[index] for index in chosen)]
     axes, quality = experiment.axes.matrix, experiment.quality
-    lattice = lattice_of(picked, axes, partial(inside, experiment.mask))
+    keep = partial(inside, experiment.mask)
+    lattice = lattice_of(picked, axes, keep)
     cleaned = without_outliers(
         lattice.displacement[1:], quality.outlier_mad, quality.outlier_floor_mm
     )
@@ -144,13 +147,20 @@ def _face(
     on_pin = None if pin is None else np.array([_pin_travel(f, axes, pin) for f in picked[1:]])
     scale = max((f.scale_sd or 0.0 for f in picked), default=0.0)
     length = max((f.correlation_length or 0.0 for f in picked[1:]), default=0.0) or None
-    stated = _stated(picked[1:], axes)
+    stated = _stated(picked[1:], axes, keep)
     return FaceField(lattice, places, placement, cleaned, stated, scale, length, on_pin)
 
 
-def _stated(frames: list[PointFrame], axes: Array) -> Array | None:
-    """Root mean square (3,) of the SDs that the frames' program states, in our axes, mm."""
-    known = [f.sigma[f.valid] for f in frames if f.sigma is not None]
+def _stated(
+    frames: list[PointFrame], axes: Array, keep: Callable[[Array], BoolArray]
+) -> Array | None:
+    """Root mean square (3,) of the SDs that the frames' program states, in our axes, mm.
+
+    `keep` says which points (n, 2) [mm] are the sample's: what is beside it may be blurred.
+    """
+    known = [
+        f.sigma[f.valid & keep((f.position @ axes.T)[:, :2])] for f in frames if f.sigma is not None
+    ]
     squares = np.concatenate(known) ** 2 if known else np.zeros((0, 3))
     squares = squares[np.isfinite(squares).all(axis=1)]
     if not squares.size:

@@ -41,5 +41,6 @@ def _shown(cell: Cell) -> str:
 
 def _csv(cell: Cell) -> str:
     if isinstance(cell, str):
-        return f'"{cell}"' if "," in cell or '"' in cell else cell
+        doubled = cell.replace('"', '""')
+        return f'"{doubled}"' if any(mark in cell for mark in ',"\r\n') else cell
     return repr(float(cell)) if isinstance(cell, float) else str(cell)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
@@ -25,6 +24,7 @@ from calib.data.readers import (
 from calib.data.readers.frames import DicSeries
 from calib.data.readers.machine_record import MachineRecord
 from calib.data.readers.matlab_file import is_matlab, variable_names
+from calib.data.readers.natural_order import natural_order
 from calib.data.readers.source import Source
 from calib.data.readers.wrong_file import WrongFile, shown
 
@@ -138,7 +138,8 @@ def _unknown(source: Source, what: str, names: list[str]) -> WrongFile:
 
 
 def _read_folder(path: Path, mm_per_px: float | None) -> DicSeries:
-    files = sorted((file for file in path.iterdir() if file.is_file()), key=_natural)
+    files = [file for file in path.iterdir() if file.is_file()]
+    files.sort(key=lambda file: natural_order(file.name))
     if len(files) > MAX_FILES:
         raise WrongFile(path, None, f"at most {MAX_FILES:,} files", f"{len(files):,}")
     formats = {file: _recognised(Source(file)) for file in files}
@@ -169,9 +170,3 @@ def _recognised(source: Source) -> DicFormat | None:
 
 def _is_machine(source: Source) -> bool:
     return any(form.recognises(source) for form in MACHINE_FORMATS)
-
-
-def _natural(path: Path) -> list[tuple[int, str]]:
-    """Name with its numbers as numbers: frame 10 comes after frame 9."""
-    parts = re.split(r"(\d+)", path.name)
-    return [(int(part), "") if part.isdecimal() else (-1, part) for part in parts]

@@ -69,3 +69,18 @@ class MachineRecord:
             return self
         travel = None if self.travel is None else -self.travel
         return replace(self, force=-self.force, travel=travel, positive="compression")
+
+    def at_distinct_times(self) -> MachineRecord:
+        """The same with one reading at each time, the mean of those that the file has there.
+
+        A clock that is written to a tenth of a second gives several readings one time; what is
+        fitted over time needs them apart. The number of the image is that of the first.
+        """
+        time, first, place = np.unique(self.time, return_index=True, return_inverse=True)
+        if time.size == self.time.size:
+            return self
+        count = np.bincount(place)
+        force = np.bincount(place, self.force) / count
+        travel = None if self.travel is None else np.bincount(place, self.travel) / count
+        frame = None if self.frame is None else self.frame[first]
+        return replace(self, time=time, force=force, travel=travel, frame=frame)
