@@ -61,6 +61,13 @@ def test_help_is_given_without_loading_what_computes():
     assert result.stdout.rstrip().endswith("[]")
 
 
+def test_the_package_is_the_command():
+    command = [sys.executable, "-m", "calib", "studies"]
+    result = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    assert result.returncode == 0, result.stderr
+    assert "thesis-forces" in result.stdout
+
+
 def test_without_a_verb_the_usage_is_shown(capsys):
     with pytest.raises(SystemExit) as caught:
         cli.main([])
