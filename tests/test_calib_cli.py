@@ -191,10 +191,21 @@ def test_the_place_in_the_code_is_shown_on_demand(tmp_path):
         cli.main(["--traceback", "run", str(tmp_path / "none.toml")])
 
 
-def test_a_folder_that_cannot_be_written_is_one_sentence(tmp_path, capsys):
+@pytest.mark.parametrize(
+    ("command", "place"),
+    [
+        (["init"], "DIR"),
+        (["run", "virtual", "--out"], "--out"),
+        (["dic", "images.toml", "--out"], "--out"),
+    ],
+)
+def test_a_folder_below_a_file_is_one_sentence(command, place, run_study, tmp_path, capsys):
+    recorder = run_study()
     (tmp_path / "file").write_text("")
-    assert cli.main(["init", str(tmp_path / "file" / "study")]) == cli.WRONG_INPUT
-    assert capsys.readouterr().err.count("\n") == 1
+    assert cli.main([*command, str(tmp_path / "file" / "a" / "b")]) == cli.WRONG_INPUT
+    said = f"found the file {tmp_path / 'file'}, expected a folder or a new name"
+    assert capsys.readouterr().err == f"calib: {place}: {said}\n"
+    assert recorder.calls == []
 
 
 def test_an_interrupt_says_how_to_go_on(run_study, capsys):
