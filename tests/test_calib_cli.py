@@ -14,6 +14,7 @@ import pytest
 
 from calib import cli
 from calib.study import Study, embedded_studies, load_study
+from calib.study.data_sections import EXPERIMENT, THESIS_TABLE, VIRTUAL
 from calib.toml_file import Contradiction
 
 
@@ -333,6 +334,12 @@ def test_the_template_writes_out_every_section_of_a_study():
     for name, field in Study.__pydantic_fields__.items():
         key = "hypothesis" if name == "hypotheses" else name
         assert f"{key} = " in text or f"[{key}" in text or name == "virtual", field
+
+
+def test_the_template_names_every_source_of_data():
+    text = (Path(cli.__file__).parent / "study/template/study.toml").read_text()
+    assert all(f'"{source}"' in text for source in (THESIS_TABLE, VIRTUAL, EXPERIMENT))
+    assert "Keys that are not here are refused" not in text  # there are more, and they are read
 
 
 @pytest.fixture
