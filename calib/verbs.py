@@ -23,9 +23,10 @@ def _say(line: str) -> None:
 
 
 def _check_folder(option: str, path: Path) -> None:
-    """Raise ValueError where a file stands in place of the folder of an option."""
-    if path.exists() and not path.is_dir():
-        raise ValueError(f"{option}: found the file {path}, expected a folder or a new name")
+    """Raise ValueError where a file stands in place of the folder of an option, or of one above."""
+    nearest = next(place for place in (path, *path.parents) if place.exists())
+    if not nearest.is_dir():
+        raise ValueError(f"{option}: found the file {nearest}, expected a folder or a new name")
 
 
 def _make_folder(option: str, path: Path) -> None:
@@ -160,6 +161,8 @@ def dic_verb(arguments: argparse.Namespace) -> int:
     from calib.dic_study import run
     from fe.progress_bar import progress_bar
 
+    if arguments.out is not None:
+        _check_folder("--out", arguments.out)
     bars = partial(progress_bar, unit="point", shown=sys.stderr.isatty(), leave=False)
     run(arguments.study, arguments.out, _say, bars)
     return 0
@@ -207,6 +210,7 @@ def init_verb(arguments: argparse.Namespace) -> int:
     """Write a study to start from."""
     from calib.study.template import write_template
 
+    _check_folder("DIR", arguments.folder)
     for path in write_template(arguments.folder):
         print(f"wrote {path}")
     study = shlex.quote(str(arguments.folder / "study.toml"))

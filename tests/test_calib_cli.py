@@ -14,6 +14,7 @@ import pytest
 
 from calib import cli
 from calib.study import Study, embedded_studies, load_study
+from calib.study.data_sections import EXPERIMENT, THESIS_TABLE, VIRTUAL
 from calib.toml_file import Contradiction
 
 
@@ -59,6 +60,13 @@ def test_help_is_given_without_loading_what_computes():
     assert result.returncode == 0
     assert "VERB" in result.stdout
     assert result.stdout.rstrip().endswith("[]")
+
+
+def test_the_package_is_the_command():
+    command = [sys.executable, "-m", "calib", "studies"]
+    result = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    assert result.returncode == 0, result.stderr
+    assert "thesis-forces" in result.stdout
 
 
 def test_without_a_verb_the_usage_is_shown(capsys):
@@ -184,10 +192,21 @@ def test_the_place_in_the_code_is_shown_on_demand(tmp_path):
         cli.main(["--traceback", "run", str(tmp_path / "none.toml")])
 
 
-def test_a_folder_that_cannot_be_written_is_one_sentence(tmp_path, capsys):
+@pytest.mark.parametrize(
+    ("command", "place"),
+    [
+        (["init"], "DIR"),
+        (["run", "virtual", "--out"], "--out"),
+        (["dic", "images.toml", "--out"], "--out"),
+    ],
+)
+def test_a_folder_below_a_file_is_one_sentence(command, place, run_study, tmp_path, capsys):
+    recorder = run_study()
     (tmp_path / "file").write_text("")
-    assert cli.main(["init", str(tmp_path / "file" / "study")]) == cli.WRONG_INPUT
-    assert capsys.readouterr().err.count("\n") == 1
+    assert cli.main([*command, str(tmp_path / "file" / "a" / "b")]) == cli.WRONG_INPUT
+    said = f"found the file {tmp_path / 'file'}, expected a folder or a new name"
+    assert capsys.readouterr().err == f"calib: {place}: {said}\n"
+    assert recorder.calls == []
 
 
 def test_an_interrupt_says_how_to_go_on(run_study, capsys):
@@ -315,6 +334,12 @@ def test_the_template_writes_out_every_section_of_a_study():
     for name, field in Study.__pydantic_fields__.items():
         key = "hypothesis" if name == "hypotheses" else name
         assert f"{key} = " in text or f"[{key}" in text or name == "virtual", field
+
+
+def test_the_template_names_every_source_of_data():
+    text = (Path(cli.__file__).parent / "study/template/study.toml").read_text()
+    assert all(f'"{source}"' in text for source in (THESIS_TABLE, VIRTUAL, EXPERIMENT))
+    assert "Keys that are not here are refused" not in text  # there are more, and they are read
 
 
 @pytest.fixture

@@ -124,6 +124,7 @@ def test_lens_exits_with_1_when_no_lens_is_usable(tmp_path: Path, capsys) -> Non
     ("arguments", "part"),
     [
         (["absent.toml"], "absent.toml: found no such file, expected a lens file or one of"),
+        ([str(Path(__file__).parent)], "tests: found a folder, expected a lens file"),
         (["--figure", "lens.pdf"], "--figure: found lens.pdf, expected a file name that ends"),
         (
             ["--figure", f"{__file__}/x.png"],

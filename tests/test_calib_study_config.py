@@ -340,8 +340,9 @@ def test_a_missing_study_names_the_embedded_ones(tmp_path):
 
 
 def test_a_folder_is_no_study(tmp_path):
-    with pytest.raises(StudyError, match="no such file"):
+    with pytest.raises(StudyError) as caught:
         load_study(tmp_path)
+    assert str(caught.value) == f"{tmp_path}: found a folder, expected a study file"
 
 
 def test_a_large_file_is_refused_unread(folder):

@@ -130,7 +130,7 @@ class DicStudy:
 
 def read_study(path: Path) -> Document:
     """Read a study of images, of one camera or two. Raises FileRefused."""
-    if not path.is_file():
+    if not path.exists():
         raise FileRefused(f"{path}: found no such file, expected a study of images (TOML)")
     return read_document(read_file(path, "study of images"), str(path), "study of images")
 

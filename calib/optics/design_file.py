@@ -171,7 +171,7 @@ def load_design(design: str | Path) -> Design:
         content, file = resource.read_bytes(), f"{design}.toml"
     else:
         path = Path(design)
-        if not path.is_file():
+        if not path.exists():
             known = ", ".join(embedded_designs())
             raise FileRefused(f"{path}: found no such file, expected a lens file or one of {known}")
         content, file = read_file(path, "lens file"), str(path)

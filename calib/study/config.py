@@ -210,7 +210,7 @@ def _content_of(study: str | Path) -> tuple[bytes, str, Path]:
         resource = resources.files("calib.study") / "embedded" / f"{study}.toml"
         return resource.read_bytes(), f"{study}.toml", Path()
     path = Path(study)
-    if not path.is_file():
+    if not path.exists():
         known = ", ".join(embedded_studies())
         raise StudyError(f"{path}: found no such file, expected a study file or one of {known}")
     try:

@@ -198,7 +198,7 @@ def load_second_test(test: str | Path) -> tuple[SecondTest, Path]:
         content, file, folder = resource.read_bytes(), f"{test}.toml", Path()
     else:
         path = Path(test)
-        if not path.is_file():
+        if not path.exists():
             known = ", ".join(embedded_tests())
             raise FileRefused(f"{path}: found no such file, expected a {KIND} or one of {known}")
         content, file, folder = read_file(path, KIND), str(path), path.absolute().parent

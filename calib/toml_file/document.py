@@ -67,6 +67,8 @@ def read_file(path: Path, kind: str) -> bytes:
 
     Raises FileRefused when it cannot be read.
     """
+    if path.is_dir():
+        raise FileRefused(f"{path}: found a folder, expected a {kind}")
     try:
         with path.open("rb") as stream:
             return stream.read(LONGEST_FILE + 1)
