@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from calib.study.summary import Summary
 
 FAILED = 1
+REPORT = "report.html"
 
 
 def _say(line: str) -> None:
@@ -133,7 +134,7 @@ def _say_answer(folder: Path, lines: Sequence[str], paths: Sequence[Path]) -> No
     for line in lines:
         _say(line)
     written = list(paths)
-    if (folder / "report.html").is_file():
+    if (folder / REPORT).is_file():
         from calib.study.finished import finished
         from calib.study.stages import report_again
 
@@ -281,6 +282,10 @@ def validate_verb(arguments: argparse.Namespace) -> int:
     from calib.study.validation_tables import validation_tables, verdicts
 
     test, data_folder = load_second_test(arguments.second)
+    if (arguments.folder / REPORT).is_file():
+        from calib.study.finished import finished
+
+        finished(arguments.folder)  # refuses what no report could be drawn of, before the solves
     found, paths = validate(arguments.folder, test, data_folder, _say)
     tables = [f"\n{table.text()}" for table in validation_tables(found)]
     _say_answer(arguments.folder, [*tables, "", *verdicts(found)], paths)

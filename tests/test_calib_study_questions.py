@@ -177,8 +177,21 @@ def test_a_study_file_of_other_results_is_refused(tmp_path: Path) -> None:
     posterior.attrs["provenance"] = json.dumps({"study_file": before})
     posterior.to_netcdf(str(tmp_path / "posterior.nc"))
     assert finished(tmp_path).study == louder
-    (tmp_path / "posterior.nc").write_bytes(b"cut")  # told by what reads it
-    assert finished(tmp_path).study == louder
+    (tmp_path / "posterior.nc").write_bytes(b"cut")
+    with pytest.raises(ValueError, match=r"posterior\.nc: not a readable posterior"):
+        finished(tmp_path)
+
+
+def test_a_second_test_is_not_solved_where_its_report_could_not_be_drawn(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_study(tmp_path / "study.toml", load_study("virtual"))
+    for name in ("data.json", "report.html"):
+        (tmp_path / name).touch()
+    (tmp_path / "posterior.nc").write_bytes(b"cut")
+    assert main(["validate", str(tmp_path), "notched-plate"]) == 2
+    captured = capsys.readouterr()
+    assert captured.out == "" and "posterior.nc: not a readable posterior" in captured.err
 
 
 def test_the_hypothesis_may_be_left_out_where_there_is_one_only() -> None:

@@ -94,13 +94,18 @@ def provenance_of(data: az.InferenceData) -> dict[str, object]:
 
 
 def stated_provenance(path: Path) -> dict[str, object]:
-    """The provenance in a posterior.nc, whose samples stay unread; empty where none can be read."""
+    """The provenance in a posterior.nc, whose samples stay unread.
+
+    Raises ValueError naming the file when it cannot be read or states none.
+    """
     try:
         with h5py.File(path, "r") as file:
             stored = json.loads(str(file.attrs["provenance"]))
-    except (OSError, KeyError, ValueError):
-        return {}
-    return stored if isinstance(stored, dict) else {}
+    except (OSError, KeyError, ValueError) as error:
+        raise ValueError(f"{path}: not a readable posterior ({error})") from error
+    if not isinstance(stored, dict):
+        raise ValueError(f"{path}: found no table of provenance, expected a posterior of a study")
+    return stored
 
 
 def _thinned(samples: SamplingResult) -> Array:
