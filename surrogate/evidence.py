@@ -101,16 +101,17 @@ def best_nuggets(values: Array, rotated: Array) -> Array:
 
     The best of a grid, then its two neighbours closed in by the golden section.
     """
-    squared = rotated**2
+    squared, k = rotated**2, rotated.shape[1]
     low, high = np.log10(NUGGET_BOUNDS)
     grid = np.linspace(low, high, int(_PER_DECADE * (high - low)) + 1)
-    each = np.array([_profile(values, squared, np.full(squared.shape[1], 10.0**g)) for g in grid])
+    each = _profile(values, squared, np.broadcast_to(10.0 ** grid[:, None], (len(grid), k)))
     best = np.argmax(each, axis=0)
     left, right = grid[np.maximum(best - 1, 0)], grid[np.minimum(best + 1, len(grid) - 1)]
     golden = (np.sqrt(5.0) - 1.0) / 2.0
     for _ in range(_HALVINGS):
         first, second = right - golden * (right - left), left + golden * (right - left)
-        higher = _profile(values, squared, 10.0**first) > _profile(values, squared, 10.0**second)
+        both = _profile(values, squared, 10.0 ** np.stack([first, second]))
+        higher = both[0] > both[1]
         left, right = np.where(higher, left, first), np.where(higher, second, right)
     middle = 0.5 * (left + right)
     # The end of a bracket at a bound of the search is never reached from inside.
@@ -121,14 +122,14 @@ def best_nuggets(values: Array, rotated: Array) -> Array:
 
 
 def _profile(values: Array, squared: Array, nugget: Array) -> Array:
-    """(k,) log evidence of each output with its best amplitude, without what is the same for all.
+    """Log evidence of each output with its best amplitude, without what is the same for all.
 
-    `squared` (n_rows, k) are the outputs in the basis, squared; `nugget` (k,).
+    `squared` (n_rows, k) are the outputs in the basis, squared; `nugget` (..., k), as the result.
     """
     n = len(values)
-    total = values[:, None] + nugget
-    amplitude = np.maximum(np.sum(squared / total, axis=0) / n, np.finfo(float).tiny)
-    value: Array = -0.5 * (n * np.log(amplitude) + np.sum(np.log(total), axis=0))
+    total = values[:, None] + nugget[..., None, :]
+    amplitude = np.maximum(np.sum(squared / total, axis=-2) / n, np.finfo(float).tiny)
+    value: Array = -0.5 * (n * np.log(amplitude) + np.sum(np.log(total), axis=-2))
     return value
 
 

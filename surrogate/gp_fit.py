@@ -254,5 +254,12 @@ def _fit_group(
     if not n_restarts:
         return from_regressor(fits[best], families[best])
     family = families[best]
-    again = fit_regressor(scaled.inputs, targets, number, FAMILIES[family], n_restarts=n_restarts)
+    again = fit_regressor(
+        scaled.inputs,
+        targets,
+        number,
+        FAMILIES[family],
+        n_restarts=n_restarts,
+        begun=fits[best],
+    )
     return from_regressor(again, family)

@@ -13,7 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 from scipy.optimize import brentq
-from scipy.stats import chi, norm
+from scipy.special import ndtr
+from scipy.stats import chi
 
 Array = npt.NDArray[np.float64]
 
@@ -63,7 +64,7 @@ class RunScale:
             off = np.log(size) - np.log(normal) - self.log_mean
         if self.log_std == 0.0:
             return np.asarray(np.mean(off >= 0.0, axis=1), dtype=np.float64)
-        share: Array = norm.cdf(off / self.log_std).mean(axis=1)
+        share: Array = ndtr(off / self.log_std).mean(axis=1)
         return share
 
 
@@ -98,5 +99,6 @@ def mahalanobis_sizes(n_dim: int | npt.NDArray[np.int64]) -> Array:
     and lies in any region: those of one value stand for its own.
     """
     places = (np.arange(N_QUANTILES) + 0.5) / N_QUANTILES
-    sizes: Array = chi.ppf(places, np.maximum(np.atleast_1d(n_dim), 1)[:, None])
-    return sizes
+    each, of_run = np.unique(np.maximum(np.atleast_1d(n_dim), 1), return_inverse=True)
+    sizes: Array = np.asarray(chi.ppf(places, each[:, None]))
+    return sizes[of_run]

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from surrogate import Emulator, TrainingSet, sobol_design
+from surrogate.emulator import _taught
 from surrogate.gp import GaussianProcesses
 from surrogate.gp_fit import fit_processes
 from surrogate.modal import ModalEmulator, fit_modal
@@ -42,6 +44,18 @@ def training(n_good: int | None, n: int = 40) -> TrainingSet:
     return TrainingSet.from_runs(x, force, field, good.all(axis=1), good=good)
 
 
+@cache
+def fitted(n_good: int | None) -> Emulator:
+    """The emulator of `training(n_good)`."""
+    return Emulator.fit(training(n_good), 1)
+
+
+def teaching(emulator: Emulator, runs: PartialRuns) -> Emulator:
+    """An emulator of complete runs taught by others: what `fit` does last."""
+    force, field = _taught(runs, emulator.force, emulator.force_scale, emulator.field)
+    return replace(emulator, force=force, field=field)
+
+
 NEW = np.column_stack([np.linspace(0.72, 0.95, 12), np.linspace(0.4, 0.6, 12)])
 
 
@@ -57,7 +71,7 @@ def errors(emulator: Emulator) -> tuple[np.ndarray, np.ndarray]:
 def test_early_steps_gain_by_runs_that_ended_late_steps_by_what_ties_them() -> None:
     runs = training(3)
     assert runs.partial is not None and 3 <= len(runs.partial.ratios) == runs.n_excluded
-    emulator = Emulator.fit(runs, 1)
+    emulator = fitted(3)
     without, known = errors(emulator.by_complete_runs), errors(emulator)
     for before, after in zip(without, known, strict=True):
         assert (after[:3] < 0.35 * before[:3]).all()
@@ -65,7 +79,7 @@ def test_early_steps_gain_by_runs_that_ended_late_steps_by_what_ties_them() -> N
 
 
 def test_stated_errors_are_those_of_the_complete_runs_and_still_hold() -> None:
-    emulator = Emulator.fit(training(3), 1)
+    emulator = fitted(3)
     bare = emulator.by_complete_runs
     force, covariance = emulator.unit_force(NEW)
     weights, variance = emulator.field_weights(NEW)
@@ -75,7 +89,7 @@ def test_stated_errors_are_those_of_the_complete_runs_and_still_hold() -> None:
 
 
 def test_complete_runs_left_out_say_what_they_said() -> None:
-    emulator = Emulator.fit(training(3), 1)
+    emulator = fitted(3)
     for one, other in zip(
         emulator.unit_force_leave_one_out(),
         emulator.by_complete_runs.unit_force_leave_one_out(),
@@ -88,13 +102,18 @@ def test_without_such_runs_every_bit_stays() -> None:
     runs = training(None)
     assert runs.partial is None
     kept = replace(training(3), partial=None)
-    with_none, never = Emulator.fit(kept, 1), Emulator.fit(training(3), 1).by_complete_runs
+    with_none, never = Emulator.fit(kept, 1), fitted(3).by_complete_runs
     np.testing.assert_array_equal(with_none.displacement(NEW), never.displacement(NEW))
     assert kept.fingerprint != training(3).fingerprint
+    partial = training(3).partial
+    assert partial is not None
+    again = teaching(with_none, partial)
+    np.testing.assert_array_equal(again.displacement(NEW), fitted(3).displacement(NEW))
+    np.testing.assert_array_equal(again.unit_force(NEW)[0], fitted(3).unit_force(NEW)[0])
 
 
 def test_the_gradient_is_the_limit_of_differences() -> None:
-    emulator, step = Emulator.fit(training(3), 1), 1e-6
+    emulator, step = fitted(3), 1e-6
     force, field = emulator.unit_force_gradient(NEW), emulator.field_weights_gradient(NEW)
     for axis, change in enumerate(step * np.eye(2)):
         high, low = (emulator.unit_force(NEW + sign * change)[0] for sign in (1.0, -1.0))
@@ -107,7 +126,7 @@ def test_the_gradient_is_the_limit_of_differences() -> None:
 
 def test_a_saved_emulator_predicts_the_same_bits(tmp_path: Path) -> None:
     runs = training(3)
-    emulator = Emulator.fit(runs, 1)
+    emulator = fitted(3)
     emulator.save(tmp_path / "emulator.npz")
     again = Emulator.load(tmp_path / "emulator.npz", runs.fingerprint)
     np.testing.assert_array_equal(again.displacement(NEW), emulator.displacement(NEW))
@@ -176,7 +195,7 @@ def test_a_gradient_enhanced_emulator_is_conditioned_alike() -> None:
 def test_teaching_the_same_again_changes_nothing() -> None:
     runs = training(3)
     assert runs.partial is not None
-    emulator = Emulator.fit(runs, 1)
+    emulator = fitted(3)
     again = taught(
         emulator.force, runs.partial.ratios, emulator.force_scale.values(runs.partial.force)
     )
@@ -188,7 +207,7 @@ def test_teaching_the_same_again_changes_nothing() -> None:
 @pytest.mark.parametrize("off", [0.02, 0.5])
 def test_a_run_on_another_branch_does_not_bend_the_mean(off: float) -> None:
     """Its force lies off by 2 or 50 %, where the complete runs state 0.1 % or less."""
-    runs = training(None)
+    straight = fitted(None)
     x = np.array([[0.41, 0.37]])
     force, field = truth(x)
     branch = np.arange(5) < 3
@@ -197,14 +216,14 @@ def test_a_run_on_another_branch_does_not_bend_the_mean(off: float) -> None:
         np.where(branch, (1.0 + off) * force, np.nan),
         np.where(branch[:, None, None], (1.0 + off) * field, np.nan),
     )
-    bent, straight = Emulator.fit(replace(runs, partial=other), 1), Emulator.fit(runs, 1)
+    bent = teaching(straight, other)
     stated = np.sqrt(np.einsum("nii->ni", straight.unit_force(x)[1]))[0]
     assert (stated < 1e-3 * force[0]).all()
     moved = bent.unit_force(x)[0][0] - straight.unit_force(x)[0][0]
     assert (np.abs(moved) < 2.6 * stated).all()  # 99 % of a normal are within 2.58
     # A run that agrees counts whole.
     agrees = replace(other, force=np.where(branch, force, np.nan), displacement=None)
-    near = Emulator.fit(replace(runs, displacement=None, partial=agrees), 1).unit_force(x)[0][0]
+    near = teaching(straight, agrees).unit_force(x)[0][0]
     before = np.abs(straight.unit_force(x)[0][0] / force[0] - 1.0)
     assert (np.abs(near / force[0] - 1.0)[:3] < 0.5 * before[:3]).all()
 

@@ -70,11 +70,11 @@ def test_the_half_width_is_that_of_the_level(level: float) -> None:
     error, std, (modes, variance, factor) = case = _case(11, WIDE)
     prediction = _prediction(modes, variance, factor, np.zeros(N_OBS))
     np.testing.assert_allclose(prediction.std.reshape(N, -1), std)
-    half = field_band(prediction, level, WIDE).reshape(N, -1)
-    inside = (np.abs(error) <= half).all(axis=1)
+    wide = field_band(prediction, level, WIDE)
+    inside = (np.abs(error) <= wide.reshape(N, -1)).all(axis=1)
     assert abs(inside.mean() - level) < 4.0 * 0.027
     assert np.mean(inside == (_rank(case, WIDE) <= level)) > 0.99
-    assert (field_band(prediction, level) < field_band(prediction, level, WIDE)).all()
+    assert (field_band(prediction, level) < wide).all()
 
 
 def test_the_band_knows_of_independent_errors() -> None:
