@@ -88,6 +88,7 @@ $(LOWEST)/.installed: pyproject.toml $(INSTALLED)
 	@touch $@
 
 test-lowest: $(LOWEST)/.installed  ## run the quick tests on the oldest versions pyproject.toml allows
+	$(LOWEST)/bin/python tests/compile_kernels.py
 	$(LOWEST)/bin/python -m pytest -n 2 --dist worksteal -m "not slow and not study and not notebook and not lasting" --ignore-glob='tests/test_benchmarks_*' $(PYTEST_ARGS)
 
 clean:  ## remove environments and caches; runs/ is kept

@@ -14,6 +14,7 @@ from calib.data.readers import WrongFile, read_dic
 N_MUTANTS = 200
 
 
+@pytest.mark.lasting
 @pytest.mark.parametrize("name", [*DIC_SAMPLES, *MACHINE_SAMPLES])
 def test_damaged_files_are_read_or_refused_with_a_sentence(name, tmp_path):
     outcome = try_mutants(name, seeds_of(name, []), N_MUTANTS, tmp_path, seed=1)

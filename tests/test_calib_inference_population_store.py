@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pytest
 from killed_chains import blocks, kill_again_and_again
 
 from benchmarks.linear_population import condensed, dataset, forces, population
@@ -32,6 +33,7 @@ def assert_same(found: PopulationDraws, known: PopulationDraws) -> None:
     assert found.message == known.message
 
 
+@pytest.mark.lasting
 def test_a_run_killed_again_and_again_ends_with_the_same_chains(tmp_path: Path) -> None:
     assert kill_again_and_again(run, tmp_path) >= 4
     assert_same(run(tmp_path), run(None))

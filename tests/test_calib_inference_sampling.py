@@ -176,6 +176,7 @@ def check_calibration(ranks: Array, limit: float) -> None:
         assert np.all(np.abs(inside - level) < limit * error + 0.02), (level, inside)
 
 
+@pytest.mark.lasting
 def test_intervals_cover_the_truth_at_their_stated_rate() -> None:
     """60 prior draws; six proportions within 3.5 SD: false alarm below 3e-3 (fixed seed).
 

@@ -179,6 +179,7 @@ def test_executors_that_there_are_not_are_refused(
         part(tmp_path, "simulate", map_fn=None, **how)
 
 
+@pytest.mark.lasting
 @pytest.mark.parametrize("executor", ["processes", "dask"])
 def test_every_executor_gives_the_same_files(tmp_path: Path, executor: str) -> None:
     if executor == "dask":

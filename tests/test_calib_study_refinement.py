@@ -194,6 +194,7 @@ class OffDesign:
         return (self.block if known else replace(self.block, stops_above=-1.0))(ratios)
 
 
+@pytest.mark.lasting
 def test_runs_at_the_posterior_that_end_early_stop_the_study_beyond_the_rate(
     tmp_path: Path,
 ) -> None:
@@ -217,6 +218,7 @@ def strict() -> Study:
     )
 
 
+@pytest.mark.lasting
 def test_nothing_is_inferred_from_an_emulator_beyond_the_limits(tmp_path: Path) -> None:
     context = a_context(strict(), tmp_path)
     with pytest.raises(

@@ -230,6 +230,7 @@ def test_another_sampler_reruns_sampling_but_no_simulation(thesis: Run, tmp_path
     assert any("changed: sampler" in line for line in lines)
 
 
+@pytest.mark.lasting
 def test_a_damaged_artifact_is_named_and_made_again(thesis: Run) -> None:
     before = (thesis.out / "diagnostics.json").read_bytes()
     (thesis.out / "diagnostics.json").write_text("{}")
@@ -337,6 +338,7 @@ def test_a_few_failed_runs_are_left_out_and_counted(tmp_path: Path) -> None:
     assert [found["n_excluded"] for found in diagnostics.values()] == [2, 2]
 
 
+@pytest.mark.lasting
 def test_a_finer_mesh_that_stops_is_named_since_the_error_is_then_unknown(tmp_path: Path) -> None:
     def stopping(study: Study, hypothesis: Hypothesis, cells: Cells) -> AnalyticBlock:
         above = -1.0 if cells == study.check_cells(hypothesis) else np.inf
@@ -349,6 +351,7 @@ def test_a_finer_mesh_that_stops_is_named_since_the_error_is_then_unknown(tmp_pa
         run_stages(context, until="check")
 
 
+@pytest.mark.lasting
 def test_the_mesh_error_is_that_of_the_stand_in(tmp_path: Path) -> None:
     study = small("thesis-forces")
     study = replace(study, hypotheses=study.hypotheses[:1])
@@ -472,6 +475,7 @@ def test_a_validation_appears_in_the_report(thesis: Run, tmp_path: Path) -> None
     assert run_stages(context) == ()
 
 
+@pytest.mark.lasting
 def test_an_answer_stands_in_every_report_after_it_and_tells_when_the_posterior_is_another(
     thesis: Run, tmp_path: Path
 ) -> None:

@@ -91,6 +91,7 @@ def test_a_parameter_that_a_run_has_no_derivative_by_is_left_open() -> None:
     assert np.isnan(training.force_gradient[2, :, 0]).all()
 
 
+@pytest.mark.lasting
 def test_with_derivatives_fewer_runs_do() -> None:
     held_out = held_out_set(campaign(np.random.default_rng(0).uniform(0.02, 0.48, (12, 2))))
     assert held_out is not None
@@ -228,6 +229,7 @@ def trained(out: Path, stops_above: float = np.inf, gradients: bool = True) -> C
     return context
 
 
+@pytest.mark.lasting
 @pytest.mark.parametrize("gradients", [True, False])
 def test_the_switch_of_the_study_reaches_the_emulator(tmp_path: Path, gradients: bool) -> None:
     trained(tmp_path, gradients=gradients)

@@ -172,6 +172,7 @@ needs_sensitivities = pytest.mark.skipif(
 )
 
 
+@pytest.mark.lasting
 @needs_sensitivities
 @pytest.mark.parametrize("contact", ["slide", "stick"])
 def test_gradients_are_the_slopes_along_every_continuous_parameter(contact: str) -> None:

@@ -117,6 +117,7 @@ def test_a_campaign_killed_again_and_again_ends_with_the_same_bits(
     assert manifests[0].read_bytes() == manifests[1].read_bytes()
 
 
+@pytest.mark.lasting
 def test_ctrl_c_ends_the_workers_at_once_and_keeps_the_finished_runs(tmp_path: Path) -> None:
     process = _start_campaign(tmp_path, n_workers=2, seconds=600.0)
     store = tmp_path / "store"

@@ -192,6 +192,7 @@ def assert_derivatives(block, name, h, rtol=1e-5):
     )
 
 
+@pytest.mark.lasting
 @CONTACTS
 @pytest.mark.parametrize("name", ["height", "width", "pin_width", "contact_ramp", "travel_zero"])
 def test_derivatives_are_central_differences_of_whole_solutions(contact, name):
@@ -213,6 +214,7 @@ def test_derivatives_in_the_place_of_a_turned_bar_leave_remainders_of_second_ord
     assert (order_of(turned(contact), name) > 1.9).all()
 
 
+@pytest.mark.lasting
 @CONTACTS
 def test_the_adjoint_agrees_with_the_direct_derivatives_under_a_turned_bar(contact):
     assert direct_adjoint_difference(turned(contact)) < 1e-8

@@ -77,6 +77,7 @@ def test_gradients_are_in_the_numbers_of_theta(name):
         )
 
 
+@pytest.mark.lasting
 @pytest.mark.parametrize("law", ["yeoh", "ogden-2"])
 @pytest.mark.parametrize(
     "contact", [("slide", "slide"), ("stick", "stick"), (0.3, 0.2)], ids=["slide", "stick", "rub"]

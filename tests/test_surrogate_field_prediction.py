@@ -95,6 +95,7 @@ def test_the_compressed_covariance_keeps_the_strongest_directions() -> None:
     np.testing.assert_allclose(leading @ leading.T, best, atol=1e-12)
 
 
+@pytest.mark.lasting
 def test_memory_is_linear_in_the_number_of_points() -> None:
     """Sixteen times the points: less than 20 times the memory; a dense covariance takes 256."""
     peaks = []

@@ -430,6 +430,7 @@ def test_intervals_of_a_process_with_slopes_cover_as_stated_when_it_is_known() -
         assert low <= np.sum(np.array(size) < limit) <= high
 
 
+@pytest.mark.lasting
 @pytest.mark.parametrize("noise", [0.0, 0.05])
 def test_most_residuals_are_covered_when_hyperparameters_are_fitted_to_20_runs(
     noise: float,

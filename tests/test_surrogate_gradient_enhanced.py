@@ -67,6 +67,7 @@ def test_the_derivatives_of_the_toy_are_limits_of_differences() -> None:
             np.testing.assert_allclose(_model(x)[gradient][..., axis], difference, atol=1e-6)
 
 
+@pytest.mark.lasting
 def test_derivatives_make_force_and_field_better_at_equal_runs() -> None:
     """RMS errors on new points from 10 runs: at least three times smaller."""
     plain = Emulator.fit(_runs().without_gradients, 3, n_restarts=0)

@@ -117,6 +117,7 @@ def test_runs_proposed_lower_the_error_where_the_posterior_is() -> None:
     assert errors[0] < 0.5 * errors[1]
 
 
+@pytest.mark.lasting
 def test_the_predicted_shift_falls_with_runs_and_then_says_stop() -> None:
     rng = np.random.default_rng(0)
     shifts = []
