@@ -31,7 +31,7 @@ $(INSTALLED): pyproject.toml
 study: $(INSTALLED)  ## calibrate on the real forces of the thesis (study thesis-forces)
 	$(BIN)/calib run thesis-forces
 
-compile: $(INSTALLED)  ## compile the kernels of the FE models, which the tests' processes would do side by side
+compile: $(INSTALLED)  ## compile the kernels of FE models and image correlation, which the tests' processes would do side by side
 	$(BIN)/python tests/compile_kernels.py
 
 test: compile  ## run the tests, the study of the thesis and the notebooks among them (some 20 minutes)

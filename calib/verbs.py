@@ -25,9 +25,17 @@ def _say(line: str) -> None:
 
 def _check_folder(option: str, path: Path) -> None:
     """Raise ValueError where a file stands in place of the folder of an option, or of one above."""
-    nearest = next(place for place in (path, *path.parents) if place.exists())
-    if not nearest.is_dir():
+    nearest = next((place for place in (path, *path.parents) if _exists(place)), None)
+    if nearest is not None and not nearest.is_dir():
         raise ValueError(f"{option}: found the file {nearest}, expected a folder or a new name")
+
+
+def _exists(path: Path) -> bool:
+    """Whether there is something; where that cannot be asked, making it will say why."""
+    try:
+        return path.exists()
+    except OSError:
+        return False
 
 
 def _make_folder(option: str, path: Path) -> None:
@@ -211,7 +219,7 @@ def init_verb(arguments: argparse.Namespace) -> int:
     """Write a study to start from."""
     from calib.study.template import write_template
 
-    _check_folder("DIR", arguments.folder)
+    _make_folder("DIR", arguments.folder)
     for path in write_template(arguments.folder):
         print(f"wrote {path}")
     study = shlex.quote(str(arguments.folder / "study.toml"))

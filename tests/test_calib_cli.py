@@ -209,6 +209,17 @@ def test_a_folder_below_a_file_is_one_sentence(command, place, run_study, tmp_pa
     assert recorder.calls == []
 
 
+@pytest.mark.parametrize("command", [["init"], ["qc", "LAB", "--out"]])
+def test_a_folder_that_cannot_be_made_is_one_sentence(command, run_study, tmp_path, capsys):
+    run_study()
+    command = [str(tmp_path) if word == "LAB" else word for word in command]
+    long = tmp_path / ("x" * 300)
+    assert cli.main([*command, str(long)]) == cli.WRONG_INPUT
+    error = capsys.readouterr().err
+    assert f"{long} cannot be made (File name too long), expected a folder or a new name" in error
+    assert error.count("\n") == 1
+
+
 def test_an_interrupt_says_how_to_go_on(run_study, capsys):
     run_study(KeyboardInterrupt())
     assert cli.main(["run", "virtual"]) == cli.STOPPED

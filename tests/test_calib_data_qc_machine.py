@@ -79,6 +79,18 @@ def test_a_coarse_clock_that_gives_several_readings_one_time_is_no_hindrance(res
     np.testing.assert_allclose(found.loaded()[2], fine.loaded()[2], atol=0.02)
 
 
+def test_of_readings_of_one_time_the_first_image_is_kept():
+    record, _, _ = machine_record(Truth(), np.random.default_rng(0))
+    few = replace(
+        record,
+        time=np.array([0.0, 0.0, 0.0, 1.0]),
+        force=np.zeros(4),
+        travel=np.zeros(4),
+        frame=np.array([np.nan, 7.0, 8.0, np.nan]),
+    )
+    np.testing.assert_array_equal(few.at_distinct_times().frame, [7.0, np.nan])
+
+
 def test_a_record_of_one_time_is_not_as_planned():
     record, _, _ = machine_record(Truth(), np.random.default_rng(0))
     with pytest.raises(NotAsPlanned, match="times of readings: found 1, expected 2 or more"):

@@ -22,6 +22,7 @@ from calib.data.readers import (
     read_machine,
     write_points,
 )
+from calib.data.readers.natural_order import natural_order
 from calib.data.readers.source import Source
 
 FORMATS = {form.name: form for form in (*DIC_FORMATS, *MACHINE_FORMATS)}
@@ -265,6 +266,12 @@ def test_a_folder_is_read_in_the_natural_order_of_names(tmp_path):
     assert [frame.name for frame in series.frames] == ["B1", "B2", "B10"]
     assert [frame.valid.size for frame in series.frames] == [1, 2, 10]
     assert "left out: load.csv, notes.md" in series.notes
+
+
+def test_names_of_one_number_have_an_order_however_they_are_listed():
+    names = ["B1", "B01", "B001", "B2"]
+    orders = [sorted(listed, key=natural_order) for listed in (names, names[::-1])]
+    assert orders[0] == orders[1] and orders[0][-1] == "B2"
 
 
 def test_a_damaged_frame_in_a_folder_is_not_left_out(tmp_path):

@@ -20,7 +20,7 @@ from calib.inference.noise import slope_matrix
 from calib.study.second_data import SecondData, Study, plate_model, second_data, solve, stated
 from calib.study.second_prediction import N_REPLICATES, Predicted, at_points, replicates
 from calib.study.second_test import SecondTest, load_second_test
-from calib.study.validate import posterior_draws, validate
+from calib.study.validate import answer_noise, field_noise, posterior_draws, validate
 from calib.toml_file import FileRefused
 
 STUDY = Study(bulk_ratio=200.0, correlation=0.7)
@@ -198,6 +198,10 @@ def test_replicates_have_the_errors_that_all_levels_share(
     expected = np.hypot(0.02 * moved[:, 0, 0], of_field)
     assert again.field.std(axis=0)[:, 0, 0] == pytest.approx(expected, rel=of_an_sd)
     assert abs(np.corrcoef(again.field[:, :, 0, 0].T)[0, 1]) > 0.9
+    # what the table says noise alone would do, is the same
+    rms = [float(np.sqrt(np.mean(np.square(sd)))) for sd in (by_zero, expected)]
+    assert answer_noise(data) == pytest.approx(rms[0], rel=1e-6)
+    assert field_noise(data, field, 0) == pytest.approx(rms[1], rel=1e-6)
 
 
 def test_a_linear_field_is_carried_to_other_points_exactly() -> None:

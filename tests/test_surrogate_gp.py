@@ -22,6 +22,7 @@ from surrogate.evidence import (
 )
 from surrogate.gp import GaussianProcesses
 from surrogate.gp_fit import at_bounds, fit_processes, posterior, scale_runs
+from surrogate.regressor import fit_regressor
 from surrogate.value_rows import value_rows
 from surrogate.variance_directions import unneeded
 from tests.dense_processes import dense_covariance
@@ -524,3 +525,16 @@ def test_few_runs_are_predicted_without_a_sample_of_the_box(
     x, y = _runs()
     mean, _ = _known(x, y, [1.0, 1.0], 1e-4).predict(x)
     np.testing.assert_allclose(mean, y, atol=0.01)
+
+
+@pytest.mark.parametrize("family", ["rbf", "matern32", "matern52"])
+def test_a_search_that_goes_on_from_a_known_first_start_finds_the_same_bits(family: str) -> None:
+    x = unit_design(12, 2, 5)
+    y = _outputs(x) - _outputs(x).mean(axis=0)
+    alone = fit_regressor(x, y, 3, family, n_restarts=0)
+    whole, begun = (
+        fit_regressor(x, y, 3, family, n_restarts=2, begun=known) for known in (None, alone)
+    )
+    assert begun.log_marginal_likelihood_value_ == whole.log_marginal_likelihood_value_
+    np.testing.assert_array_equal(begun.kernel_.theta, whole.kernel_.theta)
+    np.testing.assert_array_equal(begun.L_, whole.L_)

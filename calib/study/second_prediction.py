@@ -103,7 +103,7 @@ def replicates(
     difference: Predicted,
     rng: np.random.Generator,
 ) -> Replicates:
-    """Predictions with all errors: stiffness of the samples, noise of the field, mesh.
+    """Predictions with all errors: stiffness of samples, noise and scale of the field, zero, mesh.
 
     The stiffness of the tested samples moves answer and field together, and so does the zero of
     the travel; what is left of the mesh's error has the shape of the measured difference and the

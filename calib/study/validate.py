@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from calib.data.dataset import FieldData
 from calib.inference.laws import LawCoordinates
 from calib.inference.validation import Prediction, Requirement, Samples, judge
 from calib.study.artifacts import plain, write_json
@@ -82,7 +83,7 @@ def posterior_draws(out: Path, test: SecondTest) -> tuple[dict[str, Rubbers], St
         every = _rubbers(path, name, posterior.sel(hypothesis=name), law, bulk_ratio)
         if test.draws > len(every.bulk):
             expected = f"at most the {len(every.bulk)} that the posterior of {name} holds"
-            raise ValueError(f"draws: found {test.draws}, expected {expected}")
+            raise ValueError(f"{test.name}: draws: found {test.draws}, expected {expected}")
         chosen = rng.choice(len(every.bulk), test.draws, replace=False)
         draws[name] = Rubbers(law.name, every.constants[chosen], every.bulk[chosen])
     return draws, study
@@ -122,13 +123,10 @@ def _against(
     predicted = corrected(predict(test, data, rubbers), difference)
     rng = np.random.default_rng(np.random.SeedSequence(test.seed, spawn_key=(3, order)))
     again = replicates(test, data, predicted, difference, rng)
-    answer_noise = float(
-        np.sqrt(np.mean((data.stiffness_sd * data.softened(data.answer)) ** 2) / data.n_samples)
-    )
     single = None if data.samples is None else Samples(data.samples, again.sample)
     judged = {
         "answer": judge(
-            data.answer, predicted.answer.mean(axis=0), again.answer, answer_noise, single
+            data.answer, predicted.answer.mean(axis=0), again.answer, answer_noise(data), single
         )
     }
     if data.field is not None and predicted.field is not None and again.field is not None:
@@ -138,9 +136,24 @@ def _against(
                 data.field.displacement[..., c],
                 mean[..., c],
                 again.field[..., c],
-                float(data.field.noise_std[c]),
+                field_noise(data, data.field, c),
             )
     return _facts_of(test, data, judged, predicted, difference), Shown(name, again.answer, judged)
+
+
+def answer_noise(data: SecondData) -> float:
+    """Root mean square of what the test itself may have wrong of the mean answer, N or mm."""
+    scatter = np.mean((data.stiffness_sd * data.softened(data.answer)) ** 2) / data.n_samples
+    zero = np.mean((data.travel_zero_sd * data.by_travel(data.answer)) ** 2)
+    return float(np.sqrt(scatter + zero))
+
+
+def field_noise(data: SecondData, field: FieldData, component: int) -> float:
+    """The same of a component of its field, mm: noise, scale and the zero of the travel."""
+    u = field.displacement[..., component]
+    scale = np.mean((field.scale_sd * u) ** 2)
+    zero = np.mean((data.travel_zero_sd * data.by_travel(u)) ** 2)
+    return float(np.hypot(field.noise_std[component], np.sqrt(scale + zero)))
 
 
 def _facts_of(

@@ -74,7 +74,8 @@ class MachineRecord:
         """The same with one reading at each time, the mean of those that the file has there.
 
         A clock that is written to a tenth of a second gives several readings one time; what is
-        fitted over time needs them apart. The number of the image is that of the first.
+        fitted over time needs them apart. The number of the image is that of the first reading
+        that has one.
         """
         time, first, place = np.unique(self.time, return_index=True, return_inverse=True)
         if time.size == self.time.size:
@@ -83,4 +84,7 @@ class MachineRecord:
         force = np.bincount(place, self.force) / count
         travel = None if self.travel is None else np.bincount(place, self.travel) / count
         frame = None if self.frame is None else self.frame[first]
+        if self.frame is not None and frame is not None:
+            numbered = np.flatnonzero(np.isfinite(self.frame))[::-1]
+            frame[place[numbered]] = self.frame[numbered]  # the first of each is written last
         return replace(self, time=time, force=force, travel=travel, frame=frame)
