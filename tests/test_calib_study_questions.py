@@ -27,7 +27,7 @@ from calib.inference.leave_out import Scores
 from calib.inference.moments import Moments
 from calib.inference.profile import Profile
 from calib.study.artifacts import plain
-from calib.study.config import load_study
+from calib.study.config import Study, load_study
 from calib.study.evidence import (
     Standing,
     evidence_figure,
@@ -158,10 +158,15 @@ def test_what_a_damaged_study_lacks_is_named_by_every_verb(
         assert error.endswith(": run `calib run` on it\n") and error.count("\n") == 1
 
 
+def _posterior_of(study: Study) -> az.InferenceData:
+    """As much of a posterior as says of which study file it is."""
+    file = {"study_file": plain(study)}
+    return az.from_dict({"mu": np.zeros((1, 2))}, attrs={"provenance": json.dumps(file)})
+
+
 def test_a_study_file_of_other_results_is_refused(tmp_path: Path) -> None:
     study = load_study("virtual")
-    file = {"study_file": plain(study)}
-    posterior = az.from_dict({"mu": np.zeros((1, 2))}, attrs={"provenance": json.dumps(file)})
+    posterior = _posterior_of(study)
     posterior.to_netcdf(str(tmp_path / "posterior.nc"))
     (tmp_path / "data.json").touch()
     other = replace(study, compute=replace(study.compute, workers=3))
@@ -208,9 +213,10 @@ def test_the_hypothesis_may_be_left_out_where_there_is_one_only() -> None:
 def test_every_verb_wants_the_hypothesis_named_where_there_are_several(
     verb: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    write_study(tmp_path / "study.toml", load_study("virtual"))
-    for name in ("data.json", "posterior.nc"):
-        (tmp_path / name).touch()
+    study = load_study("virtual")
+    write_study(tmp_path / "study.toml", study)
+    (tmp_path / "data.json").touch()
+    _posterior_of(study).to_netcdf(str(tmp_path / "posterior.nc"))
     assert main([verb, str(tmp_path)]) == 2
     expected = "calib: --hypothesis: found none, expected one of stuck, sliding\n"
     assert capsys.readouterr().err == expected
