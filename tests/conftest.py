@@ -31,7 +31,7 @@ MESHES = {
     "sampling = [12, 6, 2]": "sampling = [8, 4, 2]",
     "check = [20, 14, 5]": "check = [12, 6, 3]",
 }
-"""of the study, and ones that take a fifth of its time"""
+"""of the study, and cheaper ones"""
 
 
 @pytest.fixture(scope="session")

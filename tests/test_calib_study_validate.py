@@ -16,7 +16,6 @@ from calib.cli import FAILED, WRONG_INPUT, main
 from calib.data.dataset import Dataset, FieldData
 from calib.data.dataset_file import save_dataset
 from calib.inference.inference_data import load_inference_data, save_inference_data
-from calib.inference.noise import slope_matrix
 from calib.study.second_data import SecondData, Study, plate_model, second_data, solve, stated
 from calib.study.second_prediction import N_REPLICATES, Predicted, at_points, replicates
 from calib.study.second_test import SecondTest, load_second_test
@@ -179,8 +178,8 @@ def test_replicates_have_the_errors_that_all_levels_share(
     second_file: Path, control: Literal["force", "travel"]
 ) -> None:
     test, _ = load_second_test(second_file)
-    levels, answer = np.array([2.0, 4.0]), np.array([3.0, 5.0])
-    moved = np.array([0.5, 1.5])[:, None, None] * np.ones((2, 1, 3))
+    levels, answer = np.array([2.0, 4.0]), np.array([4.0, 8.0])  # 2 per mm, the field 0.5
+    moved = np.array([1.0, 2.0])[:, None, None] * np.ones((2, 1, 3))
     tiny = np.full(2, 1e-6)
     field = FieldData(np.ones((1, 2)), moved, np.full(3, 1e-6), 1.0, 0.5, scale_sd=0.02)
     data = SecondData(
@@ -190,9 +189,8 @@ def test_replicates_have_the_errors_that_all_levels_share(
     no_mesh = Predicted(np.zeros((1, 2)), np.zeros((1, 2, 1, 3)))
     again = replicates(test, data, draws, no_mesh, np.random.default_rng(4))
     assert again.field is not None
-    slope = slope_matrix(levels)
-    by_zero = 0.03 * (np.ones(2) if control == "force" else slope @ answer)
-    of_field = 0.03 * (np.zeros(2) if control == "force" else slope @ moved[:, 0, 0])
+    by_zero = np.full(2, 0.03 * (1.0 if control == "force" else 2.0))
+    of_field = 0.03 * (0.0 if control == "force" else 0.5)
     of_an_sd = 4 / np.sqrt(2 * N_REPLICATES)
     assert again.answer.std(axis=0) == pytest.approx(np.abs(by_zero), rel=of_an_sd)
     expected = np.hypot(0.02 * moved[:, 0, 0], of_field)

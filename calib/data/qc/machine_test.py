@@ -57,8 +57,8 @@ class MachineTest:
 def machine_test(record: MachineRecord, protocol: Protocol, machine: Machine) -> MachineTest:
     """Zero, slack, compliance, cycles and holds of one record.
 
-    Raises NotAsPlanned when there are fewer holds than the increments used need, ValueError when
-    the record has no travel.
+    Raises NotAsPlanned when there are fewer holds than the increments used need or one time alone,
+    ValueError when the record has no travel.
     """
     record = in_compression(record.at_distinct_times(), machine.compression_force_sign)
     time, force, position = record.time, record.force, record.travel
