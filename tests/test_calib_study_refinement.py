@@ -126,6 +126,7 @@ def test_without_an_end_in_sight_the_largest_number_of_runs_is_kept_to_and_told(
     assert table.note.count("largest number of runs was reached") == 2
 
 
+@pytest.mark.lasting
 def test_a_study_goes_the_same_way_again(refined: Context, tmp_path: Path) -> None:
     run_stages(a_context(refined.study, tmp_path), until="refine")
     assert (tmp_path / REFINEMENT).read_bytes() == (refined.out / REFINEMENT).read_bytes()

@@ -327,6 +327,7 @@ def test_too_many_failed_runs_stop_the_study(tmp_path: Path) -> None:
         run_stages(context, until="simulate")
 
 
+@pytest.mark.lasting
 def test_a_few_failed_runs_are_left_out_and_counted(tmp_path: Path) -> None:
     def stopping(study: Study, hypothesis: Hypothesis, cells: Cells) -> AnalyticBlock:
         return replace(analytic_block(study, hypothesis, cells), stops_above=0.2499)
@@ -446,6 +447,7 @@ def test_the_field_is_held_against_its_predictions_by_increment_and_region(virtu
     assert (virtual.out / "figures" / "predictive_face_sliding.png").is_file()
 
 
+@pytest.mark.lasting
 def test_a_validation_appears_in_the_report(thesis: Run, tmp_path: Path) -> None:
     out = tmp_path / "copy"
     shutil.copytree(thesis.out, out)

@@ -103,6 +103,7 @@ def made(tmp_path_factory):
     return laboratory(tmp_path_factory.mktemp("photographs"), 1)
 
 
+@pytest.mark.lasting
 def test_the_field_of_the_data_set_is_that_of_the_truth(made):
     truth, result = made
     assert not result.rejections

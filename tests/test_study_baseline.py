@@ -11,6 +11,7 @@ import pytest
 from posterior_baseline import Figure
 
 
+@pytest.mark.lasting
 @pytest.mark.parametrize("name", baseline.STUDIES)
 def test_posteriors_have_not_moved(name: str) -> None:
     """False alarm below 1e-3 over all studies together, where the sampler alone has changed."""

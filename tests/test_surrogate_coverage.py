@@ -9,6 +9,8 @@ from surrogate import Residuals
 from surrogate.coverage import coverage, mahalanobis
 from surrogate.run_scale import RunScale, mahalanobis_sizes
 
+pytestmark = pytest.mark.lasting
+
 
 def _drawn(n: int, n_step: int, rank: int) -> tuple[np.ndarray, np.ndarray]:
     """Errors (n, n_step) and their covariances, each of its own; steps of very different size."""

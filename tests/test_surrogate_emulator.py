@@ -97,6 +97,7 @@ def test_the_truncation_description_is_the_diagonal_of_its_factor() -> None:
     assert (emulator.field_truncation_std < 1e-2).all()
 
 
+@pytest.mark.lasting
 def test_noise_in_the_runs_appears_in_the_covariance() -> None:
     """Relative SD of a new noisy run, from 20 runs of 3 % noise in 5 steps.
 
@@ -196,6 +197,7 @@ def test_as_many_modes_of_the_force_as_increments_are_kept() -> None:
     assert not emulator.force.pod.truncation.any()
 
 
+@pytest.mark.lasting
 def test_the_same_runs_and_seed_give_the_same_bits() -> None:
     again = Emulator.fit(_runs(), 3, n_restarts=0)
     for a, b in zip(again.unit_force(_new()), _emulator().unit_force(_new()), strict=True):

@@ -17,6 +17,8 @@ from surrogate.modal import ModalEmulator, fit_modal
 from surrogate.partial_runs import PartialRuns, taught
 from surrogate.pod import Pod
 
+pytestmark = pytest.mark.lasting
+
 TRAVEL = np.array([0.6, 0.8, 1.0, 1.2, 1.4])
 PLACE = np.random.default_rng(4).random((30, 2))
 BOX = np.array([[0.0, 1.0], [0.0, 1.0]])

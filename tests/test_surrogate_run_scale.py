@@ -90,6 +90,7 @@ def _runs(x: np.ndarray) -> TrainingSet:
     return TrainingSet.from_runs(x, force, field, np.ones(len(x), dtype=bool))
 
 
+@pytest.mark.lasting
 def test_left_out_runs_widen_joint_regions_that_are_too_narrow() -> None:
     """300 unseen runs, a tenth or so of them at the step, whose errors are far from normal.
 
@@ -109,6 +110,7 @@ def test_left_out_runs_widen_joint_regions_that_are_too_narrow() -> None:
         assert found.joint_as_stated[-1] < 0.9
 
 
+@pytest.mark.lasting
 def test_left_out_runs_are_judged_by_errors_as_stated() -> None:
     """They tell the scale: judged by it they could not but fit."""
     train = _runs(sobol_design(40, np.array([[0.0, 1.0], [0.0, 1.0]]), 5))

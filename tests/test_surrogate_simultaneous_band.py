@@ -13,6 +13,8 @@ from surrogate.field_prediction import FieldPrediction
 from surrogate.run_scale import RunScale
 from surrogate.simultaneous_band import Spread, field_band, largest_of_drawn, standardised
 
+pytestmark = pytest.mark.lasting
+
 NORMAL, WIDE = RunScale(), RunScale(0.1, 0.6)
 
 N, N_OBS, K, Q = 2000, 60, 4, 3

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from surrogate.coordinates import Chosen
 from surrogate.design import unit_design
 from surrogate.modal import fit_modal
 from surrogate.step_scale import step_scale
+
+pytestmark = pytest.mark.lasting
 
 ROUGH = 0.02
 CHOSEN = Chosen(np.zeros(2), "rbf", 0.0, np.arange(0))

@@ -26,6 +26,7 @@ def _theta(n: int = 20) -> np.ndarray:
     return np.column_stack([rng.uniform(0.005, 0.06, n), rng.uniform(BOX[:, 0], BOX[:, 1], (n, 2))])
 
 
+@pytest.mark.lasting
 @pytest.mark.parametrize("factor", [2.0, 0.25])
 def test_force_is_proportional_and_its_covariance_quadratic_in_kappa_to_the_last_bit(
     scaled: ScaledEmulator, factor: float

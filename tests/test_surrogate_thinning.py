@@ -33,6 +33,7 @@ def test_all_levels_that_take_turns_are_left(period: int) -> None:
         assert counts.min() > 0
 
 
+@pytest.mark.lasting
 def test_runs_whose_levels_take_turns_make_an_emulator() -> None:
     """100 runs with two derivatives each: every other one is of the same pin."""
     x = design(FACTORS, 100, 1).theta(FACTORS)
