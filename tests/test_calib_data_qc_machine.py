@@ -97,6 +97,13 @@ def test_a_record_of_one_time_is_not_as_planned():
         machine_test(replace(record, time=np.zeros_like(record.time)), PROTOCOL, MACHINE)
 
 
+def test_a_clock_that_jumps_far_ahead_is_not_as_planned():
+    record, _, _ = machine_record(Truth(), np.random.default_rng(0))
+    jumped = replace(record, time=record.time + 5e9 * (record.time > record.time[-20]))
+    with pytest.raises(NotAsPlanned, match=r"time of the record in s: found 5e\+09, expected 1"):
+        machine_test(jumped, PROTOCOL, MACHINE)
+
+
 def test_a_known_operators_zero_stands_in_for_the_force():
     test, _, _ = run(Truth(slack=0.42, force_noise=0.3), contact_sd_mm=0.0)
     assert test.contact.travel == pytest.approx(0.42, abs=1e-3)

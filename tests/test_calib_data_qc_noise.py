@@ -180,6 +180,13 @@ def test_points_that_too_few_samples_have_are_left_out():
         mean_field(np.full_like(fields, np.nan), POINTS, TRAVEL, 0.8, STD)
 
 
+def test_a_point_that_just_enough_samples_have_is_kept():
+    _, _, fields = samples(25, np.random.default_rng(4))
+    fields[14:, 0, 5] = np.nan
+    assert 0.56 * 25 > 14
+    assert mean_field(fields, POINTS, TRAVEL, 0.56, STD).kept[5]
+
+
 def test_covariance_of_forces_is_that_between_samples():
     truth = [[0.04, 0.05], [0.05, 0.09]]
     forces = np.random.default_rng(3).multivariate_normal([1, 2], truth, 4000)

@@ -8,7 +8,15 @@ import numpy as np
 
 from calib.data.qc.contact import FIT_DEPTH, Contact, find_contact, force_zero, in_compression
 from calib.data.qc.experiment_file import Machine, Protocol
-from calib.data.qc.plateaus import Cycle, Hold, find_cycles, find_holds, step_holds, step_row
+from calib.data.qc.plateaus import (
+    SMALLEST_STEP,
+    Cycle,
+    Hold,
+    find_cycles,
+    find_holds,
+    step_holds,
+    step_row,
+)
 from calib.data.qc.recovery import contact_after_recovery
 from calib.data.qc.relaxation import Relaxation, relaxation
 from calib.data.readers import MachineRecord
@@ -17,6 +25,8 @@ from fe.response import Array
 
 ENOUGH = 30
 """readings of a way down that show where the pin touches"""
+LONGEST = 2e7
+"""usual distances between readings from the first to the last: a clock that jumped gives more"""
 
 
 class NotAsPlanned(ValueError):  # noqa: N818 - says what it is
@@ -57,13 +67,17 @@ class MachineTest:
 def machine_test(record: MachineRecord, protocol: Protocol, machine: Machine) -> MachineTest:
     """Zero, slack, compliance, cycles and holds of one record.
 
-    Raises NotAsPlanned when there are fewer holds than the increments used need or one time alone,
-    ValueError when the record has no travel.
+    Raises NotAsPlanned when there are fewer holds than the increments used need, one time alone or
+    a time that jumps far ahead, ValueError when the record has no travel.
     """
     record = in_compression(record.at_distinct_times(), machine.compression_force_sign)
     time, force, position = record.time, record.force, record.travel
     if time.size < 2:
         raise NotAsPlanned("times of readings", time.size, "2 or more")
+    usual = max(float(np.median(np.diff(time))), SMALLEST_STEP)
+    if (span := float(time[-1] - time[0])) > LONGEST * usual:
+        expected = f"{LONGEST * usual:.3g} at most, {LONGEST:.0e} usual distances between readings"
+        raise NotAsPlanned("time of the record in s", f"{span:.3g}", expected)
     assert position is not None  # in_compression has refused it
     holds = find_holds(time, position, protocol)
     row = step_row(holds, protocol)

@@ -17,6 +17,8 @@ SURE = 2.0
 """SDs of its noise that a change of the peak force may be off by"""
 STILL = 0.1
 """share of an increment within which the position of a hold stays"""
+SMALLEST_STEP = 1e-6
+"""s, at which a record is looked at"""
 SHORTEST = 0.5
 """share of the protocol's hold that a hold has at least"""
 
@@ -53,7 +55,7 @@ def find_holds(time: Array, position: Array, protocol: Protocol) -> list[Hold]:
     time (n,) s and position (n,) mm. A reading is still where all positions within a quarter of a
     hold around it differ by no more than a tenth of an increment and what the noise explains.
     """
-    step = max(float(np.median(np.diff(time))), 1e-6)
+    step = max(float(np.median(np.diff(time))), SMALLEST_STEP)
     even = np.arange(time[0], time[-1] + step / 2, step)
     place = np.interp(even, time, position)
     noise = 1.4826 * float(np.median(np.abs(np.diff(place, 2)))) / np.sqrt(6.0)
