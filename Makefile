@@ -20,7 +20,7 @@ export OPENBLAS_NUM_THREADS := 1
 export MKL_NUM_THREADS := 1
 
 help:  ## list the targets
-	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /\1\t/' | expand -t 14
+	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /\1\t/' | expand -t 18
 
 $(INSTALLED): pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "softcal needs Python 3.11 or newer; name it, e.g.: make PYTHON=python3.12")'
@@ -73,7 +73,7 @@ verify-data: $(INSTALLED)  ## measure docs/verification/data.json (three quarter
 verify-inference: $(INSTALLED)  ## measure docs/verification/inference.json (hours; VERIFY_ARGS="--only sbc" for a part)
 	$(BIN)/python -m benchmarks.verify_inference $(VERIFY_ARGS)
 
-bench-inference: $(INSTALLED)  ## time log-probabilities, samplers and a study (dynesty, numpyro: extra benchmark)
+bench-inference: $(INSTALLED)  ## time log-probabilities, samplers and a study (numpyro: extra benchmark)
 	$(BIN)/python benchmarks/inference.py $(if $(JSON),--json $(JSON))
 
 baseline: $(INSTALLED)  ## renew the stored posteriors that a test compares with, and say what moved

@@ -5,8 +5,8 @@
 
 `rate` and `samplers`: forces and a field of 840 points at 5 increments, with covariances, under the
 sliding block's emulator of the study thesis-forces, whose FE runs are kept in --store (those of
-`make verify-inference`; a minute or two if they are missing).  The samplers dynesty and numpyro
-come with the extra `benchmark`.  Their times are of the processor, of one thread, since other work
+`make verify-inference`; a minute or two if they are missing).  The sampler numpyro comes
+with the extra `benchmark`.  Their times are of the processor, of one thread, since other work
 on the machine would count otherwise.  `study`: the embedded study virtual under its true hypothesis
 by the clock, in one process; what comes before is kept in --study (eight minutes, the first time).
 """
