@@ -1,4 +1,4 @@
-"""Bayesian inference of Mooney-Rivlin constants from force and field with all errors stated.
+"""Bayesian inference of a law's constants from force and field with all errors stated.
 
 InferenceData lives in `calib.inference.inference_data`, which is not imported here: xarray and
 ArviZ take seconds to load.

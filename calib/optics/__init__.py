@@ -1,6 +1,7 @@
 """Lens and set-up of stereo DIC: the thesis' Appendix A, the thin lens, and a search.
 
-Nothing else in the package needs it; it needs the thesis' tables and the reading of TOML files.
+Beside its command only `calib.virtual` needs it, for the blur of its cameras; it needs the thesis'
+tables and the reading of TOML files.
 """
 
 from calib.optics.design_file import Camera, Design, Lens, Limits, Sample, load_design

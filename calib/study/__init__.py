@@ -1,4 +1,4 @@
-"""Studies: the file that determines a calibration, and the stages that carry it out."""
+"""Studies: the file that determines a calibration; `calib.study.stages` carries it out."""
 
 from calib.study.config import Study, StudyError, embedded_studies, load_study
 
