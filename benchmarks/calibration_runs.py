@@ -54,7 +54,7 @@ PIN_SHARE = (1.0 / CHECK_STIFFENING - 1.0 / TRUTH_STIFFENING) * CHECK_STIFFENING
 """of the way from the check's pin to a rigid one, to those of truths"""
 N_PLACED = 8
 """corners and centres of faces that come first in a design of (r, s)"""
-N_FINER, N_STUCK, N_OTHER, N_RUBBING = 24, 288, 100, 100
+N_FINER, N_STUCK, N_OTHER, N_RUBBING = 12, 288, 100, 100
 EVEN = replace(DESIGNS[0], dense_below=None)
 """runs that fill the box of (r, s) evenly, as the prior does"""
 
@@ -65,8 +65,8 @@ Progress = Callable[[int, int], None]
 class MeshCase:
     """The mesh of an emulator, the study's sampling mesh, and two finer ones, cheaper than its own.
 
-    Elements of the check are 1.5 (sliding) and 1.7 times (stuck; 1.6 on the sampling mesh of new
-    studies) smaller than the emulator's (1.65 and 2.1 in the study), those of the truth 1.25 times
+    Elements of the check are 1.3 (sliding) and 1.5 times (stuck; 1.4 on the sampling mesh of new
+    studies) smaller than the emulator's (1.65 and 2.1 in the study), those of the truth 1.2 times
     smaller than the check's. The pin of the check gives way `CHECK_STIFFENING` times less than that
     of the emulator's runs, that of the truth `TRUTH_STIFFENING` times.
     """
@@ -80,7 +80,6 @@ class MeshCase:
     """of the prior, for the truths"""
     other_cells: Cells | None = None
     """of the emulator's runs where these are not the study's"""
-    n_truths: int = N_FINER
 
     def __str__(self) -> str:
         """Names what is stored of it."""
@@ -224,7 +223,7 @@ def _benchmark_runs(
 
 def finer_truths(store: Path, case: MeshCase, progress: Progress | None = None) -> Campaign:
     """Truths drawn from the prior, on the finer mesh."""
-    ratios, name = ratios_drawn(case.n_truths, case.draw), case.hypothesis
+    ratios, name = ratios_drawn(N_FINER, case.draw), case.hypothesis
     folder = f"finer-{name}"
     return solved(store, name, folder, ratios, case.truth_cells, progress, TRUTH_STIFFENING)
 
@@ -287,9 +286,9 @@ def rubbing_truths(store: Path, progress: Progress | None = None) -> Campaign:
 
 
 MESH_CASES = {
-    "finer": MeshCase("sliding", (16, 5, 4), (18, 7, 5), 0),
-    "finer-stuck": MeshCase("stuck", (16, 11, 4), (20, 14, 5), 5),
-    "finer-stuck-new": MeshCase("stuck", (16, 11, 4), (20, 14, 5), 5, CELLS["stick"], 12),
+    "finer": MeshCase("sliding", (14, 5, 3), (16, 6, 4), 0),
+    "finer-stuck": MeshCase("stuck", (14, 8, 4), (16, 10, 5), 5),
+    "finer-stuck-new": MeshCase("stuck", (14, 8, 4), (16, 10, 5), 5, CELLS["stick"]),
 }
 
 PARTS: dict[str, Callable[[Path, Progress], object]] = {
