@@ -18,8 +18,8 @@ def plain_log(axis: Axis) -> None:
         axis.axes.set_yscale("log")
     low, high = sorted(float(end) for end in axis.get_view_interval())
     decades = np.log10(high / low)
-    if decades < 0.5:
-        axis.set_major_locator(MaxNLocator(5))
+    if decades < 0.8:
+        axis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10]))
     else:
         axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if decades < 2.5 else (1.0,)))
     axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
