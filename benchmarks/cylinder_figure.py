@@ -27,8 +27,10 @@ def cylinder_figure(facts: Mapping[str, Any]) -> Figure:
         left.plot(travel, 100 * np.asarray(one["misfit"]), label=name, **style)
         right.plot(one["tension"]["stretch"], one["tension"]["ratio"], **style)
     left.set_xlabel("travel [mm]")
-    left.set_ylabel("model over mean of five repeats [%]")
-    left.legend(fontsize=6, ncols=2)
+    left.set_ylabel("model off the mean of five repeats [%]")
+    left.axhline(0.0, color=INK, lw=0.8)
+    # Below the panels: the curves fill them.
+    figure.legend(fontsize=7, ncols=5, loc="outside lower center", handlelength=3.5)
     right.axhline(1.0, color=INK, lw=0.8)
     right.set_xlabel("stretch in tension [-]")
     right.set_ylabel("predicted over measured elsewhere [-]")

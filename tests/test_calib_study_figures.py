@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from calib.study.figure_style import hdi, png_bytes
+from calib.plot_scales import plain_log
+from calib.study.emulator_figures import refinement_loop
+from calib.study.figure_style import COLOURS, hdi, png_bytes
 from calib.study.force_figures import (
     EmulatorErrors,
     MeasuredForce,
@@ -15,6 +17,7 @@ from calib.study.force_figures import (
     force_travel,
 )
 from calib.study.posterior_figures import Chains, Samples, chains, marginals, pairs
+from calib.study.predictive_figures import face_maps, region_checks
 
 TRAVEL = np.array([0.6, 1.0, 1.4])
 MEAN = np.array([0.9, 2.0, 3.8])
@@ -57,12 +60,24 @@ def _samples() -> list[Samples]:
 
 def test_forces_show_both_hypotheses_the_data_and_units() -> None:
     text = _texts(_forces())
-    for expected in ("stuck", "sliding", "94%", "mean of 23", "[N]", "[mm]", "published"):
+    for expected in ("stuck", "sliding", "94 %", "mean of 23", "[N]", "[mm]", "published"):
         assert expected in text
 
 
 def test_published_forces_are_not_mentioned_where_there_are_none() -> None:
-    assert "published constants, " not in _texts(_forces(published=False))
+    figure = _forces(published=False)
+    assert "published" not in _texts(figure)
+    assert len(figure.axes) == 2  # and no panel is left empty for them
+
+
+def test_a_hypothesis_that_leaves_the_panel_of_deviations_is_named() -> None:
+    rng = np.random.default_rng(6)
+    near, far = (MEAN * (k + 0.02 * rng.standard_normal((200, 3))) for k in (1, 3))
+    measured = MeasuredForce("synthetic", TRAVEL, MEAN, 0.1 * MEAN, 23)
+    figure = force_travel(
+        measured, [PredictedForce("stuck", near, None), PredictedForce("sliding", far, None)]
+    )
+    assert "goes beyond this panel: sliding" in _texts(figure)
 
 
 def test_the_band_holds_the_stated_share_of_the_draws() -> None:
@@ -101,6 +116,21 @@ def test_every_pair_of_constants_has_its_axes_under_every_hypothesis() -> None:
     assert png_bytes(figure, dpi=50).startswith(b"\x89PNG")
 
 
+def test_constants_side_by_side_are_written_in_one_power_of_ten() -> None:
+    for figure in (marginals(_samples()), pairs(_samples())):
+        figure.draw_without_rendering()
+        for axis in figure.axes:
+            power = axis.xaxis.get_offset_text().get_text()
+            assert "10^{-3}" in power.replace("\N{MINUS SIGN}", "-")
+
+
+def test_the_interval_in_the_legend_has_no_hypothesis_colour() -> None:
+    handles = {h.get_label(): h for h in marginals(_samples()).legends[0].legend_handles}
+    texts = [text.get_text() for text in marginals(_samples()).legends[0].get_texts()]
+    assert "94 % HDI" in texts
+    assert not {line.get_color() for line in handles.values()} & set(COLOURS)
+
+
 def test_pairs_of_a_constant_that_does_not_vary_can_be_drawn() -> None:
     fixed = Samples("stuck", {"C10": np.full(50, 0.1), "C01": np.full(50, 0.2)}, {}, {})
     assert png_bytes(pairs([fixed]), dpi=50).startswith(b"\x89PNG")
@@ -115,6 +145,62 @@ def test_chains_show_every_ensemble() -> None:
 def test_emulator_errors_name_the_tolerance_in_percent() -> None:
     errors = EmulatorErrors("stuck", np.full((4, 3), 0.001), np.ones((4, 3)), 0.02)
     assert "±2 %" in _texts(emulator_errors([errors], TRAVEL))
+
+
+def test_emulators_without_a_run_held_out_say_so() -> None:
+    errors = EmulatorErrors("stuck", np.empty((0, 3)), np.empty((0, 3)), 0.02)
+    assert "no run was held out" in _texts(emulator_errors([errors], TRAVEL))
+
+
+def _round(n_train: int, boxed: bool) -> dict[str, object]:
+    box = [[0.1, 0.2], [0.1, 0.2]] if boxed else None
+    return {"n_train": n_train, "predicted_shift": [0.3], "force_error": [1e-3], "box": box}
+
+
+def test_the_loop_is_drawn_round_by_round_though_a_box_has_fewer_runs() -> None:
+    rounds = [_round(24, False), _round(18, True), _round(29, True)]
+    figure = refinement_loop({"stuck": {"rounds": rounds, "box": None, "limit": 0.05}})
+    left = figure.axes[0]
+    assert list(left.lines[0].get_xdata()) == [1, 2, 3]
+    assert list(left.lines[1].get_xdata()) == [2, 3]  # open marks
+    text = _texts(figure)
+    for expected in ("24", "18", "29", "stops below 0.05", "open: in a box", "round"):
+        assert expected in text
+
+
+def test_maps_of_the_face_have_one_scale_a_row_and_correlation_is_centred() -> None:
+    points = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]])
+    rmse = 1e-3 * np.arange(1.0, 10.0).reshape(3, 3)
+    figure = face_maps("stuck", {"points": points, "correlation": np.ones((3, 3)), "rmse": rmse})
+    limits = [axis.collections[0].get_clim() for axis in figure.axes[:6]]
+    assert np.ravel(limits) == pytest.approx([-1.0, 1.0] * 3 + [0.0, 9.0] * 3)
+    assert len(figure.axes) == 8  # six maps and a bar of colours for each row
+    assert all(axis.get_aspect() == 1.0 for axis in figure.axes[:6])
+
+
+def test_checks_of_regions_name_their_bands_beside_the_panels() -> None:
+    one = {"p_value": 0.0, "coverage": {"0.94": 1.0}}
+    checks = {"near pin": [[one] * 3] * 3, "edge": [[one] * 3] * 3}
+    figure = region_checks("stuck", TRAVEL, checks)
+    text = _texts(figure)
+    for expected in ("near pin", "p below 0.05 or above 0.95", "coverage stated: 94 %"):
+        assert expected in text
+    assert not any(axis.get_legend() for axis in figure.axes)
+    low, high = figure.axes[0].get_ylim()
+    assert low < 0 and high > 1  # marks at 0 and 1 are whole
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "shown"), [(0.02, 300.0, {"0.1", "1", "100"}), (1.0, 9.0, {"1", "2", "5"})]
+)
+def test_logarithmic_axes_have_plain_numbers(low: float, high: float, shown: set[str]) -> None:
+    axis = Figure().subplots()
+    axis.plot([0, 1], [low, high])
+    plain_log(axis.yaxis)
+    figure = axis.get_figure()
+    assert figure is not None
+    figure.draw_without_rendering()
+    assert shown <= {label.get_text() for label in axis.get_yticklabels()}
 
 
 def test_the_hdi_of_an_exponential_starts_at_zero() -> None:

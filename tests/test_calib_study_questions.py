@@ -38,7 +38,8 @@ from calib.study.evidence import (
 )
 from calib.study.figure_style import png_bytes
 from calib.study.finished import chosen, finished
-from calib.study.identify import facts, identify_figure, tables
+from calib.study.identify import facts, tables
+from calib.study.identify_figure import identify_figure
 from calib.study.stages import run_study
 from calib.study.study_file import write_study
 from fe.executors import serial_map

@@ -31,7 +31,7 @@ def save_png(figure: Figure, path: Path) -> None:
 
 
 def overlay(image: GreyImage, points: Array, found: Correlation) -> Figure:
-    """u, v and sigma at the points where they are in the image, px."""
+    """u, v and their SD at the points where they are in the image, px."""
     h, w = image.grey.shape
     wide = w > 1.5 * h
     figure = Figure(figsize=(8, 9 * min(3 * h / w, 1.4)) if wide else (12, 4.5 * min(h / w, 2)))
@@ -39,12 +39,14 @@ def overlay(image: GreyImage, points: Array, found: Correlation) -> Figure:
     axes = figure.subplots(3, 1) if wide else figure.subplots(1, 3)
     valid = found.valid
     places = points + np.where(valid[:, None], found.displacement, 0.0)
-    size = _marker(points, figure, w, wide)
+    size = marker_size(points, figure, w, wide)
     parts = (
         ("u, right [px]", found.displacement[:, 0]),
         ("v, down [px]", found.displacement[:, 1]),
-        ("larger sigma [px]", found.sigma.max(axis=1)),
+        ("larger SD of u and v [px]", found.sigma.max(axis=1)),
     )
+    if not valid.any():
+        figure.suptitle("no point was measured in this frame", fontsize=9)
     for axis, (title, values) in zip(np.ravel(axes), parts, strict=True):
         axis.imshow(image.grey, cmap="gray", vmin=0, vmax=image.full_scale)
         if valid.any():
@@ -63,19 +65,23 @@ def lost_points(reference: GreyImage, points: Array, found: Correlation) -> Figu
     figure = Figure(figsize=(8, 1.2 + 8 * min(h / w, 1.4)), layout="constrained")
     axis = figure.subplots()
     axis.imshow(reference.grey, cmap="gray", vmin=0, vmax=reference.full_scale)
+    size = marker_size(points, figure, w, wide=True)
     for colour, reason in zip(LOST, list(Reason)[1:], strict=True):
         chosen = found.reason == reason
         if chosen.any():
             label = f"{np.count_nonzero(chosen)}: {reason.text}"
-            axis.plot(*points[chosen].T, ".", color=colour, markersize=3, label=label)
+            x, y = points[chosen].T
+            axis.scatter(x, y, s=0.6 * size, color=colour, linewidths=0)
+            axis.scatter([], [], s=30, color=colour, linewidths=0, label=label)
     axis.set_title(f"{np.count_nonzero(found.valid)} of {len(points)} points measured", fontsize=9)
     axis.set_axis_off()
     if not found.valid.all():
-        axis.legend(fontsize=7, loc="lower center", bbox_to_anchor=(0.5, -0.02))
+        # Below the image: on it the legend would hide points.
+        figure.legend(fontsize=8, loc="outside lower center", ncols=2)
     return figure
 
 
-def _marker(points: Array, figure: Figure, width: int, wide: bool) -> float:
+def marker_size(points: Array, figure: Figure, width: int, wide: bool) -> float:
     """Area in points² of marks that just touch."""
     x = np.unique(points[:, 0])
     step = float(np.min(np.diff(x))) if x.size > 1 else 8.0

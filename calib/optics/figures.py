@@ -9,6 +9,7 @@ from matplotlib import style
 from matplotlib.figure import Figure
 
 from calib.optics.search import Found
+from calib.plot_scales import plain_log
 
 
 def distance_figure(found: Sequence[Found]) -> Figure:
@@ -36,12 +37,16 @@ def distance_figure(found: Sequence[Found]) -> Figure:
     bottom.axhline(1.0, color="#777777", linestyle=":")
     top.set(yscale="log", ylabel="width of the field of view [mm]")
     bottom.set(xscale="log", yscale="log", xlabel="distance from lens to sample [mm]")
-    bottom.set_ylabel("depth of field / depth needed")
+    bottom.set_ylabel("depth of field / depth needed [-]")
     bottom.set_ylim(top=30)
+    for axis in (top.yaxis, bottom.xaxis, bottom.yaxis):
+        plain_log(axis)
     top.set_title(
         "thick: all limits met; filled dot: best; open dot: closest to usable", fontsize=9
     )
-    top.legend(fontsize=7, frameon=False)
+    bottom.set_title("dotted: depth of field just enough", fontsize=9)
+    handles, _ = top.get_legend_handles_labels()
+    figure.legend(handles=handles, fontsize=8, frameon=False, loc="outside lower center", ncols=3)
     for axis in (top, bottom):
         axis.spines[["top", "right"]].set_visible(False)
     return figure

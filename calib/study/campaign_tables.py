@@ -104,7 +104,7 @@ def _draw_design(axis: Axes, manifest: Mapping[str, Any]) -> None:
             COLOURS[0],
             lambda run: run["file"] and not _failed(run),
         ),
-        ("ended before", "X", COLOURS[1], _failed),
+        ("ended before, at the travel written", "X", COLOURS[1], _failed),
         ("not run", ".", MUTED, lambda run: run["file"] is None),
     )
     for label, marker, colour, belongs in groups:
@@ -125,8 +125,12 @@ def _draw_design(axis: Axes, manifest: Mapping[str, Any]) -> None:
                 fontsize=7,
                 color=COLOURS[1],
             )
+    # What is written at a run in a corner stays off the axes.
+    axis.margins(0.1)
     axis.set_xlabel(label_of(parameters[0]))
     axis.set_ylabel(label_of(parameters[1]) if len(parameters) > 1 else "")
+    if len(parameters) == 1:
+        axis.set_yticks([])
 
 
 def label_of(parameter: Parameter) -> str:

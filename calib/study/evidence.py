@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from calib.inference.leave_out import (
     Block,
@@ -288,7 +289,7 @@ def evidence_figure(ranking: Ranking) -> Figure:
     axes = figure.subplots(1, 3, sharey=True)
     value = np.array([found.log_evidence for found in ranking.standings])
     axes[0].errorbar(value[:, 0], place, xerr=value[:, 1], fmt="o", color=COLOURS[0], capsize=3)
-    axes[0].set_xlabel("ln evidence")
+    axes[0].set_xlabel("ln evidence (± its error)")
     off = np.array([(d.mean, d.error) for d in ranking.differences])
     axes[1].errorbar(off[:, 0], place, xerr=off[:, 1], fmt="s", color=COLOURS[1], capsize=3)
     axes[1].axvline(0.0, color=INK, lw=0.8, ls=":")
@@ -299,6 +300,8 @@ def evidence_figure(ranking: Ranking) -> Figure:
     axes[2].set_xlim(-0.03, 1.03)
     axes[2].set_xlabel("stacking weight (5 to 95 %)")
     axes[0].set_yticks(place, names)
+    axes[0].set_ylim(-0.6, len(names) - 0.4)
     for axis in axes:
+        axis.xaxis.set_major_locator(MaxNLocator(5))
         tidy(axis)
     return figure

@@ -27,6 +27,8 @@ INK = "#222222"
 MUTED = "#777777"
 INTERVAL = 0.94
 """probability of every band and interval drawn"""
+SHARE = f"{100 * INTERVAL:.0f} %"
+"""the same as it is written"""
 
 
 def save_png(figure: Figure, path: Path, dpi: int = 150) -> None:

@@ -8,9 +8,20 @@ from dataclasses import dataclass
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, NullLocator
+from matplotlib.ticker import NullLocator
 
-from calib.study.figure_style import COLOURS, INK, INTERVAL, LINES, MARKERS, MUTED, Array, tidy
+from calib.plot_scales import plain_log
+from calib.study.figure_style import (
+    COLOURS,
+    INK,
+    INTERVAL,
+    LINES,
+    MARKERS,
+    MUTED,
+    SHARE,
+    Array,
+    tidy,
+)
 
 
 @dataclass(frozen=True)
@@ -60,12 +71,17 @@ class EmulatorErrors:
 
 
 def force_travel(measured: MeasuredForce, predicted: Sequence[PredictedForce]) -> Figure:
-    """Measured and predicted force, their deviation, and what the published constants predict."""
-    figure = Figure(figsize=(10.5, 5.6), layout="constrained")
-    axes = figure.subplot_mosaic([["force", "deviation"], ["force", "published"]])
-    _draw_forces(axes["force"], measured, predicted)
-    _draw_deviation(axes["deviation"], measured, predicted)
-    _draw_published(axes["published"], measured, predicted)
+    """Measured and predicted force, their deviation, and what the published constants predict.
+
+    The last only where there are published constants.
+    """
+    published = any(force.published is not None for force in predicted)
+    figure = Figure(figsize=(10.5, 5.6 if published else 4.4), layout="constrained")
+    axes = figure.subplot_mosaic("fd\nfp" if published else "fd")
+    _draw_forces(axes["f"], measured, predicted)
+    _draw_deviation(axes["d"], measured, predicted)
+    if published:
+        _draw_published(axes["p"], measured, predicted)
     for axis in axes.values():
         axis.set_xlabel("pin travel [mm]")
         axis.set_xticks(measured.travel)
@@ -94,7 +110,7 @@ def emulator_errors(errors: Sequence[EmulatorErrors], travel: Array) -> Figure:
     # A tolerance far beyond the errors would flatten them to a line: it is then named, not drawn.
     if tolerance < 6 * worst:
         left.axhspan(-tolerance, tolerance, color=MUTED, alpha=0.15, lw=0)
-    left.set_title(f"held-out runs, accepted: ±{tolerance:.3g} %", fontsize=10)
+    left.set_title(f"runs held out, accepted: ±{tolerance:.3g} %", fontsize=10)
     left.set_ylabel("emulator force error [%]")
     right.axhspan(-2, 2, color=MUTED, alpha=0.15, lw=0)
     right.set_title("95 % belong within the band of ±2", fontsize=10)
@@ -104,7 +120,10 @@ def emulator_errors(errors: Sequence[EmulatorErrors], travel: Array) -> Figure:
         axis.set_xticks(travel)
         axis.set_xlabel("pin travel [mm]")
         tidy(axis)
-    left.legend()
+        if not any(error.relative_force.size for error in errors):
+            axis.text(0.5, 0.6, "no run was held out", transform=axis.transAxes, ha="center")
+    # Beside the points: which corner is free differs from study to study.
+    figure.legend(loc="outside upper center", ncols=4)
     return figure
 
 
@@ -118,7 +137,7 @@ def _draw_forces(axis: Axes, measured: MeasuredForce, predicted: Sequence[Predic
             middle,
             color=colour,
             ls=LINES[order % len(LINES)],
-            label=f"{force.name}: predictive median, {INTERVAL:.0%} band",
+            label=f"{force.name}: predictive median, {SHARE} band",
         )
     _draw_measured(axis, measured, measured.mean, measured.sd)
     axis.set_ylim(bottom=0)
@@ -139,10 +158,16 @@ def _draw_deviation(
         axis.plot(measured.travel, middle, color=colour, ls=LINES[order % len(LINES)])
     _draw_measured(axis, measured, np.zeros_like(measured.mean), spread)
     # A hypothesis far off would flatten the others; it is seen in full in the panel of forces.
-    limit = 1.15 * max(float(spread.max()), min(furthest))
+    seen = max(float(spread.max()), min(furthest))
+    limit = 1.15 * (max(furthest) if seen <= max(furthest) < 2 * seen else seen)
     axis.set_ylim(-limit, limit)
     axis.axhline(0, color=MUTED, lw=0.8)
-    axis.set_ylabel("from measured mean [%]")
+    axis.set_ylabel(f"off the {measured.label} mean [%]")
+    beyond = [
+        force.name for force, far in zip(predicted, furthest, strict=True) if far > 1.001 * limit
+    ]
+    if beyond:
+        axis.set_title(f"goes beyond this panel: {', '.join(beyond)}", fontsize=9)
 
 
 def _draw_published(
@@ -162,16 +187,13 @@ def _draw_published(
             label=f"published constants, {force.name}",
         )
     axis.set_yscale("log")
-    axis.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axis.set_ylabel("force [N], log scale")
     handles, labels = axis.get_legend_handles_labels()
     kept = [i for i, label in enumerate(labels) if label.startswith("published")]
-    if kept:
-        low, high = axis.get_ylim()
-        axis.set_ylim(low, high * (high / low) ** 0.45)
-        axis.legend([handles[i] for i in kept], [labels[i] for i in kept], loc="upper left")
-    else:
-        axis.set_title("no published constants for this study", fontsize=9)
+    low, high = axis.get_ylim()
+    axis.set_ylim(low, high * (high / low) ** 0.45)
+    plain_log(axis.yaxis)
+    axis.legend([handles[i] for i in kept], [labels[i] for i in kept], loc="upper left")
 
 
 def _draw_measured(axis: Axes, measured: MeasuredForce, centre: Array, sd: Array) -> None:

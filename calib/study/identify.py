@@ -6,16 +6,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.figure import Figure
-from scipy.stats import chi2
 
 from calib.inference.knowledge import Constants, Knowledge, knowledge
 from calib.inference.profile import LEVEL
 from calib.study.answers import keep_answer
 from calib.study.artifacts import write_json
 from calib.study.context import stream
-from calib.study.figure_style import COLOURS, INK, LINES, MARKERS, save_png, tidy
+from calib.study.figure_style import save_png
 from calib.study.finished import finished, posteriors
+from calib.study.identify_figure import identify_figure
 from calib.study.local_design import kept_box
 from calib.study.posterior_setup import emulator_posterior
 from calib.study.tables import Table, number
@@ -193,44 +192,3 @@ def _words(names: tuple[str, ...], direction: np.ndarray[Any, Any]) -> str:
         if abs(value) >= 0.1
     ]
     return " ".join(parts)
-
-
-def identify_figure(found: dict[str, Knowledge]) -> Figure:
-    """Profiles of every coordinate, and SD left by part of the data; hypotheses by colour."""
-    names = list(dict.fromkeys(name for known in found.values() for name in known.names))
-    figure = Figure(figsize=(3.2 * (len(names) + 1), 3.3), layout="constrained")
-    axes = figure.subplots(1, len(names) + 1)
-    limit = 0.5 * chi2.ppf(LEVEL, 1)
-    for column, label in enumerate(names):
-        axis = axes[column]
-        for order, (name, known) in enumerate(found.items()):
-            if label not in known.names:
-                continue
-            profile = known.profiles[known.names.index(label)]
-            style = {"color": COLOURS[order % len(COLOURS)], "ls": LINES[order % len(LINES)]}
-            axis.plot(profile.values, profile.drop, label=name, **style)
-        axis.axhline(limit, color=INK, lw=0.8, ls=":")
-        axis.set_ylim(8.0, -0.2)
-        axis.set_xlabel(label + (" [MPa]" if label == "ln kappa" else ""))
-        tidy(axis)
-    axes[0].set_ylabel("ln likelihood below its maximum")
-    last = axes[-1]
-    for order, (name, known) in enumerate(found.items()):
-        for offset, entry in enumerate(known.parts):
-            places = np.array([names.index(own) for own in known.names])
-            place = places + 0.12 * (offset + len(known.parts) * order)
-            last.plot(
-                place,
-                100 * entry.contraction,
-                MARKERS[offset],
-                color=COLOURS[order % len(COLOURS)],
-                label=f"{name}, {entry.part}",
-            )
-    last.axhline(100, color=INK, lw=0.8, ls=":")
-    last.set_xticks(range(len(names)), names)
-    last.set_ylabel("posterior SD / prior SD [%]")
-    last.set_ylim(bottom=0)
-    last.legend(fontsize=7)
-    tidy(last)
-    figure.suptitle(f"Profile likelihoods (dotted: {LEVEL:.0%}) and what is left of the prior")
-    return figure

@@ -13,7 +13,7 @@ from calib.study.figure_style import COLOURS, INK, tidy
 def gains_figure(facts: Mapping[str, Any]) -> Figure:
     """Bars of the gain by experiment, coloured by what is changed, with the nested bounds."""
     plans = list(reversed(facts["plans"]))
-    figure = Figure(figsize=(9.0, 0.32 * len(plans) + 1.2), layout="constrained")
+    figure = Figure(figsize=(9.0, 0.32 * len(plans) + 1.4), layout="constrained")
     axis = figure.subplots()
     groups = list(dict.fromkeys(plan["group"] for plan in facts["plans"]))
     for place, plan in enumerate(plans):
@@ -22,11 +22,13 @@ def gains_figure(facts: Mapping[str, Any]) -> Figure:
         nested = plan["nested"]
         low = nested["lower"]["mean"] - nested["lower"]["error"]
         high = nested["upper"]["mean"] + nested["upper"]["error"]
-        axis.plot([low, high], [place, place], color=INK, lw=1.5)
+        label = "bounds of nested Monte Carlo" if place == 0 else None
+        axis.plot([low, high], [place, place], color=INK, lw=1.5, label=label)
     for order, group in enumerate(groups):
-        axis.barh(0, 0, color=COLOURS[order % len(COLOURS)], label=group)
+        axis.barh(0, 0, color=COLOURS[order % len(COLOURS)], alpha=0.8, label=group)
     axis.set_yticks(range(len(plans)), [plan["name"] for plan in plans], fontsize=8)
-    axis.set_xlabel("expected information gain [nats]; line: bounds of nested Monte Carlo")
-    axis.legend(fontsize=8, loc="lower right")
+    axis.set_xlabel("expected information gain [nats]")
+    # Above the bars, which may all be long.
+    figure.legend(fontsize=8, loc="outside upper center", ncols=len(groups) + 1)
     tidy(axis)
     return figure

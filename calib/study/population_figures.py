@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
-from calib.study.figure_style import COLOURS, INK, INTERVAL, MUTED, Array, symbol, tidy
+from calib.plot_scales import thousandths
+from calib.study.figure_style import COLOURS, INK, MUTED, SHARE, Array, symbol, tidy
 from calib.study.population_summary import PopulationSummary
 
 
@@ -19,8 +21,8 @@ def shrinkage(found: PopulationSummary) -> Figure:
     for axis, name in zip(grid, names, strict=True):
         new, centre = found.new[name], found.population[name]
         axis.axvspan(new.hdi_low, new.hdi_high, color=COLOURS[0], alpha=0.12, lw=0,
-                     label=f"a new sample, {INTERVAL:.0%}")  # fmt: skip
-        axis.axvline(centre.mean, color=COLOURS[0], lw=1.2, label="population")
+                     label=f"a new sample, {SHARE}")  # fmt: skip
+        axis.axvline(centre.mean, color=COLOURS[0], lw=1.2, label="mean of the population")
         for spreads, offset, colour, marker, label in (
             (found.alone[name], 0.14, MUTED, "o", "by itself, one SD"),
             (found.samples[name], -0.14, INK, "s", "within the population, one SD"),
@@ -33,7 +35,8 @@ def shrinkage(found: PopulationSummary) -> Figure:
             )  # fmt: skip
         unit = found.samples[name][0].unit
         axis.set_xlabel(f"{symbol(name)} [{'-' if unit == '1' else unit}]")
-        axis.ticklabel_format(axis="x", style="sci", scilimits=(-3, 3))
+        axis.xaxis.set_major_locator(MaxNLocator(4))
+        thousandths(axis.xaxis)
         tidy(axis)
     grid[0].set_yticks(rows, found.sample_names)
     grid[0].invert_yaxis()
@@ -52,10 +55,11 @@ def new_sample_forces(found: PopulationSummary, forces: Array) -> Figure:
     mean = np.array([spread.mean for spread in found.force_new])
     # relative, since the band of a stiff force curve would hide all that differs
     axis.fill_between(travel, low / mean, high / mean, color=COLOURS[0], alpha=0.2, lw=0,
-                      label=f"a new sample, {INTERVAL:.0%}")  # fmt: skip
+                      label=f"a new sample, {SHARE}")  # fmt: skip
     axis.plot(travel, (forces / mean).T, "-", color=INK, lw=0.7, alpha=0.7)
     axis.plot([], [], "-", color=INK, lw=0.7, label="samples")
     axis.set(xlabel="pin travel [mm]", ylabel="force over the predictive mean [-]")
+    axis.set_xticks(travel)
     tidy(axis)
-    axis.legend()
+    figure.legend(loc="outside upper center", ncols=2)
     return figure

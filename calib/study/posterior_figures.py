@@ -10,10 +10,14 @@ import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 from scipy.ndimage import gaussian_filter
 
-from calib.study.figure_style import COLOURS, INK, INTERVAL, MUTED, Array, hdi, symbol, tidy
+from calib.plot_scales import thousandths
+from calib.study.figure_style import COLOURS, INK, INTERVAL, MUTED, SHARE, Array, hdi, symbol, tidy
+
+_HDI = f"{SHARE} HDI"
 
 
 @dataclass(frozen=True)
@@ -61,13 +65,15 @@ def marginals(
             axis.set_xlabel(sample.label(name) if _is_last(samples, row, name) else "")
             axis.set_xlim(*_span(sample.constants[name], name, truth))
             _mark(axis, name, published, truth)
-            axis.ticklabel_format(axis="x", style="sci", scilimits=(-3, 3))
             axis.xaxis.set_major_locator(MaxNLocator(4))
+            thousandths(axis.xaxis)
     for row, sample in enumerate(samples):
         grid[row, 0].set_ylabel(sample.name, color=COLOURS[row % len(COLOURS)], weight="bold")
     found: dict[str, Artist] = {}
     for axis in grid.ravel():
         found.update(zip(*reversed(axis.get_legend_handles_labels()), strict=True))
+    # In no hypothesis' colour, since all have one.
+    found[_HDI] = Line2D([], [], color=MUTED, lw=4, solid_capstyle="butt")
     figure.legend(list(found.values()), list(found), loc="outside upper center", ncols=5)
     return figure
 
@@ -90,19 +96,23 @@ def pairs(samples: Sequence[Samples], truth: Mapping[str, float] | None = None) 
                 _mark_truth(axis, truth[x_name], truth[y_name])
             axis.set_xlabel(sample.label(x_name))
             axis.set_ylabel(sample.label(y_name))
-            axis.ticklabel_format(style="sci", scilimits=(-3, 3))
-            axis.xaxis.set_major_locator(MaxNLocator(4))
-            axis.yaxis.set_major_locator(MaxNLocator(4))
+            for one in (axis.xaxis, axis.yaxis):
+                one.set_major_locator(MaxNLocator(4))
+                thousandths(one)
             tidy(axis)
         grid[row, 0].set_title(
             sample.name, loc="left", color=COLOURS[row % len(COLOURS)], weight="bold"
         )
-    figure.suptitle("contours hold 50 % and 94 %; every hypothesis has its own axes", fontsize=9)
+    figure.suptitle(
+        f"posterior draws; contours hold 50 % (thick) and {SHARE} (thin) of them; every "
+        "hypothesis has its own axes",
+        fontsize=9,
+    )
     return figure
 
 
 def chains(chain_sets: Sequence[Chains]) -> Figure:
-    """Median and 10-90 % range over the walkers of every ensemble, draw by draw."""
+    """Median and 10 to 90 % range over the walkers of every ensemble, draw by draw."""
     labels = list(
         dict.fromkeys(label for chain_set in chain_sets for label in chain_set.parameters)
     )
@@ -121,6 +131,7 @@ def chains(chain_sets: Sequence[Chains]) -> Figure:
                 axis.fill_between(draw, low, high, color=colour, alpha=0.12, lw=0)
                 axis.plot(draw, middle, color=colour, lw=0.9, label=f"ensemble {order + 1}")
             axis.set_ylabel(label)
+            thousandths(axis.yaxis)
             tidy(axis)
         grid[0, column].set_title(chain_set.name)
         grid[-1, column].set_xlabel("draw kept")
@@ -130,7 +141,7 @@ def chains(chain_sets: Sequence[Chains]) -> Figure:
         names,
         loc="outside upper center",
         ncols=6,
-        title="median (line) and 10-90 % range (band) over the walkers of each ensemble",
+        title="median (line) and 10 to 90 % range (band) over the walkers of each ensemble",
     )
     return figure
 
@@ -152,7 +163,7 @@ def _draw_marginal(axis: Axes, sample: Samples, name: str, order: int) -> None:
         color=colour,
         lw=4,
         solid_capstyle="butt",
-        label=f"{INTERVAL:.0%} HDI",
+        label=_HDI,
     )
     for values, marker, label in (
         (sample.map_emulator, "^", "MAP, emulator"),
@@ -160,7 +171,8 @@ def _draw_marginal(axis: Axes, sample: Samples, name: str, order: int) -> None:
     ):
         if name in values:
             axis.plot(values[name], -0.05 * top, marker, color=INK, ms=6, ls="", label=label)
-    axis.set_ylim(-0.12 * top, 1.05 * top)
+    # Room above for a note beside the densities, not on them.
+    axis.set_ylim(-0.12 * top, 1.15 * top)
     axis.set_yticks([])
     tidy(axis)
     axis.spines["left"].set_visible(False)
@@ -185,7 +197,7 @@ def _mark(
     right = value > high
     axis.text(
         0.98 if right else 0.02,
-        0.97,
+        1.0,
         f"published {value:.3g} →" if right else f"← published {value:.3g}",
         transform=axis.transAxes,
         ha="right" if right else "left",

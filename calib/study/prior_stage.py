@@ -19,6 +19,7 @@ from calib.data import Dataset
 from calib.inference.forward import EmulatorForward
 from calib.inference.likelihood import build_likelihood
 from calib.inference.prediction import predictive_forces
+from calib.plot_scales import plain_log
 from calib.study.artifacts import write_json
 from calib.study.context import Context, stream
 from calib.study.data_stage import load_data
@@ -92,7 +93,8 @@ def _surprises(name: str, facts: Mapping[str, Any]) -> list[str]:
 
 def figure_of(dataset: Dataset, found: Mapping[str, Any]) -> Figure:
     """Bands of the prior predictive forces beside the measured means, a panel a hypothesis."""
-    figure = Figure(figsize=(4.2 * len(found), 3.8), layout="constrained")
+    kind = "synthetic data" if dataset.synthetic else "data"
+    figure = Figure(figsize=(max(5.0, 4.2 * len(found)), 4.2), layout="constrained")
     axes = figure.subplots(1, len(found), squeeze=False, sharey=True)[0]
     for order, (axis, (name, facts)) in enumerate(zip(axes, found.items(), strict=True)):
         colour = COLOURS[order % len(COLOURS)]
@@ -100,8 +102,8 @@ def figure_of(dataset: Dataset, found: Mapping[str, Any]) -> Figure:
         # A force below zero is noise of a very soft draw; it has no place on a logarithmic axis.
         least = 0.1 * float(dataset.force_mean.min())
         for bottom, top, alpha, label in (
-            (low, high, 0.18, "94 %"),
-            (quarter, three, 0.32, "50 %"),
+            (low, high, 0.18, "94 % of the draws"),
+            (quarter, three, 0.32, "50 % of the draws"),
         ):
             edges = np.maximum(bottom, least), np.maximum(top, least)
             axis.fill_between(dataset.travel, *edges, color=colour, alpha=alpha, lw=0, label=label)
@@ -113,14 +115,16 @@ def figure_of(dataset: Dataset, found: Mapping[str, Any]) -> Figure:
             fmt="o",
             ms=4,
             color=INK,
-            label="data, SD between samples",
+            label=f"{kind}, SD between samples",
         )
-        axis.set_yscale("log")
-        axis.set_title(name, fontsize=10)
+        axis.set_title(f"prior of {name}", fontsize=10)
         axis.set_xlabel("pin travel [mm]")
+        axis.set_xticks(dataset.travel)
         tidy(axis)
-    axes[0].set_ylabel("force [N]")
-    axes[0].legend(fontsize=7)
+    axes[0].set_ylabel("force of the whole sample [N], log scale")
+    plain_log(axes[0].yaxis)
+    handles, _ = axes[0].get_legend_handles_labels()
+    figure.legend(handles=handles, loc="outside upper center", ncols=2, fontsize=9)
     return figure
 
 

@@ -54,7 +54,7 @@ def validate(
     facts = _facts(test, data, found)
     target = out / VALIDATIONS / test.name
     write_json(target / "validation.json", facts)
-    save_png(validation_figure(data, shown), target / "validation.png")
+    save_png(validation_figure(data, shown, test.max_error), target / "validation.png")
     return plain(facts), [target / "validation.json", target / "validation.png"]
 
 

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import cycle
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
 from calib.inference.validation import Prediction
+from calib.plot_scales import plain_log
 from calib.study.figure_style import COLOURS, INK, INTERVAL, LINES, MARKERS, MUTED, Array, tidy
 from calib.study.second_data import SecondData
 
@@ -23,8 +26,11 @@ class Shown:
     judged: dict[str, Prediction]
 
 
-def validation_figure(data: SecondData, shown: Sequence[Shown]) -> Figure:
-    """Measured and predicted answers, and the error of every quantity over the increments."""
+def validation_figure(data: SecondData, shown: Sequence[Shown], max_error: float) -> Figure:
+    """Measured and predicted answers, and the error of every quantity over the increments.
+
+    `max_error`: the largest relative error that passes.
+    """
     figure = Figure(figsize=(10.5, 4.4), layout="constrained")
     left, right = figure.subplots(1, 2)
     tail = (1 - INTERVAL) / 2
@@ -36,15 +42,15 @@ def validation_figure(data: SecondData, shown: Sequence[Shown]) -> Figure:
         left.plot(
             data.levels, middle, color=colour, ls=LINES[order % len(LINES)], label=one.name, lw=1.2
         )
-        for index, (quantity, judged) in enumerate(one.judged.items()):
+        for index, judged in enumerate(one.judged.values()):
             right.plot(
                 data.levels,
                 100 * np.array(judged.error_by_step),
                 color=colour,
                 marker=MARKERS[index % len(MARKERS)],
+                ls=LINES[order % len(LINES)],
                 lw=0.8,
                 ms=5,
-                label=quantity if order == 0 else None,
             )
     spread = np.abs(data.softened(data.answer)) * data.stiffness_sd
     kind = "synthetic" if data.synthetic else "measured"
@@ -61,12 +67,27 @@ def validation_figure(data: SecondData, shown: Sequence[Shown]) -> Figure:
     left.set_ylim(bottom=0)
     left.set_ylabel(data.quantity)
     left.legend(fontsize=8)
-    right.axhline(10, color=MUTED, lw=0.8, ls="--")
-    right.set_yscale("log")
-    right.set_ylabel("error over RMS of the measured [%]")
-    right.set_title("dashed: 10 % (requirement 8)", fontsize=10)
-    right.legend(fontsize=8, title="quantity")
+    right.axhline(100 * max_error, color=MUTED, lw=0.8)
+    right.set_ylabel(f"RMS error over RMS of the {kind} [%]")
+    right.set_title(f"grey line: {100 * max_error:g} %, the largest that passes", fontsize=10)
+    plain_log(right.yaxis)
+    figure.legend(handles=_marks(data, shown), fontsize=9, ncols=5, loc="outside upper right")
     for axis in (left, right):
         axis.set_xlabel(level)
+        axis.set_xticks(data.levels)
         tidy(axis)
     return figure
+
+
+def _symbol(quantity: str, data: SecondData) -> str:
+    """A quantity that is judged: what was read, or a component of the field."""
+    return data.quantity.partition(" [")[0] if quantity == "answer" else f"$u_{quantity}$"
+
+
+def _marks(data: SecondData, shown: Sequence[Shown]) -> list[Line2D]:
+    """Marks of the quantities, without a colour: that is a prediction's."""
+    names = dict.fromkeys(name for one in shown for name in one.judged)
+    return [
+        Line2D([], [], ls="", marker=marker, color=INK, label=_symbol(name, data))
+        for name, marker in zip(names, cycle(MARKERS), strict=False)
+    ]
