@@ -65,7 +65,7 @@ Progress = Callable[[int, int], None]
 class MeshCase:
     """The mesh of an emulator, the study's sampling mesh, and two finer ones, cheaper than its own.
 
-    Elements of the check are 1.3 (sliding) and 1.5 times (stuck; 1.4 on the sampling mesh of new
+    Elements of the check are 1.30 (sliding) and 1.5 times (stuck; 1.4 on the sampling mesh of new
     studies) smaller than the emulator's (1.65 and 2.1 in the study), those of the truth 1.2 times
     smaller than the check's. The pin of the check gives way `CHECK_STIFFENING` times less than that
     of the emulator's runs, that of the truth `TRUTH_STIFFENING` times.

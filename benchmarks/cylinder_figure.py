@@ -12,7 +12,7 @@ from calib.study.figure_style import COLOURS, INK, LINES, MARKERS, tidy
 
 
 def cylinder_figure(facts: Mapping[str, Any]) -> Figure:
-    """Left: model over mean of the repeats; right: tension of another laboratory over predicted."""
+    """Left: models off the mean of the repeats; right: predicted over another's tension."""
     figure = Figure(figsize=(10.5, 4.6), layout="constrained")
     left, right = figure.subplots(1, 2)
     travel = np.asarray(facts["travel"])

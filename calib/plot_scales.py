@@ -10,7 +10,8 @@ from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormat
 def plain_log(axis: Axis) -> None:
     """A logarithmic scale with numbers as 0.1, 1, 10, and some between where the range is short.
 
-    To be called after all is drawn: which numbers are shown depends on the limits.
+    Numbers from 1e6 on, and below 0.0001, are written as these are. To be called after all is
+    drawn: which numbers are shown depends on the limits.
     """
     if isinstance(axis, XAxis):
         axis.axes.set_xscale("log")

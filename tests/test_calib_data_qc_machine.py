@@ -100,7 +100,9 @@ def test_a_record_of_one_time_is_not_as_planned():
 def test_a_clock_that_jumps_far_ahead_is_not_as_planned():
     record, _, _ = machine_record(Truth(), np.random.default_rng(0))
     jumped = replace(record, time=record.time + 5e9 * (record.time > record.time[-20]))
-    with pytest.raises(NotAsPlanned, match=r"time of the record in s: found 5e\+09, expected 1"):
+    with pytest.raises(
+        NotAsPlanned, match=r"seconds without a reading after \d+\.?\d* s: found 5000000000"
+    ):
         machine_test(jumped, PROTOCOL, MACHINE)
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from calib.plot_scales import plain_log
+from calib.plot_scales import plain_log, thousandths
 from calib.study.emulator_figures import refinement_loop
 from calib.study.figure_style import COLOURS, hdi, png_bytes
 from calib.study.force_figures import (
@@ -190,8 +190,24 @@ def test_checks_of_regions_name_their_bands_beside_the_panels() -> None:
     assert low < 0 and high > 1  # marks at 0 and 1 are whole
 
 
+def test_titles_and_legends_of_a_single_constant_lie_within_the_figure() -> None:
+    one = Samples("stuck", {"mu": np.random.default_rng(6).uniform(0.1, 0.2, 200)}, {}, {})
+    for figure in (marginals([one], {"mu": 0.12}, {"mu": 0.15}), pairs([one])):
+        figure.draw_without_rendering()
+        beside = [*figure.legends, *figure.texts]
+        assert beside
+        for each in beside:
+            box = each.get_window_extent()
+            assert box.x0 >= 0 and box.x1 <= figure.bbox.x1
+
+
 @pytest.mark.parametrize(
-    ("low", "high", "shown"), [(0.02, 300.0, {"0.1", "1", "100"}), (1.0, 9.0, {"1", "2", "5"})]
+    ("low", "high", "shown"),
+    [
+        (0.02, 300.0, {"0.1", "1", "100"}),
+        (1.0, 9.0, {"1", "2", "5"}),
+        (1.0, 1.05, {"1", "1.02", "1.04"}),
+    ],
 )
 def test_logarithmic_axes_have_plain_numbers(low: float, high: float, shown: set[str]) -> None:
     axis = Figure().subplots()
@@ -201,6 +217,21 @@ def test_logarithmic_axes_have_plain_numbers(low: float, high: float, shown: set
     assert figure is not None
     figure.draw_without_rendering()
     assert shown <= {label.get_text() for label in axis.get_yticklabels()}
+
+
+@pytest.mark.parametrize(("largest", "power"), [(0.2, ""), (0.09, "-3"), (9e-5, "-6")])
+def test_small_numbers_of_an_axis_are_in_powers_of_a_thousand(largest: float, power: str) -> None:
+    axis = Figure().subplots()
+    axis.set_xlim(0.0, largest)
+    thousandths(axis.xaxis)
+    axis.xaxis.get_tightbbox()
+    text = axis.xaxis.get_offset_text().get_text().replace("\N{MINUS SIGN}", "-")
+    assert power in text and bool(power) == bool(text)
+
+
+def test_a_single_round_of_the_loop_has_a_whole_number() -> None:
+    figure = refinement_loop({"stuck": {"rounds": [_round(24, False)], "box": None, "limit": 0.05}})
+    assert [tick for tick in figure.axes[0].get_xticks() if 0.9 < tick < 1.1] == [1.0]
 
 
 def test_the_hdi_of_an_exponential_starts_at_zero() -> None:

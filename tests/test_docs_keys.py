@@ -14,8 +14,8 @@ import pytest
 from calib.cli import _parser
 from calib.data.qc.experiment_file import Experiment
 from calib.data.readers import read_dic, read_machine
-from calib.dic_study.config import DicStudy, Options, Strains
-from calib.dic_study.stereo_config import StereoStudy
+from calib.dic_study.config import DicStudy, Images, Options, Region, Scale, Strains
+from calib.dic_study.stereo_config import Plates, Stereo, StereoStudy
 from calib.study.second_test import PlateSection, SecondMesh, SecondTest, load_second_test
 from calib.study.sections import Noise
 from calib.toml_file import read_document
@@ -32,6 +32,7 @@ WORDS: dict[str, object] = {
     "all folders with a machine.csv": None,
 }
 """what the table of experiment.toml says in place of a value"""
+KEY = re.compile(r"\b(\w+) = ")
 
 
 def blocks(page: str, language: str = "toml") -> list[str]:
@@ -62,7 +63,14 @@ def said(cell: str) -> list[object]:
     """The defaults in one cell: JSON, or one of `WORDS`."""
     parts = re.findall(r"\[[^]]*\]|[^,]+", cell.partition(" (")[0])
     each = [part.strip() for part in parts]
+    plain = [one for one in each if one not in WORDS]
+    assert all(re.fullmatch(r"-?[\d.e-]+|\[.*\]|\".*\"|true", one) for one in plain), cell
     return [WORDS[one] if one in WORDS else json.loads(one) for one in each]
+
+
+def named(*sections: type) -> set[str]:
+    """Keys of sections of a file."""
+    return {field.name for section in sections for field in dataclasses.fields(section)}
 
 
 def test_the_table_of_the_experiment_file_has_every_key_with_its_default() -> None:
@@ -82,10 +90,11 @@ def test_the_table_of_the_experiment_file_has_every_key_with_its_default() -> No
 
 def test_the_study_of_one_camera_is_read_and_its_defaults_are_those() -> None:
     (written,) = blocks("dic.md")
+    assert set(KEY.findall(written)) == named(Images, Region, Options, Scale, Strains)
     study = read_document(written.encode(), "dic.md", "study").checked(DicStudy)
     assert study.correlation == Options()
     assert study.strain == Strains(radius_px=30.0)
-    assert "[0, 0]" in written and study.scale.__class__(mm_per_px=1.0).origin_px == (0.0, 0.0)
+    assert "the default is [0, 0]" in written and Scale(mm_per_px=1.0).origin_px == (0.0, 0.0)
 
 
 def test_the_study_of_two_cameras_is_read() -> None:
@@ -93,10 +102,13 @@ def test_the_study_of_two_cameras_is_read() -> None:
     study = read_document(written.encode(), "stereo.md", "study").checked(StereoStudy)
     plates = study.calibration
     assert plates is not None and f"columns = {plates.columns} and rows = {plates.rows}" in written
-    for key, value in re.findall(r"^# (\w+) = (\S+)", written, re.MULTILINE):
-        if key in ("max_epipolar_px", "radial"):
-            owner = study.stereo if key == "max_epipolar_px" else plates
-            assert getattr(owner, key) == json.loads(value)
+    assert set(KEY.findall(written)) >= named(Stereo, Plates)
+    told = dict(re.findall(r"^#? ?(\w+) = (\S+) +# (?:the default|steps)", written, re.MULTILINE))
+    assert set(told) == {"axes", "max_epipolar_px", "to_x_marker", "least_poses", "radial"}
+    for key, value in told.items():
+        owner = study.stereo if key in named(Stereo) else plates
+        assert getattr(owner, key) == json.loads(value)
+    assert not study.stereo.refine_pose and not plates.tangential and plates.to_y_marker == 3
 
 
 def test_the_second_test_is_read_and_its_defaults_are_those(tmp_path: Path) -> None:
@@ -151,6 +163,9 @@ def anchors(page: Path) -> set[str]:
 @pytest.mark.parametrize("page", [*PAGES, *NOTEBOOKS], ids=lambda page: page.name)
 def test_links_lead_somewhere(page: Path) -> None:
     text = page.read_text()
+    if page.suffix == ".ipynb":
+        cells = json.loads(text)["cells"]
+        text = "\n".join("".join(c["source"]) for c in cells if c["cell_type"] == "markdown")
     for target in re.findall(r"\]\(([^)\s]+)\)", text):
         if target.startswith("http"):
             continue

@@ -11,6 +11,8 @@ from calib.dic import Correlation, GreyImage, Reason
 from fe.atomic_file import replacing
 from fe.response import Array
 
+LEAST_MARK = 4.0
+"""points² of the mark of a lost point: one among thousands is to be seen"""
 LOST = (
     "#0072B2",
     "#D55E00",
@@ -71,7 +73,7 @@ def lost_points(reference: GreyImage, points: Array, found: Correlation) -> Figu
         if chosen.any():
             label = f"{np.count_nonzero(chosen)}: {reason.text}"
             x, y = points[chosen].T
-            axis.scatter(x, y, s=0.6 * size, color=colour, linewidths=0)
+            axis.scatter(x, y, s=max(0.6 * size, LEAST_MARK), color=colour, linewidths=0)
             axis.scatter([], [], s=30, color=colour, linewidths=0, label=label)
     axis.set_title(f"{np.count_nonzero(found.valid)} of {len(points)} points measured", fontsize=9)
     axis.set_axis_off()

@@ -18,7 +18,7 @@ def stereo_overlay(image: GreyImage, points: Array, displacement: Array) -> Figu
     figure = Figure(figsize=(7.0, 0.4 + 3 * 6.0 * h / w), layout="constrained")
     low, high = np.percentile(image.grey, [0.5, 99.5])
     good = np.isfinite(displacement).all(axis=1)
-    size = 0.5 * marker_size(points, figure, w, wide=True)
+    size = 0.6 * marker_size(points, figure, w, wide=True)
     if not good.any():
         figure.suptitle("no point was measured in this frame", fontsize=9)
     for number, (axes, name) in enumerate(zip(figure.subplots(3, 1), NAMES, strict=True)):

@@ -6,13 +6,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.ticker import MaxNLocator
 
 from calib.plot_scales import plain_log
 from calib.study.emulator_tables import KINDS
@@ -73,7 +74,7 @@ def refinement_loop(refinement: Mapping[str, Any]) -> Figure:
         axis.margins(0.08, 0.12)
         plain_log(axis.yaxis)
         axis.set_xlabel("round of refinement")
-        axis.xaxis.get_major_locator().set_params(integer=True)
+        axis.xaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
         tidy(axis)
     handles, _ = left.get_legend_handles_labels()
     if boxed:
@@ -112,7 +113,8 @@ def _draw_runs(figure: Figure, axis: Axes, name: str, found: Mapping[str, Any]) 
         kind: 100 * np.abs(found["runs"][kind]["relative_force_error"]).max(axis=1)
         for kind in kinds
     }
-    low, top = _decades(np.concatenate(list(error.values())))
+    every = np.concatenate(list(error.values()))
+    low, top = _decades(every)
     marks = []
     for kind, marker in zip(KINDS, ("o", "s"), strict=True):
         if kind in error:
@@ -134,7 +136,8 @@ def _draw_runs(figure: Figure, axis: Axes, name: str, found: Mapping[str, Any]) 
             # A colour stands for an error: the legend shows the shape only.
             look: dict[str, Any] = {"ls": "", "mfc": "w", "mec": INK, "mew": 0.5}
             marks.append(Line2D([], [], marker=marker, label=KINDS[kind], **look))
-    bar = figure.colorbar(drawn, ax=axis, label="largest force error [%]")
+    smaller: Literal["min", "neither"] = "min" if every.min() < low else "neither"
+    bar = figure.colorbar(drawn, ax=axis, label="largest force error [%]", extend=smaller)
     plain_log(bar.ax.yaxis)
     axis.set_title(name, fontsize=10, loc="right")
     labels = [*found.get("inputs", ("r [-]", "s [-]")), ""]

@@ -30,6 +30,14 @@ INTERVAL = 0.94
 SHARE = f"{100 * INTERVAL:.0f} %"
 """the same as it is written"""
 
+LEGEND_WIDTH = 2.2
+"""inches that one entry of a legend takes"""
+
+
+def legend_columns(width: float) -> int:
+    """How many columns of a legend a figure of that width has room for, inches."""
+    return max(1, min(5, int(width / LEGEND_WIDTH)))
+
 
 def save_png(figure: Figure, path: Path, dpi: int = 150) -> None:
     """Write the figure as PNG, atomically."""

@@ -11,9 +11,9 @@ from scipy.stats import chi2
 from calib.inference.knowledge import Knowledge
 from calib.inference.profile import LEVEL
 from calib.plot_scales import thousandths
-from calib.study.figure_style import COLOURS, INK, LINES, MARKERS, symbol, tidy
+from calib.study.figure_style import COLOURS, INK, LINES, MARKERS, legend_columns, symbol, tidy
 
-LEAST_SHOWN = 8.0
+MOST_BELOW = 8.0
 """how far a likelihood may be below its maximum to be drawn, ln"""
 
 
@@ -32,7 +32,7 @@ def identify_figure(found: dict[str, Knowledge]) -> Figure:
             style = {"color": COLOURS[order % len(COLOURS)], "ls": LINES[order % len(LINES)]}
             axis.plot(profile.values, profile.drop, label=name, **style)
         axis.axhline(limit, color=INK, lw=0.8, ls=":", label=f"limit of {100 * LEVEL:.0f} %")
-        axis.set_ylim(LEAST_SHOWN, -0.2)
+        axis.set_ylim(MOST_BELOW, -0.2)
         axis.set_xlim(*_seen(found, label))
         axis.set_xlabel(_label(label))
         thousandths(axis.xaxis)
@@ -45,7 +45,7 @@ def identify_figure(found: dict[str, Knowledge]) -> Figure:
     figure.legend(
         handles=list(marks.values()),
         loc="outside upper center",
-        ncols=5,
+        ncols=legend_columns(figure.get_figwidth()),
         title="profile likelihoods, and what is left of the prior",
         fontsize=9,
     )
@@ -94,6 +94,6 @@ def _seen(found: dict[str, Knowledge], label: str) -> tuple[float, float]:
     for known in found.values():
         if label in known.names:
             profile = known.profiles[known.names.index(label)]
-            ends += [float(v) for v in profile.values[profile.drop <= LEAST_SHOWN]]
+            ends += [float(v) for v in profile.values[profile.drop <= MOST_BELOW]]
     width = (max(ends) - min(ends)) or 1e-3
     return min(ends) - 0.15 * width, max(ends) + 0.15 * width

@@ -15,9 +15,22 @@ from matplotlib.ticker import MaxNLocator
 from scipy.ndimage import gaussian_filter
 
 from calib.plot_scales import thousandths
-from calib.study.figure_style import COLOURS, INK, INTERVAL, MUTED, SHARE, Array, hdi, symbol, tidy
+from calib.study.figure_style import (
+    COLOURS,
+    INK,
+    INTERVAL,
+    MUTED,
+    SHARE,
+    Array,
+    hdi,
+    legend_columns,
+    symbol,
+    tidy,
+)
 
 _HDI = f"{SHARE} HDI"
+NARROWEST = 7.0
+"""inches, in which titles have room"""
 
 
 @dataclass(frozen=True)
@@ -53,7 +66,8 @@ def marginals(
 ) -> Figure:
     """Marginal posterior of every constant, hypotheses in rows with axes of their own."""
     names = list(dict.fromkeys(name for sample in samples for name in sample.constants))
-    figure = Figure(figsize=(2.9 * len(names), 1.2 + 1.75 * len(samples)), layout="constrained")
+    size = max(NARROWEST, 2.9 * len(names)), 1.2 + 1.75 * len(samples)
+    figure = Figure(figsize=size, layout="constrained")
     grid = figure.subplots(len(samples), len(names), squeeze=False)
     for column, name in enumerate(names):
         for row, sample in enumerate(samples):
@@ -74,7 +88,9 @@ def marginals(
         found.update(zip(*reversed(axis.get_legend_handles_labels()), strict=True))
     # In no hypothesis' colour, since all have one.
     found[_HDI] = Line2D([], [], color=MUTED, lw=4, solid_capstyle="butt")
-    figure.legend(list(found.values()), list(found), loc="outside upper center", ncols=5)
+    figure.legend(
+        list(found.values()), list(found), loc="outside upper center", ncols=legend_columns(size[0])
+    )
     return figure
 
 
@@ -85,7 +101,9 @@ def pairs(samples: Sequence[Samples], truth: Mapping[str, float] | None = None) 
     """
     couples = [list(combinations(sample.constants, 2)) for sample in samples]
     most = max(1, *(len(own) for own in couples))
-    figure = Figure(figsize=(3.4 * most, 0.6 + 2.7 * len(samples)), layout="constrained")
+    figure = Figure(
+        figsize=(max(NARROWEST, 3.4 * most), 0.6 + 2.7 * len(samples)), layout="constrained"
+    )
     grid = figure.subplots(len(samples), most, squeeze=False)
     for row, sample in enumerate(samples):
         for axis in grid[row, len(couples[row]) :]:

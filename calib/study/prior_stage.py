@@ -106,8 +106,11 @@ def figure_of(dataset: Dataset, found: Mapping[str, Any]) -> Figure:
             (quarter, three, 0.32, "50 % of the draws"),
         ):
             edges = np.maximum(bottom, least), np.maximum(top, least)
-            axis.fill_between(dataset.travel, *edges, color=colour, alpha=alpha, lw=0, label=label)
-        axis.plot(dataset.travel, np.maximum(middle, least), color=colour, label="median")
+            axis.fill_between(dataset.travel, *edges, color=colour, alpha=alpha, lw=0)
+            # In no hypothesis' colour, since all have one.
+            axis.fill_between([], [], color=INK, alpha=alpha, lw=0, label=label)
+        axis.plot(dataset.travel, np.maximum(middle, least), color=colour)
+        axis.plot([], [], color=INK, label="median")
         axis.errorbar(
             dataset.travel,
             dataset.force_mean,

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from itertools import cycle
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
@@ -29,7 +30,7 @@ class Shown:
 def validation_figure(data: SecondData, shown: Sequence[Shown], max_error: float) -> Figure:
     """Measured and predicted answers, and the error of every quantity over the increments.
 
-    `max_error`: the largest relative error that passes.
+    `max_error`: the relative error that all increments together must stay below.
     """
     figure = Figure(figsize=(10.5, 4.4), layout="constrained")
     left, right = figure.subplots(1, 2)
@@ -42,16 +43,6 @@ def validation_figure(data: SecondData, shown: Sequence[Shown], max_error: float
         left.plot(
             data.levels, middle, color=colour, ls=LINES[order % len(LINES)], label=one.name, lw=1.2
         )
-        for index, judged in enumerate(one.judged.values()):
-            right.plot(
-                data.levels,
-                100 * np.array(judged.error_by_step),
-                color=colour,
-                marker=MARKERS[index % len(MARKERS)],
-                ls=LINES[order % len(LINES)],
-                lw=0.8,
-                ms=5,
-            )
     spread = np.abs(data.softened(data.answer)) * data.stiffness_sd
     kind = "synthetic" if data.synthetic else "measured"
     left.errorbar(
@@ -67,16 +58,35 @@ def validation_figure(data: SecondData, shown: Sequence[Shown], max_error: float
     left.set_ylim(bottom=0)
     left.set_ylabel(data.quantity)
     left.legend(fontsize=8)
-    right.axhline(100 * max_error, color=MUTED, lw=0.8)
-    right.set_ylabel(f"RMS error over RMS of the {kind} [%]")
-    right.set_title(f"grey line: {100 * max_error:g} %, the largest that passes", fontsize=10)
-    plain_log(right.yaxis)
+    _draw_errors(right, data, shown, max_error)
     figure.legend(handles=_marks(data, shown), fontsize=9, ncols=5, loc="outside upper right")
     for axis in (left, right):
         axis.set_xlabel(level)
         axis.set_xticks(data.levels)
         tidy(axis)
     return figure
+
+
+def _draw_errors(axis: Axes, data: SecondData, shown: Sequence[Shown], max_error: float) -> None:
+    """Relative error of every quantity that is judged, and what is asked of it."""
+    kind = "synthetic" if data.synthetic else "measured"
+    for order, one in enumerate(shown):
+        for index, judged in enumerate(one.judged.values()):
+            axis.plot(
+                data.levels,
+                100 * np.array(judged.error_by_step),
+                color=COLOURS[order % len(COLOURS)],
+                marker=MARKERS[index % len(MARKERS)],
+                ls=LINES[order % len(LINES)],
+                lw=0.8,
+                ms=5,
+            )
+    axis.axhline(100 * max_error, color=MUTED, lw=0.8)
+    axis.set_ylabel(f"RMS error over RMS of the {kind} [%]")
+    axis.set_title(
+        f"grey line: {100 * max_error:g} %, asked of all increments together", fontsize=10
+    )
+    plain_log(axis.yaxis)
 
 
 def _symbol(quantity: str, data: SecondData) -> str:
