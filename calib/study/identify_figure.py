@@ -94,6 +94,8 @@ def _seen(found: dict[str, Knowledge], label: str) -> tuple[float, float]:
     for known in found.values():
         if label in known.names:
             profile = known.profiles[known.names.index(label)]
-            ends += [float(v) for v in profile.values[profile.drop <= MOST_BELOW]]
+            # The best value is one of them, however coarse the profile is.
+            drawn = profile.drop <= max(MOST_BELOW, float(np.nanmin(profile.drop)))
+            ends += [float(v) for v in profile.values[drawn]]
     width = (max(ends) - min(ends)) or 1e-3
     return min(ends) - 0.15 * width, max(ends) + 0.15 * width

@@ -17,7 +17,6 @@ SURELY = 3.0
 """SDs by which two slopes differ surely"""
 BEYOND_NOISE = 1.15
 """times the largest square that noise makes, for what that scatters by and is known to"""
-
 ROUNDING = 1e-9
 """of a number of samples: 0.56 of 25 is 14"""
 
