@@ -21,7 +21,7 @@ SAMPLING_CELLS: dict[str, Cells | Rings] = {
 """of a design sample: Q2 elements of a quarter along x, y, z, or rings, layers, sectors where they
 follow the rim of a round pin"""
 EARLIER_SAMPLING_CELLS = SAMPLING_CELLS | {"bar, stick": (12, 6, 2)}
-"""what readings of the thesis and pairs of meshes in docs/verification were made on"""
+"""what pairs of meshes in docs/verification were made on"""
 FITTING_CELLS: dict[str, Cells | Rings] = {
     "bar, stick": (20, 14, 5),
     "bar, friction": (16, 8, 4),

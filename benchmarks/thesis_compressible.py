@@ -15,7 +15,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from benchmarks.meshes import EARLIER_SAMPLING_CELLS
+from benchmarks.meshes import SAMPLING_CELLS
 from benchmarks.run_key import kept_campaign
 from benchmarks.thesis_claims import field_claims, implied_maxima, quadrature_of, stiffness
 from benchmarks.thesis_hypotheses import (
@@ -68,7 +68,7 @@ def about() -> dict[str, Any]:
 def figures(reading: Reading, store: Path) -> dict[str, Any]:
     """Evidence, fit and stiffness by the forces, and the largest displacements that go with it."""
     campaign = kept_campaign(
-        reading.model(EARLIER_SAMPLING_CELLS[reading.mesh]),
+        reading.model(SAMPLING_CELLS[reading.mesh]),
         design(),
         store / reading.folder / "design",
         max_failure_rate=0.34,

@@ -13,7 +13,7 @@ from typing import Literal
 
 import numpy as np
 
-from benchmarks.meshes import EARLIER_SAMPLING_CELLS, Cells
+from benchmarks.meshes import SAMPLING_CELLS, Cells
 from calib.data import thesis_forces
 from calib.inference import (
     EmulatorForward,
@@ -25,6 +25,7 @@ from calib.inference import (
     integrate,
 )
 from calib.study.block_cells import refinement
+from calib.study.context import stiffened
 from calib.study.mesh_error import MeshError, mesh_error
 from calib.study.training_runs import training_set
 from fe import BlockPin, BlockPinModel, Contact, Rings, run_campaign
@@ -48,6 +49,8 @@ CHECK_CELLS: dict[str, Cells | Rings] = {
     "round, frictionless": Rings(12, 8, 2),
 }
 """finer meshes that measure the discretisation error, at one point of each posterior"""
+CHECK_STIFFENING = 4.0
+"""how many times less their pins give way, as in studies"""
 PRIOR = Prior(
     Marginal("log_uniform", 0.001, 0.1), Marginal("uniform", 0, 1), Marginal("uniform", 0, 0.5)
 )
@@ -147,7 +150,7 @@ def train(reading: Reading, store: Path, tell: Callable[[str], None]) -> Trained
 
     Raises `fe.CampaignFailed` where more than a third of the design's runs stop early.
     """
-    model = reading.model(EARLIER_SAMPLING_CELLS[reading.mesh])
+    model = reading.model(SAMPLING_CELLS[reading.mesh])
     folder = store / reading.folder
 
     def progress(done: int, total: int) -> None:
@@ -168,12 +171,22 @@ def train(reading: Reading, store: Path, tell: Callable[[str], None]) -> Trained
 def _measured(
     reading: Reading, folder: Path, place: Array, tell: Callable[[str], None]
 ) -> MeshError | None:
-    coarse_cells, fine_cells = EARLIER_SAMPLING_CELLS[reading.mesh], CHECK_CELLS[reading.mesh]
-    coarse, fine = (
-        run_campaign(reading.model(cells), place[None], folder / name, max_failure_rate=1.0)
-        for name, cells in (("coarse", coarse_cells), ("fine", fine_cells))
+    coarse_cells, fine_cells = SAMPLING_CELLS[reading.mesh], CHECK_CELLS[reading.mesh]
+    coarse, stiffer, fine = (
+        run_campaign(
+            stiffened(reading.model(cells), stiffening),
+            place[None],
+            folder / name,
+            max_failure_rate=1.0,
+        )
+        for name, cells, stiffening in (
+            ("coarse", coarse_cells, 1.0),
+            ("stiffer", coarse_cells, CHECK_STIFFENING),
+            ("fine", fine_cells, CHECK_STIFFENING),
+        )
     )
     tell(f"{reading.name}: check at r = {place[0]:.2f}, s = {place[1]:.2f}")
-    if not (coarse.reached & fine.reached).all():
+    if not (coarse.reached & stiffer.reached & fine.reached).all():
         return None
-    return mesh_error(fine, coarse, refinement(fine_cells, coarse_cells), reading.name)
+    finer = refinement(fine_cells, coarse_cells)
+    return mesh_error(fine, coarse, finer, reading.name, stiffer=(stiffer, CHECK_STIFFENING))
