@@ -14,6 +14,7 @@ from typing import Literal
 import numpy as np
 
 from benchmarks.meshes import SAMPLING_CELLS, Cells
+from benchmarks.run_key import kept_campaign
 from calib.data import thesis_forces
 from calib.inference import (
     EmulatorForward,
@@ -28,7 +29,7 @@ from calib.study.block_cells import refinement
 from calib.study.context import stiffened
 from calib.study.mesh_error import MeshError, mesh_error
 from calib.study.training_runs import training_set
-from fe import BlockPin, BlockPinModel, Contact, Rings, run_campaign
+from fe import BlockPin, BlockPinModel, Contact, Rings
 from fe.campaign_result import Campaign
 from fe.response import Array
 from fe.specimens.block_pin_geometry import Interface
@@ -156,7 +157,7 @@ def train(reading: Reading, store: Path, tell: Callable[[str], None]) -> Trained
     def progress(done: int, total: int) -> None:
         tell(f"{reading.name}: {done} of {total} runs")
 
-    campaign = run_campaign(
+    campaign = kept_campaign(
         model, design(), folder / "design", progress=progress, max_failure_rate=0.34
     )
     emulator = Emulator.fit(training_set([campaign], gradients=True), SEED)
@@ -173,7 +174,7 @@ def _measured(
 ) -> MeshError | None:
     coarse_cells, fine_cells = SAMPLING_CELLS[reading.mesh], CHECK_CELLS[reading.mesh]
     coarse, stiffer, fine = (
-        run_campaign(
+        kept_campaign(
             stiffened(reading.model(cells), stiffening),
             place[None],
             folder / name,
