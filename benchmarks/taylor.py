@@ -7,15 +7,13 @@ direct derivatives; and all of them together cost a small part of the solve.
 
 from __future__ import annotations
 
-import time
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from threadpoolctl import threadpool_limits
 
-from benchmarks.meshes import SAMPLING_CELLS
+from benchmarks.sensitivity_cost import cost_percent
 from fe import BlockPin, BlockPinModel, Contact
 from fe.materials import Material, material
 from fe.newton import NewtonOptions
@@ -30,10 +28,6 @@ CONTACTS: dict[str, Contact] = {
     "slide": Contact("slide", "slide"),
     "friction": Contact(0.3, 0.2),
 }
-COST_CASES = {"stick": "bar, stick", "slide": "bar, frictionless", "friction": "bar, friction"}
-"""whose sampling meshes the cost is measured on"""
-COST_TRAVEL = (0.6, 0.8, 1.0, 1.2, 1.4)
-"""mm, of a design sample"""
 STEPS = 4e-3 * 0.5 ** np.arange(4)
 """relative to the size of the parameter"""
 FINE = 1.0 / 64.0
@@ -177,25 +171,6 @@ def direct_adjoint_difference(block: BlockPinModel) -> float:
     return float((np.abs(adjoint - direct).max(axis=0) / np.abs(direct).max(axis=0)).max())
 
 
-def cost_percent(case: str, repeats: int = 5) -> float:
-    """Processor time of all sensitivities of a design sample over that of the solve, per cent.
-
-    The least of `repeats` times each, one after the other.
-    """
-    cells = SAMPLING_CELLS[COST_CASES[case]]
-    plain = BlockPinModel(BlockPin(), CONTACTS[case], cells, COST_TRAVEL, sensitivities=())
-    every = replace(plain, sensitivities=plain.parameter_names(rubber()))
-    seconds: dict[bool, list[float]] = {False: [], True: []}
-    with threadpool_limits(limits=1):
-        for _ in range(repeats + 1):
-            for with_them, block in ((False, plain), (True, every)):
-                started = time.process_time()
-                block.respond(rubber())
-                seconds[with_them].append(time.process_time() - started)
-    least = [min(seconds[key][1:]) for key in (False, True)]  # the first run compiles
-    return 100.0 * (least[1] / least[0] - 1.0)
-
-
 def figures() -> dict[str, Any]:
     """`taylor_order` by contact, the worst over the parameters, and what each of them gives."""
     order, detail, difference, cost, place = {}, {}, {}, {}, {}
@@ -206,7 +181,7 @@ def figures() -> dict[str, Any]:
         order[case] = {"force": worst[0], "field": worst[1]}
         detail[case] = {name: value.tolist() for name, value in found.items()}
         difference[case] = direct_adjoint_difference(block)
-        cost[case] = cost_percent(case)
+        cost[case] = cost_percent(case, contact, rubber())
         out_of_place = turned(contact)
         place[case] = {name: order_of(out_of_place, name).tolist() for name in PLACE}
         place[case]["direct_adjoint_difference"] = direct_adjoint_difference(out_of_place)
