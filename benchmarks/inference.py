@@ -8,7 +8,8 @@ sliding block's emulator of the study thesis-forces, whose FE runs are kept in -
 `make verify-inference`; a minute or two if they are missing).  The sampler numpyro comes
 with the extra `benchmark`.  Their times are of the processor, of one thread, since other work
 on the machine would count otherwise.  `study`: the embedded study virtual under its true hypothesis
-by the clock, in one process; what comes before is kept in --study (eight minutes, the first time).
+by the clock, in one process; what comes before is kept in --study (half an hour, the first
+time).
 """
 
 from __future__ import annotations

@@ -13,7 +13,7 @@ import pytest
 from analytic_block import analytic_block
 
 from calib.cli import main
-from calib.inference.coordinates import Space
+from calib.inference.coordinates import Space, Unknown
 from calib.inference.data_parts import Part
 from calib.inference.fisher import spectrum
 from calib.inference.knowledge import (
@@ -262,7 +262,23 @@ def known(
     names = tuple(unknown.x_name for unknown in SPACE.unknowns)
     law, prior = SPACE.law, Constants(np.full(4, 0.02), np.array([0.02, 0.02, 0.01, 0.04]))
     said = warnings_of(SPACE, PRIOR_SD, parts, profiles)
-    return Knowledge(names, PRIOR_SD, law.constants, law.units, prior, parts, profiles, said)
+    units = tuple(unknown.x_unit for unknown in SPACE.unknowns)
+    return Knowledge(names, units, PRIOR_SD, law.constants, law.units, prior, parts, profiles, said)
+
+
+def test_coordinates_have_their_units_in_file_table_and_figure() -> None:
+    height = Unknown("height", "mm", "height of the block")
+    found = known(part("force", [0.02, 0.28, 0.01]))
+    found = replace(found, names=(*found.names[:2], "height"), units=("ln MPa", "1", height.x_unit))
+    assert facts(found)["units"] == {
+        "ln kappa": "ln MPa",
+        "r": "1",
+        "height": "mm",
+        **dict(zip(SPACE.law.constants, SPACE.law.units, strict=True)),
+    }
+    assert [row[1] for row in tables("stuck", found)[0].rows] == ["ln MPa", "-", "mm"]
+    labels = [axis.get_xlabel() for axis in identify_figure({"stuck": found}).axes[:3]]
+    assert labels == ["ln($\\kappa$ / MPa)", "$r$ [-]", "height [mm]"]
 
 
 def test_words_say_what_is_the_prior_and_what_is_known_as_a_sum() -> None:
@@ -286,7 +302,7 @@ def test_tables_and_figure_of_what_is_known() -> None:
     found = known(part("force", [0.02, 0.1, 0.01]), curved=(50.0, 1.0, 50.0))
     contraction, constants, combined = tables("stuck", found)
     assert [row[0] for row in contraction.rows] == ["ln kappa", "r", "s"]
-    assert contraction.rows[0][2] == "2"
+    assert contraction.rows[0][3] == "2"
     assert contraction.rows[1][-1].endswith("(bound)")
     assert len(combined.rows) == 3
     mu = np.exp(-4.0 + 0.5 * 0.02**2) * 2.0  # mean of a lognormal

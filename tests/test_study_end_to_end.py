@@ -69,7 +69,7 @@ def test_the_figures_file_is_a_list_with_one_object_a_hypothesis(thesis_study: S
             assert all(np.isfinite(constant[key]) for key in keys.split())
 
 
-@pytest.mark.slow  # the synthetic study takes some eight minutes
+@pytest.mark.slow  # the synthetic study takes half an hour
 def test_the_virtual_posterior_contains_the_truth(virtual: StudyResult) -> None:
     # One experiment with a fixed seed: under a right posterior a 94 % interval leaves out its
     # constant in 6 % of seeds, so that about one seed in six would fail here with nothing wrong.
@@ -80,7 +80,7 @@ def test_the_virtual_posterior_contains_the_truth(virtual: StudyResult) -> None:
         assert constant.hdi_low < truth[name] < constant.hdi_high, name
 
 
-@pytest.mark.slow  # the synthetic study takes some eight minutes
+@pytest.mark.slow  # the synthetic study takes half an hour
 def test_the_virtual_study_knows_far_more_than_its_prior(virtual: StudyResult) -> None:
     # Or the interval above would be no feat: with r and s as wide as their prior, C01 and C11
     # would be known to the kappa r and kappa s of uniform r in [0, 1] and s in [0, 0.5].
@@ -91,13 +91,13 @@ def test_the_virtual_study_knows_far_more_than_its_prior(virtual: StudyResult) -
     assert summary.constants["mu"].sd < 0.1 * summary.constants["mu"].mean
 
 
-@pytest.mark.slow  # the synthetic study takes some eight minutes
+@pytest.mark.slow  # the synthetic study takes half an hour
 def test_the_virtual_study_is_good_by_its_own_limits(virtual: StudyResult) -> None:
     [summary] = [s for s in virtual.summaries if s.truth is not None]
     assert summary.passed, summary.failures
 
 
-@pytest.mark.slow  # the synthetic study takes some eight minutes
+@pytest.mark.slow  # the synthetic study takes half an hour
 def test_the_virtual_study_finds_the_hypothesis_behind_the_data(virtual: StudyResult) -> None:
     comparison = json.loads((virtual.out / "comparison.json").read_text())
     study = load_study("virtual")

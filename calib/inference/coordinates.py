@@ -66,6 +66,11 @@ class Unknown:
         return f"ln {self.name}" if self.log else self.name
 
     @property
+    def x_unit(self) -> str:
+        """Unit of the coordinate, of which a logarithm is taken: ln MPa; "1" where it has none."""
+        return f"ln {self.unit}" if self.log and self.unit != "1" else self.unit
+
+    @property
     def label(self) -> str:
         """Name and unit of the parameter for readers."""
         return f"{self.name} [{'-' if self.unit == '1' else self.unit}]"

@@ -60,6 +60,8 @@ class Knowledge:
 
     names: tuple[str, ...]
     """of the coordinates"""
+    units: tuple[str, ...]
+    """of the coordinates: MPa, ln MPa or "1", for example"""
     prior_sd: Array
     """(d,)"""
     constant_names: tuple[str, ...]
@@ -133,6 +135,7 @@ def knowledge(
     said = warnings_of(space, prior_sd, tuple(parts), profiles)
     return Knowledge(
         _labels(space),
+        tuple(unknown.x_unit for unknown in space.unknowns),
         prior_sd,
         space.law.constants,
         space.law.units,

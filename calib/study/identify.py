@@ -56,7 +56,10 @@ def facts(known: Knowledge) -> dict[str, Any]:
     """The answer as JSON data."""
     return {
         "coordinates": known.names,
-        "units": {"ln kappa": "ln MPa", **dict(zip(*_constants_units(known), strict=True))},
+        "units": {
+            **dict(zip(known.names, known.units, strict=True)),
+            **dict(zip(known.constant_names, known.constant_units, strict=True)),
+        },
         "prior_sd": known.prior_sd,
         "constants": known.constant_names,
         "prior_constants": _moments(known.prior_constants),
@@ -82,10 +85,6 @@ def facts(known: Knowledge) -> dict[str, Any]:
         },
         "warnings": known.warnings,
     }
-
-
-def _constants_units(known: Knowledge) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    return known.constant_names, known.constant_units
 
 
 def _moments(constants: Constants) -> dict[str, Any]:
@@ -135,6 +134,7 @@ def _contraction_table(name: str, known: Knowledge) -> Table:
         rows.append(
             (
                 label,
+                "-" if known.units[index] == "1" else known.units[index],
                 number(known.prior_sd[index], 3),
                 *(f"{100 * entry.contraction[index]:.0f}" for entry in known.parts),
                 f"{number(low, 3)}{' (bound)' if ends[0] else ''}",
@@ -145,6 +145,7 @@ def _contraction_table(name: str, known: Knowledge) -> Table:
         f"What the data leave of the prior, under {name}",
         (
             "coordinate",
+            "unit",
             "prior SD",
             *(f"{entry.part}: SD left [%]" for entry in known.parts),
             f"{LEVEL:.0%} profile low",

@@ -34,7 +34,7 @@ def identify_figure(found: dict[str, Knowledge]) -> Figure:
         axis.axhline(limit, color=INK, lw=0.8, ls=":", label=f"limit of {100 * LEVEL:.0f} %")
         axis.set_ylim(MOST_BELOW, -0.2)
         axis.set_xlim(*_seen(found, label))
-        axis.set_xlabel(_label(label))
+        axis.set_xlabel(_label(label, _unit(found, label)))
         thousandths(axis.xaxis)
         tidy(axis)
     axes[0].set_ylabel("ln likelihood below its maximum")
@@ -78,11 +78,18 @@ def _symbol(name: str) -> str:
     return f"ln {symbol(name[3:])}" if name.startswith("ln ") else symbol(name)
 
 
-def _label(name: str) -> str:
-    """A coordinate and its unit where it is known, which a logarithm divides by."""
-    if name == "ln kappa":
-        return "ln($\\kappa$ / MPa)"
-    return f"{_symbol(name)} [-]" if name in ("r", "s") else _symbol(name)
+def _unit(found: dict[str, Knowledge], label: str) -> str:
+    known = next(known for known in found.values() if label in known.names)
+    return known.units[known.names.index(label)]
+
+
+def _label(name: str, unit: str) -> str:
+    """A coordinate and its unit, which a logarithm divides by."""
+    if unit == "1":
+        return f"{_symbol(name)} [-]"
+    if unit.startswith("ln "):
+        return f"ln({symbol(name.removeprefix('ln '))} / {unit.removeprefix('ln ')})"
+    return f"{_symbol(name)} [{unit}]"
 
 
 def _seen(found: dict[str, Knowledge], label: str) -> tuple[float, float]:
