@@ -174,6 +174,29 @@ def test_replicates_of_forces_at_set_travels_scatter_as_the_samples_do(second_fi
 
 
 @pytest.mark.parametrize("control", ["force", "travel"])
+def test_a_measured_covariance_of_forces_is_that_of_the_replicates(
+    second_file: Path, control: Literal["force", "travel"]
+) -> None:
+    travel, force = np.array([2.0, 4.0]), np.array([0.3, 0.6])
+    relative = np.array([[0.06**2, -0.3 * 0.06 * 0.04], [-0.3 * 0.06 * 0.04, 0.04**2]])
+    own = relative * np.outer(force, force)
+    dataset = Dataset(
+        "measured", False, travel, force, np.sqrt(np.diag(own)), 9, force_covariance=own
+    )
+    test, folder = _measured(second_file, dataset)
+    data = second_data(replace(test, control=control), folder, STUDY)
+    assert data.stiffness_covariance() == pytest.approx(relative)
+    draws = Predicted(np.tile(data.answer, (4, 1)), None)
+    no_mesh = Predicted(np.zeros((1, 2)), None)
+    again = replicates(test, data, draws, no_mesh, np.random.default_rng(4))
+    soft = data.softened(data.answer)
+    expected = relative * np.outer(soft, soft)  # a straight curve: levels do not mix
+    of_a_covariance = 4 * 0.06**2 * np.abs(soft).max() ** 2 / np.sqrt(N_REPLICATES)
+    assert np.cov(again.sample.T) == pytest.approx(expected, abs=of_a_covariance)
+    assert 9 * np.cov(again.answer.T) == pytest.approx(expected, abs=of_a_covariance)
+
+
+@pytest.mark.parametrize("control", ["force", "travel"])
 def test_replicates_have_the_errors_that_all_levels_share(
     second_file: Path, control: Literal["force", "travel"]
 ) -> None:

@@ -68,7 +68,10 @@ class SecondData:
     """(n_samples, n_step) answers of the samples one by one, where they are known"""
     field: FieldData | None
     correlation: float
-    """of one sample's deviation between neighbouring levels"""
+    """of one sample's deviation between neighbouring levels, where it was not measured"""
+    measured: Array | None = None
+    """(n_step, n_step) covariance of one sample's relative deviation in stiffness, as it was
+    measured between the samples"""
     travel_zero_sd: float = 0.0
     """SD of the error that all samples have in common in the zero of the travel, mm"""
 
@@ -79,6 +82,8 @@ class SecondData:
 
     def stiffness_covariance(self) -> Array:
         """(n_step, n_step) covariance of one sample's relative deviation in stiffness."""
+        if self.measured is not None:
+            return self.measured
         return between_sample_covariance(self.stiffness_sd, 0.0, self.correlation)
 
     def softened(self, values: Array) -> Array:
@@ -164,6 +169,9 @@ def second_data(test: SecondTest, folder: Path, study: Study) -> SecondData:
         samples=None if forced or dataset.samples is None else dataset.samples.force,
         field=dataset.field,
         correlation=study.correlation,
+        measured=None
+        if dataset.force_covariance is None
+        else dataset.force_covariance / np.outer(dataset.force_mean, dataset.force_mean),
         travel_zero_sd=dataset.travel_zero_sd,
     )
 
