@@ -2,9 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+import numpy as np
 import pytest
 
-from calib.study.plans import _other_blocks
+from calib.data.dataset import Dataset
+from calib.inference.noise import NoiseSettings
+from calib.inference.planned import FirstOrderForward
+from calib.inference.tangent_errors import Mistaken
+from calib.study.design_next import _between
+from calib.study.plans import Errors, _other_blocks, by_emulator, planned_likelihood
 from fe import BlockPin, BlockPinModel, Contact
 
 
@@ -27,3 +35,69 @@ def test_other_pins_are_narrower_and_wider_by_a_quarter_as_far_as_they_can_be(
     for name in pins:
         assert found[name].specimen.pin_width == pytest.approx(float(name.split()[1]), abs=0.01)
     assert len(found) == len(pins) + 2
+
+
+TRAVEL, FORCE = np.array([0.6, 1.0, 1.4]), np.array([0.5, 1.1, 2.0])
+POINTS = np.array([[0.0, 0.5], [1.0, 1.5], [2.0, 2.0], [3.0, 1.0]])
+MEASURED = np.outer(FORCE, FORCE) * (
+    0.05**2 * np.array([[1, 0.9, 0.2], [0.9, 1, 0.5], [0.2, 0.5, 1]])
+)
+
+
+def forward() -> FirstOrderForward:
+    """Random forces and fields, linear in two ratios."""
+    rng = np.random.default_rng(5)
+    field, slope = rng.normal(size=(3, 4, 3)), rng.normal(size=(3, 4, 3, 2))
+    return FirstOrderForward(np.array([0.3, 0.1]), FORCE, rng.normal(size=(3, 2)), field, slope)
+
+
+def errors(load_cell_sd: float) -> Errors:
+    """Of twenty samples whose forces and fields differ as measured."""
+    data = Dataset(
+        "measured", False, TRAVEL, FORCE, np.sqrt(np.diag(MEASURED)), 20, force_covariance=MEASURED
+    )
+    between = _between(data, load_cell_sd)
+    assert between is not None
+    return Errors(
+        own_share=np.full(3, 0.05),
+        noise=NoiseSettings(load_cell_sd=load_cell_sd),
+        n_samples=20,
+        discretisation=np.zeros(3),
+        floor=np.zeros((3, 3)),
+        mistaken=Mistaken(np.zeros(2), (), np.zeros((0, 0)), np.array([[0.0, 1.0], [0.0, 0.5]])),
+        noise_std=np.full(3, 0.01),
+        length=0.5,
+        reference_share=0.5,
+        nugget=1e-6,
+        between=between,
+        directions=np.random.default_rng(6).normal(size=(2, 3, 4, 3)),
+    )
+
+
+@pytest.mark.parametrize("load_cell_sd", [0.0, 0.005])
+def test_the_same_again_has_the_measured_errors_of_samples(load_cell_sd: float) -> None:
+    theta, found = np.array([1.0, 0.3, 0.1]), errors(load_cell_sd)
+    planned = planned_likelihood(forward(), TRAVEL, POINTS, found, theta)
+    # 20 samples at 3 increments: the mean is t-distributed (`mean_covariance`)
+    expected = MEASURED / 20 * 19 / 15
+    np.testing.assert_allclose(planned.errors.mean, expected, rtol=1e-5)
+    assert planned.field is not None and found.directions is not None
+    np.testing.assert_allclose(planned.field.covariance.patterns[:2], found.directions)
+
+
+def test_plans_change_what_they_say_of_samples_and_load_cell() -> None:
+    theta, found = np.array([1.0, 0.3, 0.1]), errors(0.005)
+    plans = {p.name: p.likelihood for p in by_emulator(forward(), TRAVEL, POINTS, found, theta)}
+    better = plans["load cell noise / 10"].errors.mean * 20 * 15 / 19
+    np.testing.assert_allclose(better, MEASURED - 0.99 * 0.005**2 * np.eye(3), rtol=1e-5)
+    more = plans["4 times the samples"]
+    np.testing.assert_allclose(more.errors.mean, MEASURED / 80 * 79 / 75, rtol=1e-5)
+    assert more.field is not None and found.directions is not None
+    np.testing.assert_allclose(more.field.covariance.patterns[:2], found.directions / 2)
+
+
+def test_a_load_cell_said_to_be_noisier_than_the_samples_leaves_a_covariance() -> None:
+    noisy = errors(0.02)  # an eigenvalue of what is left is negative
+    assert noisy.between is not None and np.linalg.eigvalsh(noisy.between).min() > 0
+    unknown = replace(noisy, between=None)
+    assert unknown.force_covariance(FORCE) is None

@@ -129,6 +129,7 @@ def errors_of(
     mesh = load_mesh_error(context.out, hypothesis)
     load_cell = min(noise.load_cell_sd, 0.99 * float(data.force_sd.min()))
     own = np.sqrt(data.force_sd**2 - load_cell**2) / data.force_mean
+    between = _between(data, load_cell)
     by_force, by_field = sizes.get(FORCE_NOISE, 1.0), sizes.get(FIELD_NOISE, 1.0)
     field: FieldData | None = data.field
     return Errors(
@@ -148,7 +149,22 @@ def errors_of(
         reference_share=ASSUMED_SHARE if field is None else field.reference_share,
         nugget=ASSUMED_NUGGET if field is None else field.nugget,
         smoothing=0.0 if field is None else field.smoothing,
+        between=None if between is None else by_force**2 * between,
+        directions=None if field is None else field.patterns,
     )
+
+
+def _between(data: Dataset, load_cell_sd: float) -> Array | None:
+    """(n_step, n_step) measured covariance of samples over the forces, load cell left out.
+
+    What is below the load cell's variance is raised to almost nothing: a covariance is positive.
+    """
+    if data.force_covariance is None:
+        return None
+    own = data.force_covariance - load_cell_sd**2 * np.eye(data.travel.size)
+    values, vectors = np.linalg.eigh(own / np.outer(data.force_mean, data.force_mean))
+    kept: Array = (vectors * np.maximum(values, 1e-6 * values.max())) @ vectors.T
+    return kept
 
 
 def weigh(plan: Plan, x: Array, names: tuple[str, ...], rng: np.random.Generator) -> dict[str, Any]:

@@ -50,10 +50,28 @@ class Errors:
     nugget: float
     smoothing: float = 0.0
     """mm, of the noise"""
+    between: Array | None = None
+    """(n_step, n_step) covariance of the force between samples, load cell left out, over the
+    forces, where it was measured; elsewhere the SDs are correlated as the study assumes"""
+    directions: Array | None = None
+    """(q, n_step, n_point, 3) mm in which the fields of samples differ, as errors of their mean at
+    the study's own points"""
 
     def with_noise(self, **changed: float) -> Errors:
         """With other noise of the test."""
         return replace(self, noise=replace(self.noise, **changed))
+
+    def of_samples(self, times: int) -> Errors:
+        """Of so many times the samples; the field's noise is that of its images."""
+        directions = None if self.directions is None else self.directions / np.sqrt(times)
+        return replace(self, n_samples=times * self.n_samples, directions=directions)
+
+    def force_covariance(self, force: Array) -> Array | None:
+        """(n_step, n_step) N^2 of one sample at forces (n_step,) N, where it was measured."""
+        if self.between is None:
+            return None
+        covariance: Array = self.between * np.outer(force, force)
+        return covariance + self.noise.load_cell_sd**2 * np.eye(force.size)
 
     def scaled(self, scale: float, *, noise: float) -> Errors:
         """Of a block `scale` times as large, seen with `noise` times the noise.
@@ -111,15 +129,20 @@ def planned_likelihood(
             reference_share=errors.reference_share,
             nugget=errors.nugget,
             smoothing=errors.smoothing,
+            patterns=errors.directions,
         )
+    covariance = errors.force_covariance(force)
     data = Dataset(
         name="planned",
         synthetic=True,
         travel=travel,
         force_mean=force,
-        force_sd=np.hypot(errors.own_share * force, errors.noise.load_cell_sd),
+        force_sd=np.hypot(errors.own_share * force, errors.noise.load_cell_sd)
+        if covariance is None
+        else np.sqrt(np.diag(covariance)),
         n_samples=errors.n_samples,
         field=field,
+        force_covariance=covariance,
     )
     return build_likelihood(
         data,
@@ -174,9 +197,7 @@ def by_emulator(
         "instruments",
         errors.with_noise(load_cell_sd=errors.noise.load_cell_sd / 10),
     )
-    yield plan(
-        "4 times the samples", "instruments", replace(errors, n_samples=4 * errors.n_samples)
-    )
+    yield plan("4 times the samples", "instruments", errors.of_samples(4))
     yield plan(
         "zero of the travel / 10",
         "instruments",
@@ -197,8 +218,10 @@ def by_runs(
 ) -> Iterator[Plan]:
     """Other cameras and other blocks, each by one FE run on the sampling mesh.
 
-    At theta (kappa, r) or (kappa, r, s) of a Mooney-Rivlin law.
+    At theta (kappa, r) or (kappa, r, s) of a Mooney-Rivlin law. How fields of samples differ is
+    known at the study's own points alone.
     """
+    errors = replace(errors, directions=None)
 
     def plan(name: str, group: str, run: Run, changed: Errors, *faces: Face) -> Plan:
         """A test that sees these faces of the run, with these errors."""
