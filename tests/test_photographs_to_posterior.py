@@ -11,7 +11,7 @@ from virtual_blocks import field_of
 from calib.data.qc import analyse
 from calib.dic import CorrelationSettings
 from calib.dic.stereo import StereoSettings
-from calib.inference.forward import FieldBasis, Jacobian, Prediction, identity_basis
+from calib.inference.forward import FieldBasis, Jacobian, Prediction
 from calib.inference.likelihood import build_likelihood
 from calib.inference.noise import NoiseSettings
 from calib.inference.posterior import Posterior
@@ -54,16 +54,13 @@ class ClosedForm:
 
     def __init__(self, points, travel):
         self.travel = travel
-        self.base = np.stack([field_of(points[:, 0], points[:, 1], depth) for depth in travel])
-
-    @property
-    def field_basis(self) -> FieldBasis:
-        return identity_basis(self.base.shape)
+        base = np.stack([field_of(points[:, 0], points[:, 1], depth) for depth in travel])
+        each = np.moveaxis(base[..., None] * np.eye(3), -1, 0)  # one mode a component
+        self.field_basis = FieldBasis(np.zeros(base.shape), each, np.zeros((0, *base.shape)))
 
     def predict(self, theta) -> Prediction:
-        fields = [(self.base * scale(r, s)).ravel() for _, r, s in theta]
-        forces = [force(self.travel, kappa, r) for kappa, r, _ in theta]
-        return Prediction(np.array(forces), None, np.array(fields))
+        kappa, r, s = theta.T
+        return Prediction(force(self.travel, kappa[:, None], r[:, None]), None, scale(r, s).T)
 
     def jacobian(self, theta) -> Jacobian:
         raise AssertionError("a quadrature asks for no derivatives")
