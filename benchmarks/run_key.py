@@ -8,7 +8,7 @@ from typing import Any
 
 from calib.code_hash import hash_of_syntax, syntax_hash
 from fe import run_campaign
-from fe.campaign import Simulate
+from fe.campaign import CampaignPlan, Simulate, load_campaign
 from fe.campaign_result import Campaign
 from fe.fingerprint import canonical_json, fingerprint
 from fe.response import Array
@@ -27,5 +27,17 @@ def run_key(model: object, source: Path | None = None) -> str:
 
 def kept_campaign(simulate: Simulate, theta: Array, store: Path, **options: Any) -> Campaign:
     """`fe.run_campaign` on a store that tells runs of other code of the package `fe` apart."""
-    own = fingerprint(simulate) | {"code": syntax_hash("fe")[:12]}
-    return run_campaign(simulate, theta, store, fingerprint=own, **options)
+    return run_campaign(simulate, theta, store, fingerprint=_own(simulate), **options)
+
+
+def is_kept(simulate: Simulate, theta: Array, store: Path) -> bool:
+    """Whether `kept_campaign` would find all of these runs in the store."""
+    try:
+        load_campaign(CampaignPlan(simulate, theta, store, fingerprint=_own(simulate)))
+    except ValueError:
+        return False
+    return True
+
+
+def _own(simulate: Simulate) -> dict[str, object]:
+    return fingerprint(simulate) | {"code": syntax_hash("fe")[:12]}

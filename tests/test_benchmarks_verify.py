@@ -21,7 +21,7 @@ from benchmarks import (
 from benchmarks.convergence_study import HIGH, LOW, draws
 from benchmarks.grid_convergence import index_percent
 from benchmarks.mesh_convergence import similar
-from benchmarks.run_key import kept_campaign, run_key
+from benchmarks.run_key import is_kept, kept_campaign, run_key
 from fe import BlockPin, BlockPinModel, Contact
 
 
@@ -172,8 +172,11 @@ def test_a_kept_campaign_runs_again_what_other_code_has_run(tmp_path, monkeypatc
     log = tmp_path / "log"
     for code, n_runs in (("one", 6), ("one", 6), ("other", 12)):
         monkeypatch.setattr(benchmarks.run_key, "syntax_hash", lambda _, code=code: code)
-        kept_campaign(Toy(log=str(log)), RATIOS, tmp_path / "store")
+        asked = Toy(log=str(log)), RATIOS, tmp_path / "store"
+        assert is_kept(*asked) == (log.exists() and len(log.read_text().splitlines()) == n_runs)
+        kept_campaign(*asked)
         assert len(log.read_text().splitlines()) == n_runs
+        assert is_kept(*asked) and len(log.read_text().splitlines()) == n_runs
 
 
 def test_indices_of_force_and_field_cover_errors_of_second_order(tmp_path, monkeypatch):

@@ -11,8 +11,10 @@ from calib.data.dataset import Dataset
 from calib.inference.noise import NoiseSettings
 from calib.inference.planned import FirstOrderForward
 from calib.inference.tangent_errors import Mistaken
-from calib.study.design_next import _between
-from calib.study.plans import Errors, _other_blocks, by_emulator, planned_likelihood
+from calib.study.config import load_study
+from calib.study.design_next import _between, _least_sd
+from calib.study.plans import Errors, _other_blocks, by_emulator, by_runs, planned_likelihood
+from calib.study.views import Run, Seen
 from fe import BlockPin, BlockPinModel, Contact
 
 
@@ -74,7 +76,7 @@ def errors(load_cell_sd: float) -> Errors:
     )
 
 
-@pytest.mark.parametrize("load_cell_sd", [0.0, 0.005])
+@pytest.mark.parametrize("load_cell_sd", [0.0, 0.005, 0.007])
 def test_the_same_again_has_the_measured_errors_of_samples(load_cell_sd: float) -> None:
     theta, found = np.array([1.0, 0.3, 0.1]), errors(load_cell_sd)
     planned = planned_likelihood(forward(), TRAVEL, POINTS, found, theta)
@@ -90,14 +92,39 @@ def test_plans_change_what_they_say_of_samples_and_load_cell() -> None:
     plans = {p.name: p.likelihood for p in by_emulator(forward(), TRAVEL, POINTS, found, theta)}
     better = plans["load cell noise / 10"].errors.mean * 20 * 15 / 19
     np.testing.assert_allclose(better, MEASURED - 0.99 * 0.005**2 * np.eye(3), rtol=1e-5)
-    more = plans["4 times the samples"]
-    np.testing.assert_allclose(more.errors.mean, MEASURED / 80 * 79 / 75, rtol=1e-5)
+    more = plans["4 times the samples"]  # what is known of the covariance is by the twenty
+    np.testing.assert_allclose(more.errors.mean, MEASURED / 80 * 19 / 15, rtol=1e-5)
     assert more.field is not None and found.directions is not None
     np.testing.assert_allclose(more.field.covariance.patterns[:2], found.directions / 2)
+    assert more.field.covariance.noise_variance == pytest.approx((found.noise_std / 2) ** 2)
+    alone = plans["only 1 mm"].errors.mean  # t-distributed with 17 degrees of freedom, not 15
+    np.testing.assert_allclose(np.diag(alone), np.diag(MEASURED) / 20 * 19 / 17, rtol=1e-5)
 
 
-def test_a_load_cell_said_to_be_noisier_than_the_samples_leaves_a_covariance() -> None:
-    noisy = errors(0.02)  # an eigenvalue of what is left is negative
-    assert noisy.between is not None and np.linalg.eigvalsh(noisy.between).min() > 0
-    unknown = replace(noisy, between=None)
-    assert unknown.force_covariance(FORCE) is None
+def test_a_load_cell_said_to_be_noisier_than_the_samples_is_as_noisy_as_they_allow() -> None:
+    sd = np.sqrt(np.diag(MEASURED))
+    data = Dataset("measured", False, TRAVEL, FORCE, sd, 20, force_covariance=MEASURED)
+    least = _least_sd(data)
+    assert least == pytest.approx(np.sqrt(np.linalg.eigvalsh(MEASURED)[0])) and least < 0.5 * sd[0]
+    between = _between(data, 0.99 * least)
+    assert between is not None and np.linalg.eigvalsh(between).min() > 0
+    assert _least_sd(replace(data, force_covariance=None)) == sd[0]
+
+
+def test_plans_by_fe_runs_see_points_at_which_samples_were_not_compared(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    rng = np.random.default_rng(7)
+    gradient = rng.normal(size=(3, 4, 3, 2))
+    seen = Seen(POINTS, rng.normal(size=(3, 4, 3)), gradient)
+    run = Run(
+        np.array([0.3, 0.1]), TRAVEL, FORCE, rng.normal(size=(3, 2)), {"front": seen, "side": seen}
+    )
+    monkeypatch.setattr("calib.study.plans._solved", lambda *_: run)
+    study, theta = load_study("virtual"), np.array([1.0, 0.3, 0.1])
+    plans = list(by_runs(study, study.hypotheses[0], errors(0.005), theta, print))
+    assert "front camera, by one FE run" in [plan.name for plan in plans]
+    for plan in plans:
+        assert plan.likelihood.field is not None
+        assert len(plan.likelihood.field.covariance.patterns) == 2  # of the ratios alone
+    np.testing.assert_allclose(plans[0].likelihood.errors.mean, MEASURED / 20 * 19 / 15, rtol=1e-5)

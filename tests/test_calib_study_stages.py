@@ -555,3 +555,25 @@ def test_planned_experiments_have_the_nuisances_that_the_data_state(virtual: Run
     assert errors.mistaken.names == ("zero of the travel", "scale of the field")
     planned = planned_likelihood(forward, data.travel, data.field.points, errors, theta)
     assert [error.name for error in planned.errors.shared] == list(errors.mistaken.names)
+    assert errors.between is None and errors.directions is None
+
+
+def test_planned_experiments_have_what_the_data_measured_of_their_samples(virtual: Run) -> None:
+    context, hypothesis = _context(virtual.study, virtual.out), virtual.study.hypotheses[0]
+    posterior, data = emulator_posterior(context, hypothesis), load_data(virtual.out).dataset
+    forward = posterior.likelihood.forward
+    assert isinstance(forward, EmulatorForward) and data.field is not None
+    theta = theta_of(posterior.prior.quantile(np.full((1, 3), 0.5)))[0]
+    n_step = data.travel.size
+    lag = np.abs(np.subtract.outer(np.arange(n_step), np.arange(n_step)))
+    own = 0.95**lag * np.outer(data.force_sd, data.force_sd)
+    directions = np.full((1, *data.field.displacement.shape), 0.01)
+    field = replace(data.field, patterns=directions)
+    stated = replace(data, force_covariance=own, field=field)
+    errors = errors_of(context, hypothesis, stated, {"force_noise": 1.5}, forward)
+    # whatever the study says of the load cell, the same again is as it was measured
+    found = errors.force_covariance(data.force_mean)
+    np.testing.assert_allclose(found, 1.5**2 * own, rtol=1e-9)
+    planned = planned_likelihood(forward, data.travel, field.points, errors, theta)
+    assert planned.field is not None
+    np.testing.assert_array_equal(planned.field.covariance.patterns[:1], directions)

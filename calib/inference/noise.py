@@ -138,12 +138,17 @@ def mean_covariance(dataset: Dataset, settings: NoiseSettings) -> Array:
     """
     if dataset.force_covariance is not None:
         n, p = dataset.n_samples, dataset.travel.size
-        left = n - p - (2 if settings.force_freedom is None else 0)
-        return dataset.force_covariance / n * ((n - 1) / max(left, 1))
+        return dataset.force_covariance / n * widening(n, p, settings)
     covariance = between_sample_covariance(
         dataset.force_sd, settings.load_cell_sd, settings.sample_correlation
     )
     return covariance / dataset.n_samples
+
+
+def widening(n_samples: int, n_step: int, settings: NoiseSettings) -> float:
+    """Of a covariance measured between samples at some increments (`mean_covariance`)."""
+    left = n_samples - n_step - (2 if settings.force_freedom is None else 0)
+    return (n_samples - 1) / max(left, 1)
 
 
 def slope_matrix(travel: Array) -> Array:

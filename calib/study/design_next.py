@@ -86,6 +86,8 @@ def design_next(
             "hypothesis": under.name,
             "synthetic": data.synthetic,
             "assumed_camera": data.field is None and any(plan.with_field for plan in plans),
+            "directions_left_out": errors.directions is not None
+            and any(plan.source != "emulator" for plan in plans),
             "now": dict(zip(names, x.std(axis=0), strict=True)),
             "plans": rows,
         }
@@ -127,7 +129,7 @@ def errors_of(
         field_scale_sd=field_scale_sd(data, noise),
     )
     mesh = load_mesh_error(context.out, hypothesis)
-    load_cell = min(noise.load_cell_sd, 0.99 * float(data.force_sd.min()))
+    load_cell = min(noise.load_cell_sd, 0.99 * _least_sd(data))
     own = np.sqrt(data.force_sd**2 - load_cell**2) / data.force_mean
     between = _between(data, load_cell)
     by_force, by_field = sizes.get(FORCE_NOISE, 1.0), sizes.get(FIELD_NOISE, 1.0)
@@ -155,16 +157,19 @@ def errors_of(
 
 
 def _between(data: Dataset, load_cell_sd: float) -> Array | None:
-    """(n_step, n_step) measured covariance of samples over the forces, load cell left out.
-
-    What is below the load cell's variance is raised to almost nothing: a covariance is positive.
-    """
+    """(n_step, n_step) measured covariance of samples over the forces, load cell left out."""
     if data.force_covariance is None:
         return None
     own = data.force_covariance - load_cell_sd**2 * np.eye(data.travel.size)
-    values, vectors = np.linalg.eigh(own / np.outer(data.force_mean, data.force_mean))
-    kept: Array = (vectors * np.maximum(values, 1e-6 * values.max())) @ vectors.T
-    return kept
+    relative: Array = own / np.outer(data.force_mean, data.force_mean)
+    return relative
+
+
+def _least_sd(data: Dataset) -> float:
+    """N, of any mix of the increments: a load cell that is noisier contradicts the samples."""
+    if data.force_covariance is None:
+        return float(data.force_sd.min())
+    return float(np.sqrt(np.linalg.eigvalsh(data.force_covariance).min()))
 
 
 def weigh(plan: Plan, x: Array, names: tuple[str, ...], rng: np.random.Generator) -> dict[str, Any]:
@@ -213,6 +218,11 @@ def gains_table(facts: dict[str, Any]) -> Table:
         )
     kind = "SYNTHETIC data" if facts["synthetic"] else "measured data"
     camera = " The study has no camera: noise of one is assumed." if facts["assumed_camera"] else ""
+    if facts["directions_left_out"]:
+        camera = (
+            " Plans by an FE run lack the directions in which the fields of the samples differ: "
+            "compare them with the front camera by one FE run."
+        )
     return Table(
         f"What to measure next: study {facts['study']} ({kind}), hypothesis {facts['hypothesis']}",
         (

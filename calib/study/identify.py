@@ -109,7 +109,7 @@ def _constants_table(name: str, known: Knowledge) -> Table:
         rows.append(
             (
                 label,
-                known.constant_units[index],
+                _unit(known.constant_units[index]),
                 f"{number(prior.mean[index])} ± {number(prior.sd[index], 2)}",
                 *parts,
             )
@@ -124,6 +124,11 @@ def _constants_table(name: str, known: Knowledge) -> Table:
     )
 
 
+def _unit(unit: str) -> str:
+    """As tables have it."""
+    return "-" if unit == "1" else unit
+
+
 def _contraction_table(name: str, known: Knowledge) -> Table:
     """Contraction and profile of each coordinate."""
     names = known.names
@@ -134,7 +139,7 @@ def _contraction_table(name: str, known: Knowledge) -> Table:
         rows.append(
             (
                 label,
-                "-" if known.units[index] == "1" else known.units[index],
+                _unit(known.units[index]),
                 number(known.prior_sd[index], 3),
                 *(f"{100 * entry.contraction[index]:.0f}" for entry in known.parts),
                 f"{number(low, 3)}{' (bound)' if ends[0] else ''}",

@@ -10,7 +10,14 @@ import numpy as np
 from calib.data.dataset import Dataset, FieldData
 from calib.inference.forward import ForwardModel
 from calib.inference.likelihood import Likelihood, build_likelihood
-from calib.inference.noise import COMPLIANCE, FACE, ZERO, NoiseSettings, field_nuisances
+from calib.inference.noise import (
+    COMPLIANCE,
+    FACE,
+    ZERO,
+    NoiseSettings,
+    field_nuisances,
+    widening,
+)
 from calib.inference.planned import FirstOrderForward
 from calib.inference.tangent_errors import Mistaken, tangents_at
 from calib.study.config import Study
@@ -53,6 +60,8 @@ class Errors:
     between: Array | None = None
     """(n_step, n_step) covariance of the force between samples, load cell left out, over the
     forces, where it was measured; elsewhere the SDs are correlated as the study assumes"""
+    times: float = 1.0
+    """as many samples as those by which it was measured"""
     directions: Array | None = None
     """(q, n_step, n_point, 3) mm in which the fields of samples differ, as errors of their mean at
     the study's own points"""
@@ -62,16 +71,27 @@ class Errors:
         return replace(self, noise=replace(self.noise, **changed))
 
     def of_samples(self, times: int) -> Errors:
-        """Of so many times the samples; the field's noise is that of its images."""
+        """Of so many times the samples.
+
+        Where what differs between them was measured, all errors of their mean fall alike, those of
+        the field too, and the covariance is known no better than it is. Elsewhere the noise of a
+        field is that of its images.
+        """
+        if self.between is None:
+            return replace(self, n_samples=times * self.n_samples)
         directions = None if self.directions is None else self.directions / np.sqrt(times)
-        return replace(self, n_samples=times * self.n_samples, directions=directions)
+        noise_std = self.noise_std / np.sqrt(times)
+        return replace(self, times=times * self.times, directions=directions, noise_std=noise_std)
 
     def force_covariance(self, force: Array) -> Array | None:
-        """(n_step, n_step) N^2 of one sample at forces (n_step,) N, where it was measured."""
+        """(n_step, n_step) N^2 at forces (n_step,) N, where it was measured.
+
+        As of so many samples as it was measured by, which are what its own error is of.
+        """
         if self.between is None:
             return None
         covariance: Array = self.between * np.outer(force, force)
-        return covariance + self.noise.load_cell_sd**2 * np.eye(force.size)
+        return (covariance + self.noise.load_cell_sd**2 * np.eye(force.size)) / self.times
 
     def scaled(self, scale: float, *, noise: float) -> Errors:
         """Of a block `scale` times as large, seen with `noise` times the noise.
@@ -154,6 +174,16 @@ def planned_likelihood(
     )
 
 
+def of_one_increment(likelihood: Likelihood, errors: Errors) -> Likelihood:
+    """Of an experiment of which one increment is used: its variance is known better than all."""
+    if errors.between is None:
+        return likelihood
+    own = likelihood.errors
+    n, p = errors.n_samples, len(own.mean)
+    better = widening(n, 1, errors.noise) / widening(n, p, errors.noise)
+    return replace(likelihood, errors=replace(own, mean=better * own.mean))
+
+
 def _mesh_patterns(data: Dataset, errors: Errors, forward: ForwardModel, theta: Array) -> Array:
     """(d + q, n_step, n_point, 3) errors of a field that look like other constants, mm.
 
@@ -190,8 +220,10 @@ def by_emulator(
 
     same = plan("the same again", "repeat", errors)
     yield same
+    alone = of_one_increment(same.likelihood, errors)
     for index, value in enumerate(travel):
-        yield replace(same, name=f"only {value:g} mm", group="increments", steps=(index,))
+        only = replace(same, name=f"only {value:g} mm", group="increments", steps=(index,))
+        yield replace(only, likelihood=alone)
     yield plan(
         "load cell noise / 10",
         "instruments",

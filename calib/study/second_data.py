@@ -70,8 +70,7 @@ class SecondData:
     correlation: float
     """of one sample's deviation between neighbouring levels, where it was not measured"""
     measured: Array | None = None
-    """(n_step, n_step) covariance of one sample's relative deviation in stiffness, as it was
-    measured between the samples"""
+    """(n_step, n_step) covariance of one sample's relative deviation in stiffness, as measured"""
     travel_zero_sd: float = 0.0
     """SD of the error that all samples have in common in the zero of the travel, mm"""
 
