@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from calib.study import Study, StudyError, embedded_studies, load_study
 from calib.study.config import read_study
+from calib.study.sections import Mesh
 
 BASE = """\
 name = "own"
@@ -407,3 +408,9 @@ def test_a_mistake_in_the_only_hypothesis_is_named_not_that_there_is_none(folder
     text = (BASE[:start] + BASE[end:]).replace('pin = "stick"', 'pin = "glue"')
     line = line_of(text, 'pin = "glue"')
     assert refusal(folder, text).startswith(f"own.toml:{line}: hypothesis[0].pin: found")
+
+
+def test_the_default_check_is_finer_than_the_default_samples_in_every_direction() -> None:
+    mesh = Mesh()
+    assert isinstance(mesh.check, tuple) and isinstance(mesh.sampling, tuple)
+    assert all(f > 1.2 * c for f, c in zip(mesh.check, mesh.sampling, strict=True))
