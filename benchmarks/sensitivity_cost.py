@@ -39,9 +39,9 @@ class Parts:
     coupled: float
     """factorisations of the unsymmetric tangent of friction outside `solving`"""
     n_coupled: int
-    """of all of these, within `solving` too"""
+    """number of factorisations of that tangent, within `solving` and outside"""
     n_outside: int
-    """of those of `coupled`"""
+    """number of those outside"""
 
 
 def cost_of(every: Parts, plain: Parts) -> float:
@@ -68,7 +68,7 @@ def cost_percent(case: str, contact: Contact, law: Material, repeats: int = 5) -
 
 
 def parts_of(model: BlockPinModel, law: Material) -> Parts:
-    """Run a model and say what took how long."""
+    """Processor time of the parts of one run of a model with a material."""
     clock = _Clock()
     with clock.running():
         started = time.process_time()

@@ -78,7 +78,8 @@ def main(argv: list[str] | None = None) -> int:
 def complete(reading: Reading, store: Path) -> bool:
     """Whether the design's runs are in the store, made by today's FE code, and those of a check.
 
-    Where the check is made is known after training alone: by any of the code before it counts, too.
+    Where the check is made is known after training alone, so that its runs count whatever code or
+    place they are of; `train` makes those three anew where they are of another.
     """
     folder = store / reading.folder
     if not is_kept(reading.model(SAMPLING_CELLS[reading.mesh]), design(), folder / "design"):

@@ -13,8 +13,10 @@ import numpy as np
 import pytest
 from analytic_block import AnalyticBlock, analytic_block
 
+from calib.data.dataset import Dataset
 from calib.inference import EmulatorForward
 from calib.inference.coordinates import CONSTANTS, theta_of
+from calib.inference.likelihood import Likelihood
 from calib.inference.validation import judge
 from calib.study.answers import keep_answer
 from calib.study.artifacts import write_json
@@ -25,7 +27,7 @@ from calib.study.design_next import design_next, errors_of
 from calib.study.direct_chain import direct_chain
 from calib.study.maxima_table import laplace_table
 from calib.study.mesh_error_file import check_folder, load_mesh_error
-from calib.study.plans import planned_likelihood
+from calib.study.plans import Errors, planned_likelihood
 from calib.study.posterior_setup import emulator_posterior, marginal
 from calib.study.posterior_stage import provenance
 from calib.study.sections import Cells, Hypothesis, ParameterPrior, Virtual
@@ -543,37 +545,40 @@ def test_what_to_measure_next_is_ranked_and_checked(virtual: Run) -> None:
     assert np.mean([plan["agree"] for plan in found["plans"]]) > 0.8
 
 
-def test_planned_experiments_have_the_nuisances_that_the_data_state(virtual: Run) -> None:
+def _planned(virtual: Run, data: Dataset, sizes: dict[str, float]) -> tuple[Errors, Likelihood]:
+    """Errors of an experiment with such data, and the same again in the middle of the prior."""
     context, hypothesis = _context(virtual.study, virtual.out), virtual.study.hypotheses[0]
-    posterior, data = emulator_posterior(context, hypothesis), load_data(virtual.out).dataset
+    posterior = emulator_posterior(context, hypothesis)
     forward = posterior.likelihood.forward
     assert isinstance(forward, EmulatorForward) and data.field is not None
     theta = theta_of(posterior.prior.quantile(np.full((1, 3), 0.5)))[0]
+    errors = errors_of(context, hypothesis, data, sizes, forward)
+    return errors, planned_likelihood(forward, data.travel, data.field.points, errors, theta)
+
+
+def test_planned_experiments_have_the_nuisances_that_the_data_state(virtual: Run) -> None:
+    data = load_data(virtual.out).dataset
+    assert data.field is not None
     stated = replace(data, travel_zero_sd=0.05, field=replace(data.field, scale_sd=0.01))
-    errors = errors_of(context, hypothesis, stated, {}, forward)
+    errors, planned = _planned(virtual, stated, {})
     assert errors.noise.travel_zero_sd == 0.05 and errors.noise.field_scale_sd == 0.01
     assert errors.mistaken.names == ("zero of the travel", "scale of the field")
-    planned = planned_likelihood(forward, data.travel, data.field.points, errors, theta)
     assert [error.name for error in planned.errors.shared] == list(errors.mistaken.names)
     assert errors.between is None and errors.directions is None
 
 
 def test_planned_experiments_have_what_the_data_measured_of_their_samples(virtual: Run) -> None:
-    context, hypothesis = _context(virtual.study, virtual.out), virtual.study.hypotheses[0]
-    posterior, data = emulator_posterior(context, hypothesis), load_data(virtual.out).dataset
-    forward = posterior.likelihood.forward
-    assert isinstance(forward, EmulatorForward) and data.field is not None
-    theta = theta_of(posterior.prior.quantile(np.full((1, 3), 0.5)))[0]
+    data = load_data(virtual.out).dataset
+    assert data.field is not None
     n_step = data.travel.size
     lag = np.abs(np.subtract.outer(np.arange(n_step), np.arange(n_step)))
     own = 0.95**lag * np.outer(data.force_sd, data.force_sd)
     directions = np.full((1, *data.field.displacement.shape), 0.01)
     field = replace(data.field, patterns=directions)
     stated = replace(data, force_covariance=own, field=field)
-    errors = errors_of(context, hypothesis, stated, {"force_noise": 1.5}, forward)
+    errors, planned = _planned(virtual, stated, {"force_noise": 1.5})
     # whatever the study says of the load cell, the same again is as it was measured
     found = errors.force_covariance(data.force_mean)
     np.testing.assert_allclose(found, 1.5**2 * own, rtol=1e-9)
-    planned = planned_likelihood(forward, data.travel, field.points, errors, theta)
     assert planned.field is not None
     np.testing.assert_array_equal(planned.field.covariance.patterns[:1], directions)

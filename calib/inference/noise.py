@@ -146,7 +146,10 @@ def mean_covariance(dataset: Dataset, settings: NoiseSettings) -> Array:
 
 
 def widening(n_samples: int, n_step: int, settings: NoiseSettings) -> float:
-    """Of a covariance measured between samples at some increments (`mean_covariance`)."""
+    """Factor of a covariance measured between samples at some increments, for its own error.
+
+    That of a t-distribution's covariance, or scale under Student-t forces: `mean_covariance`.
+    """
     left = n_samples - n_step - (2 if settings.force_freedom is None else 0)
     return (n_samples - 1) / max(left, 1)
 

@@ -54,8 +54,8 @@ def distance_sentence(
 def glued_sentence(glued: bool, sampling: Cells | RingCells) -> str:
     """What the reader is told of a block that sticks to pin and base, seen by a field.
 
-    Empty elsewhere, and where what is stated of the mesh held in tests with known truths
-    (docs/verification.md, "Finer truths").
+    `glued`: whether it sticks to both. Empty elsewhere, and where what is stated of the mesh held
+    in tests with known truths (docs/verification.md, "Finer truths", whose figures it quotes).
     """
     if not glued or isinstance(sampling, RingCells) or sampling[2] < THIN:
         return ""

@@ -84,9 +84,9 @@ class Errors:
         return replace(self, times=times * self.times, directions=directions, noise_std=noise_std)
 
     def force_covariance(self, force: Array) -> Array | None:
-        """(n_step, n_step) N^2 at forces (n_step,) N, where it was measured.
+        """(n_step, n_step) N^2 of one sample at forces (n_step,) N, where it was measured.
 
-        As of so many samples as it was measured by, which are what its own error is of.
+        Over `times`, and not by more `n_samples`: those are what its own error is counted by.
         """
         if self.between is None:
             return None
@@ -175,7 +175,11 @@ def planned_likelihood(
 
 
 def of_one_increment(likelihood: Likelihood, errors: Errors) -> Likelihood:
-    """Of an experiment of which one increment is used: its variance is known better than all."""
+    """Of an experiment of which one increment is used.
+
+    The variance of one is known better than the covariance of all, which widens the error of the
+    mean where both were measured (`calib.inference.noise.mean_covariance`).
+    """
     if errors.between is None:
         return likelihood
     own = likelihood.errors
