@@ -146,6 +146,7 @@ def training(
         checks,
         np.array([a.force_at(travel) / b.force_at(travel) - 1.0 for a, b in pairs]),
         np.array([a.field_at(points, travel) - b.field_at(points, travel) for a, b in pairs]),
+        points=points,
     )
     return TrainingSet(
         ratios,

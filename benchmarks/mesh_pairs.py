@@ -78,6 +78,7 @@ class Pair:
             np.array([[0.5, 0.05]]),
             (self.sampling.force / self.check.force - 1.0)[None],
             (self.sampling.displacement - self.check.displacement)[None],
+            points=self.check.points,
         )
 
     @property
@@ -142,11 +143,10 @@ def as_studies(pair: Pair, floor: FieldCovariance) -> FieldCovariance:
 
     All is at one (r, s) here, so that the tangents have not turned.
     """
-    field, model = template(points())[0].field, linear(pair)
-    assert field is not None
+    model = linear(pair)
     box = prior().bounds[1:]
     held = np.append(np.ptp(box, axis=1) / np.sqrt(12.0), model.zero_sd)
-    found = mistaken(field, np.array(TRAVEL), model.field, pair.error.field, held)
+    found = mistaken(floor, np.array(TRAVEL), model.field, pair.error.field, held)
     left = apart(left_share(pair.refinement) ** 2 * found, ("zero",), box)
     return floor.with_patterns(left.patterns(model.field))
 
@@ -165,11 +165,11 @@ STATEMENTS: dict[str, Statement] = {
 }
 
 
-def fitted(pair: Pair, statement: Statement, noise: FieldCovariance) -> Fitted:
+def fitted(pair: Pair, statement: Statement) -> Fitted:
     """Distance from the truth, and SDs that go with it, by one statement."""
-    floor = pair.error.field_floor.T
-    shared = noise.floor / noise.floor.max()
-    stated = replace(noise, floor=floor[:, :, None] * floor[:, None, :] * shared)
+    field = template(points())[0].field
+    assert field is not None
+    stated = field_covariance(field, floor=pair.error.field_floor)
     return linear(pair).fit(
         MIDDLE * (pair.truth.force - pair.check.force),
         errors_of(pair).covariance(MIDDLE * pair.check.force[:, None])[:, :, 0],
@@ -180,9 +180,7 @@ def fitted(pair: Pair, statement: Statement, noise: FieldCovariance) -> Fitted:
 
 def figures(folder: Path = RUNS) -> dict[str, Any]:
     """By statement: errors of the constants of finer meshes in their SDs."""
-    field = template(points())[0].field
-    assert field is not None
-    found, noise = pairs(folder), field_covariance(field, floor=1.0)
+    found = pairs(folder)
     if not found:
         print(f"{folder}: holds no three meshes, run benchmarks.verify_fe --only gci directions")
         return {}
@@ -192,7 +190,7 @@ def figures(folder: Path = RUNS) -> dict[str, Any]:
         ]
     }
     for name, statement in STATEMENTS.items():
-        each = [fitted(pair, statement, noise) for pair in found]
+        each = [fitted(pair, statement) for pair in found]
         kinds = {
             "all": lambda pair: True,
             "checks finer in every coordinate": lambda pair: pair.every_coordinate,

@@ -11,6 +11,7 @@ from scipy.stats import multivariate_normal
 
 from calib.data import Dataset, FieldData, thesis_forces
 from calib.inference import DirectForward, Likelihood, NoiseSettings, build_likelihood
+from calib.inference.field_floor import FieldFloor
 from calib.inference.field_noise import (
     FLOOR_LENGTH,
     FLOOR_NUGGET,
@@ -36,6 +37,7 @@ def field_data() -> FieldData:
 FIELD = field_data()
 PATTERNS = 0.02 * RNG.standard_normal((2, 5, 7, 3))
 FLOOR = np.linspace(0.001, 0.006, 15).reshape(5, 3)
+PROFILE = np.linspace(0.3, 2.0, len(POINTS))
 
 
 def dataset(with_field: bool) -> Dataset:
@@ -46,6 +48,7 @@ def dense_field(covariance: FieldCovariance) -> Array:
     """The definition, element by element of the Kronecker product."""
     n_step, n_point, _ = covariance.shape
     smooth = spatial_correlation(POINTS, FLOOR_LENGTH, nugget=FLOOR_NUGGET)
+    smooth = PROFILE[:, None] * smooth * PROFILE
     noise = np.einsum(
         "ij,pq,cd->ipcjqd",
         covariance.step,
@@ -64,7 +67,7 @@ def likelihood(with_field: bool, error: float = 0.02) -> Likelihood:
         AnalyticForward(BLOCK, error, with_field),
         NoiseSettings(),
         force_discretisation=np.array([0.01, 0.02, 0.03, 0.04, 0.06]),
-        field_floor=FLOOR,
+        field_floor=FieldFloor(FLOOR, PROFILE),
         field_patterns=PATTERNS,
     )
 
@@ -197,7 +200,7 @@ def test_pointwise_field_likelihood_is_the_conditional_normal_of_an_increment(
 def test_field_covariance_contract_holds_against_the_dense_matrix(smoothing: float) -> None:
     patterns = 0.02 * RNG.standard_normal((3, 5, 7, 3))
     smooth = replace(FIELD, smoothing=smoothing)
-    covariance = field_covariance(smooth, floor=FLOOR, patterns=patterns)
+    covariance = field_covariance(smooth, floor=FieldFloor(FLOOR, PROFILE), patterns=patterns)
     for case in (covariance, covariance.without_step(2), field_covariance(FIELD)):
         dense = dense_field(case)
         fields = RNG.standard_normal((2, *case.shape))
@@ -210,7 +213,7 @@ def test_field_covariance_contract_holds_against_the_dense_matrix(smoothing: flo
 def test_field_noise_samples_have_the_stated_covariance() -> None:
     """Largest of 8 whitened-product z scores below 5: false alarm 5e-6 (fixed seed)."""
     patterns = 0.02 * RNG.standard_normal((2, 5, 7, 3))
-    covariance = field_covariance(FIELD, floor=FLOOR, patterns=patterns)
+    covariance = field_covariance(FIELD, floor=FieldFloor(FLOOR, PROFILE), patterns=patterns)
     dense = dense_field(covariance)
     n = 4000
     draws = covariance.sample(np.random.default_rng(3), n).reshape(n, -1)

@@ -13,6 +13,7 @@ from sklearn.gaussian_process.kernels import Matern
 from calib.data import Dataset, FieldData, thesis_forces
 from calib.inference import Likelihood, NoiseSettings, build_likelihood
 from calib.inference.discrepancy import discrepancy_patterns, size_of, smooth_over
+from calib.inference.field_floor import FieldFloor
 from calib.inference.field_noise import FLOOR_LENGTH, FLOOR_NUGGET, spatial_correlation
 from calib.inference.field_scales import rigid_patterns
 from calib.inference.forward import DirectForward
@@ -61,7 +62,7 @@ def build(
         AnalyticForward(BLOCK, error, field=True),
         noise,
         force_discretisation=RELATIVE,
-        field_floor=FLOOR,
+        field_floor=FieldFloor(FLOOR),
         unknown=unknown,
     )
 
@@ -248,7 +249,7 @@ def test_a_rigid_motion_of_the_field_changes_the_fit_little_where_it_is_allowed_
         noise = NoiseSettings(translation_sd=sd)
         values = [
             build_likelihood(
-                d, AnalyticForward(BLOCK, 0.0, field=True), noise, field_floor=FLOOR
+                d, AnalyticForward(BLOCK, 0.0, field=True), noise, field_floor=FieldFloor(FLOOR)
             ).log_prob(THETA[:1])[0]
             for d in (DATA, data)
         ]

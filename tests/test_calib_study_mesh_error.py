@@ -13,11 +13,20 @@ from test_calib_inference_forward import BLOCK, scaled
 
 from calib.data import Dataset, FieldData
 from calib.inference import EmulatorForward, NoiseSettings, build_likelihood
+from calib.inference.field_floor import FieldFloor
+from calib.inference.field_noise import field_covariance
 from calib.inference.forward import Jacobian
 from calib.inference.noise import COMPLIANCE, FACE, ZERO, field_nuisances
-from calib.inference.tangent_errors import FOLLOWED, Mistaken, patterns_at, tangents_at
+from calib.inference.tangent_errors import (
+    FOLLOWED,
+    Mistaken,
+    mistaken,
+    patterns_at,
+    tangents_at,
+    with_nuisances,
+)
 from calib.study.config import load_study
-from calib.study.mesh_error import FORCE_BEYOND, MeshError, mesh_error
+from calib.study.mesh_error import FORCE_BEYOND, MeshError, left_share, mesh_error
 from calib.study.mesh_error_file import load_mesh_error, save_mesh_error
 from calib.study.plans import Errors, planned_likelihood
 from calib.study.tables import mesh_table
@@ -82,7 +91,7 @@ def test_a_difference_that_is_linear_in_the_ratios_is_corrected_to_second_order(
     # Nothing of what the two checks differ by is left to be stated.
     share = 1.5 / (1.5**2 - 1)
     size = np.mean(error.field**2, axis=(0, 2))
-    assert error.field_floor == pytest.approx(share * np.sqrt(size), rel=1e-4)
+    assert error.field_floor.sd == pytest.approx(share * np.sqrt(size), rel=1e-4)
 
 
 def test_the_last_two_checks_that_got_to_the_end_tell_the_error() -> None:
@@ -121,9 +130,11 @@ def test_what_is_left_is_an_index_and_what_checks_differ_by() -> None:
     size = np.maximum(np.sqrt((signed**2).mean(axis=0)), np.sqrt((signed**2).mean()))
     np.testing.assert_allclose(error.force**2, (1.2 * size) ** 2 + half_gap**2)
     spread = (np.diff(field, axis=0)[0] ** 2 / 2).mean(axis=1)
-    np.testing.assert_allclose(error.field_floor**2, 1.44 * (field**2).mean(axis=(0, 2)) + spread)
+    np.testing.assert_allclose(
+        error.field_floor.sd**2, 1.44 * (field**2).mean(axis=(0, 2)) + spread
+    )
     one = MeshError(1.5, error.ratios[:1], signed[:1], field[:1])
-    np.testing.assert_allclose(one.field_floor**2, 1.44 * (field[:1] ** 2).mean(axis=(0, 2)))
+    np.testing.assert_allclose(one.field_floor.sd**2, 1.44 * (field[:1] ** 2).mean(axis=(0, 2)))
 
 
 def test_patterns_are_changes_of_each_constant_and_equal_checks_count_as_one() -> None:
@@ -281,7 +292,7 @@ def planned_errors(mistaken: Mistaken, noise: NoiseSettings, data: Dataset) -> E
         noise=noise,
         n_samples=5,
         discretisation=np.zeros(len(data.travel)),
-        floor=np.zeros((len(data.travel), 3)),
+        floor=FieldFloor(np.zeros((len(data.travel), 3))),
         mistaken=mistaken,
         noise_std=np.full(3, 0.01),
         length=0.5,
@@ -415,8 +426,8 @@ def test_of_the_pins_part_what_is_gone_on_by_is_stated_beside_the_meshs_share() 
         pin = 1.0 - 1.0 / (1.0 + 0.04 * (1.0 - 1.0 / times))
         beyond = FORCE_BEYOND * pin / (times - 1.0)
         np.testing.assert_allclose(error.force**2, mesh.force**2 + beyond**2)
-        floor = mesh.field_floor**2 + (0.02 / times) ** 2
-        np.testing.assert_allclose(error.field_floor**2, floor, rtol=1e-10)
+        floor = mesh.field_floor.sd**2 + (0.02 / times) ** 2
+        np.testing.assert_allclose(error.field_floor.sd**2, floor, rtol=1e-10)
 
 
 def test_a_pin_and_a_mesh_that_cancel_leave_what_each_of_them_leaves() -> None:
@@ -425,7 +436,7 @@ def test_a_pin_and_a_mesh_that_cancel_leave_what_each_of_them_leaves() -> None:
     assert not error.signed_force.any() and not error.field.any()
     pin = 0.03 / 1.03 / 3.0
     np.testing.assert_allclose(error.force, np.hypot(1.2 * 0.03, FORCE_BEYOND * pin), rtol=1e-12)
-    np.testing.assert_allclose(error.field_floor, 0.015 * np.hypot(1.2, 1.0 / 3.0), rtol=1e-10)
+    np.testing.assert_allclose(error.field_floor.sd, 0.015 * np.hypot(1.2, 1.0 / 3.0), rtol=1e-10)
     np.testing.assert_allclose(error.correction.force, 1.0 / (1.0 - pin), rtol=1e-12)
 
 
@@ -450,16 +461,18 @@ def test_errors_of_ratios_are_those_of_mesh_and_pin_one_by_one() -> None:
     fine, coarse = both(CHECKS[:1])
     stiffer = under_stiffer_pin(CHECKS[:1])
     found = mesh_error(fine, coarse, 1.5, "stuck", EXTENT, stiffer)
-    parts = (
-        mesh_error(fine, stiffer[0], 1.5, "stuck", EXTENT),
-        # A share of a third, as a mesh whose elements are this much smaller leaves it.
-        mesh_error(stiffer[0], coarse, np.sqrt(1.0 + 1.5 * 3.0), "stuck", EXTENT),
-    )
     one = found.mistaken(data, NoiseSettings(), forward)
-    same = [replace(part, at_check=found.at_check) for part in parts]  # one model's changes
-    apart = [part.mistaken(data, NoiseSettings(), forward) for part in same]
-    np.testing.assert_allclose(one.ratios**2, sum(part.ratios**2 for part in apart), rtol=1e-6)
-    np.testing.assert_allclose(one.nuisances, sum(part.nuisances for part in apart), rtol=1e-6)
+    under, beside = stiffer[0].displacement, left_share(1.5)
+    parts = (beside * (under - fine.displacement), (coarse.displacement - under) / 3.0)
+    nuisances = field_nuisances(data, NoiseSettings())
+    assert found.at_check is not None
+    assert data.field is not None
+    tangents = with_nuisances(found.at_check.tangents, found.at_check.field, nuisances)
+    held = np.append(EXTENT / np.sqrt(12.0), [error.sd for error in nuisances])
+    errors = field_covariance(data.field, floor=found.field_floor)
+    apart = sum(mistaken(errors, data.travel, tangents, part, held) for part in parts)
+    np.testing.assert_allclose(one.ratios**2, np.diag(apart)[:2], rtol=1e-6)
+    np.testing.assert_allclose(one.nuisances, apart[2:, 2:], rtol=1e-6)
 
 
 def test_a_pin_that_no_run_got_through_with_is_told() -> None:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from calib.data.dataset import Dataset
+from calib.inference.field_floor import FieldFloor
 from calib.inference.noise import NoiseSettings
 from calib.inference.planned import FirstOrderForward
 from calib.inference.tangent_errors import Mistaken
@@ -65,7 +66,7 @@ def errors(load_cell_sd: float) -> Errors:
         noise=NoiseSettings(load_cell_sd=load_cell_sd),
         n_samples=20,
         discretisation=np.zeros(3),
-        floor=np.zeros((3, 3)),
+        floor=FieldFloor(np.zeros((3, 3))),
         mistaken=Mistaken(np.zeros(2), (), np.zeros((0, 0)), np.array([[0.0, 1.0], [0.0, 0.5]])),
         noise_std=np.full(3, 0.01),
         length=0.5,

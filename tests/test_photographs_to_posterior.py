@@ -118,7 +118,7 @@ def test_the_posterior_of_photographs_holds_the_truth(made):
     dataset = replace(result.dataset, samples=None)
     forward = ClosedForm(dataset.field.points, dataset.travel)
     likelihood = build_likelihood(
-        dataset, forward, NoiseSettings(travel_zero_sd=0.01), field_floor=np.full((2, 3), 5e-4)
+        dataset, forward, NoiseSettings(travel_zero_sd=0.01), field_floor=5e-4
     )
     found = integrate(Posterior(PRIOR, likelihood), 8)
     z = (found.mean - (np.log(KAPPA), R, S)) / found.sd

@@ -22,6 +22,7 @@ from calib.inference.condensed_field import (
     cholesky_of,
     diagonal,
 )
+from calib.inference.field_floor import FieldFloor
 from calib.inference.forward import ForwardModel, Prediction
 from calib.inference.gaussian import LOG_2PI
 from calib.inference.noise import ForceErrors, NoiseSettings, force_errors
@@ -160,7 +161,7 @@ def condense(
     own: SampleErrors,
     *,
     force_discretisation: Array | float = 0.0,
-    field_floor: Array | float = 0.0,
+    field_floor: FieldFloor | float = 0.0,
     field_patterns: Array | None = None,
 ) -> CondensedSamples:
     """Condense the samples of a dataset; arguments as of `likelihood.build_likelihood`.

@@ -24,6 +24,7 @@ import numpy.typing as npt
 from scipy.linalg import eigh
 
 from calib.data.dataset import Dataset, FieldData, SampleData
+from calib.inference.field_floor import FieldFloor
 from calib.inference.field_noise import FieldCovariance, field_covariance
 from calib.inference.forward import FieldBasis
 from calib.inference.noise import ForceErrors, NoiseSettings
@@ -93,7 +94,7 @@ class FieldCondenser:
                 found = np.vstack([found, moved])
         return found.reshape(-1, *self.basis.offset.shape)
 
-    def parts(self, floor: Array | float, patterns: Array | None) -> list[FieldPart]:
+    def parts(self, floor: FieldFloor | float, patterns: Array | None) -> list[FieldPart]:
         """The condensed fields; the model's errors by `floor` and `patterns`, see `condense`."""
         n = self.dataset.n_samples
         # The patterns of the data set are these samples' own deviations: a least squares estimate

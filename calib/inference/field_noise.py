@@ -6,10 +6,11 @@ With points P, increments I and components C the covariance is
       +  B_c (I x I)  (x)  L (P x P), for each component c
       +  patterns^T patterns.
 
-S is the correlation of the measurement's noise over the points and L, with a longer length, that
-of the model's errors. Vectors V with V^T S V = I and V^T L V diagonal turn the first two terms into
-P * C independent blocks of size I x I; the few patterns enter by Woodbury's formula. Fields have
-shape (..., n_step, n_point, 3), in mm.
+S is the correlation of the measurement's noise over the points and L, with a length of its own and
+larger where the model errs more, the covariance of the model's errors over them. Vectors V with
+V^T S V = I and V^T L V diagonal turn the first two terms into P * C independent blocks of size
+I x I; the few patterns enter by Woodbury's formula. Fields have shape (..., n_step, n_point, 3), in
+mm.
 """
 
 from __future__ import annotations
@@ -23,14 +24,15 @@ from scipy.spatial.distance import cdist
 
 from calib.data.dataset import FieldData
 from calib.data.noise_shape import correlation_at
+from calib.inference.field_floor import FieldFloor
 from calib.inference.point_weights import point_weights
 from fe.response import Array
 
 # Smallest share of uncorrelated noise: smooth noise at points much closer than its length is
 # singular in double precision.
 NUGGET = 1e-6
-FLOOR_LENGTH = 1.0
-"""mm, over which the model's errors are correlated"""
+FLOOR_LENGTH = 0.3
+"""mm, over which the model's errors are correlated: less than an element of a mesh"""
 FLOOR_NUGGET = 0.1
 """share of the variance of the model's errors that is not correlated over the points"""
 FLOOR_SHARED = 0.5
@@ -204,25 +206,27 @@ class FieldCovariance:
 def field_covariance(
     field: FieldData,
     *,
-    floor: Array | float = 0.0,
+    floor: FieldFloor | float = 0.0,
     patterns: Array | None = None,
     freedom: float | None = None,
 ) -> FieldCovariance:
     """Covariance of the errors of `field`, without the emulator's.
 
     `patterns` (q, n_step, n_point, 3) are model errors of known shape [mm], to which come those of
-    the field itself; `floor`, one SD [mm] or
-    (n_step, 3) of them, is for model errors of unknown shape, correlated over the points as
-    exp(-d / `FLOOR_LENGTH`) and half common to all increments. Errors of a mesh are no smooth
-    functions: rows of nodes that pass the pin's edge move it within one element. A squared
-    exponential, which has nothing below its length, would take the constants from what is finer
-    as if no mesh erred there; taken as independent the errors would average away.
+    the field itself; `floor`, or one SD for all [mm], is for model errors of unknown shape,
+    correlated over the points as exp(-d / `FLOOR_LENGTH`) and half common to all increments. Errors
+    of a mesh are no smooth functions: rows of nodes that pass the pin's edge move it within one
+    element. A squared exponential, which has nothing below its length, would take the constants
+    from what is finer as if no mesh erred there, and so, in part, does a longer length; taken as
+    independent the errors would average away.
     With `freedom` the noise is, approximately, Student-t of so many degrees: see
     `calib.inference.point_weights`.
     Raises ValueError when shapes disagree or a floor is negative.
     """
     n_step, n_point, _ = field.displacement.shape
-    floors = np.broadcast_to(np.asarray(floor, dtype=np.float64), (n_step, 3))
+    if not isinstance(floor, FieldFloor):
+        floor = FieldFloor(np.full((n_step, 3), float(floor)))
+    floors = np.broadcast_to(floor.sd, (n_step, 3))
     if not np.all(floors >= 0):
         raise ValueError(f"floor: expected zero or a positive SD in mm, got {floors.min()}")
     if patterns is None:
@@ -240,6 +244,8 @@ def field_covariance(
         scale = point_weights(field, correlation, step, freedom) ** -0.5
         correlation = scale[:, None] * correlation * scale
     smooth = spatial_correlation(field.points, FLOOR_LENGTH, nugget=FLOOR_NUGGET)
+    if floor.profile is not None:
+        smooth = floor.profile[:, None] * smooth * floor.profile
     values, vectors = eigh(smooth, correlation)
     shared = step_correlation(n_step, FLOOR_SHARED)
     return FieldCovariance(

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from calib.data.dataset import Dataset
+from calib.inference.field_floor import FieldFloor
 from calib.inference.field_likelihood import FieldLikelihood
 from calib.inference.field_noise import field_covariance
 from calib.inference.field_patterns import with_patterns_of
@@ -259,14 +260,14 @@ def build_likelihood(
     noise: NoiseSettings,
     *,
     force_discretisation: Array | float = 0.0,
-    field_floor: Array | float = 0.0,
+    field_floor: FieldFloor | float = 0.0,
     field_patterns: Array | None = None,
     unknown: Mapping[str, tuple[float, float]] | None = None,
 ) -> Likelihood:
     """Likelihood of `dataset` under `forward`; the field is used when the dataset has one.
 
     `force_discretisation` (n_step,) is the relative SD of the mesh error of the force,
-    `field_floor` that of the field [mm], one for all or (n_step, 3), and `field_patterns`
+    `field_floor` that of the field, or one SD for all [mm], and `field_patterns`
     (q, n_step, n_point, 3) its parts of known shape [mm], each of one SD. `unknown` are sizes of
     the errors that theta ends with, in order: name, one of `SIZES`, and its bounds.
     Raises ValueError when shapes disagree, the noise is impossible (see `noise`), or the

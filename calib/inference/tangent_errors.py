@@ -6,10 +6,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
 
-from calib.data.dataset import FieldData
-from calib.inference.field_noise import spatial_correlation, step_correlation
+from calib.inference.field_noise import FieldCovariance
 from calib.inference.forward import ForwardModel
 from calib.inference.shared_error import SharedError
 from fe.response import Array
@@ -48,7 +46,7 @@ class Mistaken:
 
 
 def mistaken(
-    field: FieldData,
+    errors: FieldCovariance,
     travel: Array,
     tangents: Array,
     differences: Array,
@@ -57,19 +55,21 @@ def mistaken(
     """(d, d) sizes of the changes of d parameters that `differences` would be mistaken for.
 
     Each difference (n, n_step, n_point, 3) [mm] at each increment alone is fitted, by least squares
-    in the noise of `field`, by the changes of the whole field with the parameters, `tangents`
-    (d, n_step, n_point, 3), which `prior_sd` (d,) holds at zero where it is finite. Changes by
-    different increments are taken as correlated over `TRAVEL_LENGTH` of the `travel` (n_step,), so
-    that they add up where they agree and do not cancel altogether where they do not: found is the
-    sum over differences of shift rho shift^T. This is the grid convergence index of what is asked
-    for, the parameters, in place of that of displacements (Roache 1994; Eca and Hoekstra 2014).
+    in the other `errors` of a field, by the changes of the whole field with the parameters,
+    `tangents` (d, n_step, n_point, 3), which `prior_sd` (d,) holds at zero where it is finite: in
+    those of the noise alone what a mesh errs by within an element would weigh far more than it does
+    in a likelihood that states such errors. Changes by different increments are taken as correlated
+    over `TRAVEL_LENGTH` of the `travel` (n_step,), so that they add up where they agree and do not
+    cancel altogether where they do not: found is the sum over differences of shift rho shift^T.
+    This is the grid convergence index of what is asked for, the parameters, in place of that of
+    displacements (Roache 1994; Eca and Hoekstra 2014).
     """
     sd = np.broadcast_to(np.asarray(prior_sd, dtype=np.float64), len(tangents))
     held = np.isfinite(sd)
     # In units of the prior's SD, so that one of zero is no division.
     unit = np.where(held, sd, 1.0)
     changes = tangents * unit[:, None, None, None]
-    weighed = _by_precision(field, changes)
+    weighed = errors.solve(changes)
     gram = np.einsum("aipx,bipx->ab", weighed, changes) + np.diag(held.astype(np.float64))
     pull = np.einsum("aipx,nipx->ani", weighed, differences)
     scale = np.sqrt(np.diag(gram))
@@ -138,17 +138,3 @@ def with_nuisances(tangents: Array, field: Array, nuisances: Sequence[SharedErro
     """(d + q, ...) tangents (d, ...), and what a predicted `field` changes with nuisances."""
     by_unit = [np.tensordot(error.field / error.sd, field, axes=1) for error in nuisances]
     return np.concatenate([tangents, np.reshape(by_unit, (-1, *field.shape))])
-
-
-def _by_precision(field: FieldData, fields: Array) -> Array:
-    """Fields (d, n_step, n_point, 3) times the inverse of the covariance of the noise."""
-    correlation = spatial_correlation(
-        field.points, field.correlation_length, field.smoothing, field.nugget
-    )
-    step = step_correlation(fields.shape[1], field.reference_share)
-    d, n_step, n_point, _ = fields.shape
-    flat = np.moveaxis(fields, 2, 0).reshape(n_point, -1)
-    by_point = cho_solve(cho_factor(correlation, lower=True), flat)
-    solved = np.moveaxis(by_point.reshape(n_point, d, n_step, 3), 0, 2)
-    found: Array = np.einsum("ij,djpx->dipx", np.linalg.inv(step), solved)
-    return found / field.noise_std**2

@@ -8,6 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calib.data import Dataset
+from calib.inference.field_floor import FieldFloor, local_profile
+from calib.inference.field_noise import field_covariance
 from calib.inference.forward import EmulatorForward
 from calib.inference.mesh_correction import CorrectionSlopes, MeshCorrection
 from calib.inference.noise import NoiseSettings, field_nuisances
@@ -70,6 +72,8 @@ class MeshError:
     """what of it is the pin's; None where that is the same for both meshes"""
     at_check: AtCheck | None = None
     """None where the slopes are"""
+    points: Array | None = None
+    """(n_point, 2) of the field, mm; None where they are not known"""
 
     @property
     def _parts(self) -> list[tuple[Array, Array]]:
@@ -132,13 +136,18 @@ class MeshError:
         return sd
 
     @property
-    def field_floor(self) -> Array:
-        """(n_step, 3) SD of the field's error after the correction, mm; as for the force."""
+    def field_floor(self) -> FieldFloor:
+        """SD of the field's error after the correction; as for the force.
+
+        Where on the face it is large is told by the difference of the meshes under one pin.
+        """
         variance: Array = _variance_over_checks(self._carried).mean(axis=1)
         for _, field in self._parts:
             variance += np.mean(field**2, axis=(0, 2))
-        floor: Array = np.sqrt(variance)
-        return floor
+        if self.points is None:
+            return FieldFloor(np.sqrt(variance))
+        of_mesh = self.field if self.pin is None else self.field - self.pin.field
+        return FieldFloor(np.sqrt(variance), local_profile(self.points, of_mesh))
 
     def field_patterns(
         self, dataset: Dataset, noise: NoiseSettings, forward: EmulatorForward
@@ -180,8 +189,9 @@ class MeshError:
         of_ratios = np.full(d, np.inf) if self.extent is None else self.extent / np.sqrt(12.0)
         held = np.append(of_ratios, [error.sd for error in nuisances])
         found = np.zeros((held.size, held.size))
+        errors = field_covariance(dataset.field, floor=self.field_floor)
         for _, field in self._parts:
-            of_part = mistaken(dataset.field, dataset.travel, tangents, field, held)
+            of_part = mistaken(errors, dataset.travel, tangents, field, held)
             found += of_part / len(self.ratios)
         return apart(found, tuple(error.name for error in nuisances), forward.bounds)
 
@@ -225,6 +235,7 @@ def mesh_error(
     last = np.flatnonzero(every)[-N_CHECKED:]
     fine, coarse = rows(fine, last), rows(coarse, last)
     under = None if stiffer is None else (rows(stiffer[0], last), stiffer[1])
+    points = fine.responses[-1].points
     found = MeshError(
         refinement=refinement,
         ratios=fine.theta,
@@ -233,6 +244,7 @@ def mesh_error(
         slopes=None if extent is None else _slopes(fine, coarse, REACH * extent, under),
         extent=extent,
         pin=None if under is None else _pin_error(coarse, *under),
+        points=points if len(points) else None,
     )
     return replace(found, at_check=_at_check(found.correction, fine, coarse))
 

@@ -30,6 +30,7 @@ def load_mesh_error(out: Path, hypothesis: Hypothesis) -> MeshError:
         field=stored["field"],
         slopes=slopes,
         extent=extent,
+        points=stored.get("points"),  # not in files before 2026-11-27
         pin=None
         if facts.get("pin") is None  # files before 2026-11-26 have none
         else PinError(
@@ -63,12 +64,14 @@ def save_mesh_error(
         "force": error.force,
         "signed_force": error.signed_force,
         "field_rms": np.sqrt(np.mean(error.field**2, axis=(2, 3))),
-        "field_floor": error.field_floor,
+        "field_floor": error.field_floor.sd,
         "pin": None if error.pin is None else _pin_facts(error.pin),
         "units": {"force": "relative", "field_rms": "mm", "field_floor": "mm", "travel": "mm"},
     }
     write_json(folder / "mesh_error.json", facts)
     arrays = {"field": error.field}
+    if error.points is not None:
+        arrays |= {"points": error.points}
     if error.slopes is not None:
         arrays |= {"field_slope": error.slopes.field, "reach": error.slopes.reach}
     if error.extent is not None:

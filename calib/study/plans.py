@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calib.data.dataset import Dataset, FieldData
+from calib.inference.field_floor import FieldFloor
 from calib.inference.forward import ForwardModel
 from calib.inference.likelihood import Likelihood, build_likelihood
 from calib.inference.noise import (
@@ -45,8 +46,8 @@ class Errors:
     n_samples: int
     discretisation: Array
     """(n_step,) relative SD of the force's mesh error"""
-    floor: Array
-    """(n_step, 3) SD of the field's mesh error, mm"""
+    floor: FieldFloor
+    """SD of the field's mesh error, its profile at the study's own points"""
     mistaken: Mistaken
     """for which the field's mesh error is"""
     noise_std: Array
@@ -101,7 +102,7 @@ class Errors:
         """
         return replace(
             self.with_noise(face_travel_sd=scale * self.noise.face_travel_sd),
-            floor=scale * self.floor,
+            floor=self.floor.scaled(scale),
             mistaken=_of_scaled_block(self.mistaken, scale),
             noise_std=noise * self.noise_std,
             length=noise * self.length,
@@ -254,10 +255,10 @@ def by_runs(
 ) -> Iterator[Plan]:
     """Other cameras and other blocks, each by one FE run on the sampling mesh.
 
-    At theta (kappa, r) or (kappa, r, s) of a Mooney-Rivlin law. How fields of samples differ is
-    known at the study's own points alone.
+    At theta (kappa, r) or (kappa, r, s) of a Mooney-Rivlin law. How fields of samples differ, and
+    where on the face the mesh errs, is known at the study's own points alone.
     """
-    errors = replace(errors, directions=None)
+    errors = replace(errors, directions=None, floor=errors.floor.even)
 
     def plan(name: str, group: str, run: Run, changed: Errors, *faces: Face) -> Plan:
         """A test that sees these faces of the run, with these errors."""
