@@ -11,7 +11,7 @@ PYTEST_ARGS ?=
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help study compile checks test test-quick test-study test-all test-lowest lint types bench bench-fe bench-inference verify-fe verify-data verify-dic verify-inference baseline clean
+.PHONY: help study compile compile-lowest checks test test-quick test-study test-all test-lowest lint types bench bench-fe bench-inference verify-fe verify-data verify-dic verify-inference baseline clean
 VERIFY_ARGS ?=
 
 # One thread a process: the runs are spread over processes, and sums come in one order.
@@ -89,9 +89,12 @@ $(LOWEST)/.installed: pyproject.toml $(INSTALLED)
 	$(BIN)/uv pip install --quiet --python $(LOWEST)/bin/python --resolution lowest-direct --editable '.[dev,dask]'
 	@touch $@
 
-test-lowest: $(LOWEST)/.installed  ## run the quick tests on the oldest versions pyproject.toml allows
-	$(LOWEST)/bin/python tests/compile_kernels.py
-	$(LOWEST)/bin/python -m pytest -n 2 --dist worksteal -m "not slow and not study and not notebook and not lasting" --ignore-glob='tests/test_benchmarks_*' $(PYTEST_ARGS)
+# Compiled kernels of one version of numba take the place of another's, so that each has a folder.
+compile-lowest: $(LOWEST)/.installed  ## compile the kernels on the oldest versions pyproject.toml allows
+	NUMBA_CACHE_DIR="$(CURDIR)/$(LOWEST)/kernels" $(LOWEST)/bin/python tests/compile_kernels.py
+
+test-lowest: compile-lowest  ## run the quick tests on the oldest versions pyproject.toml allows
+	NUMBA_CACHE_DIR="$(CURDIR)/$(LOWEST)/kernels" $(LOWEST)/bin/python -m pytest -n 2 --dist worksteal -m "not slow and not study and not notebook and not lasting" --ignore-glob='tests/test_benchmarks_*' $(PYTEST_ARGS)
 
 clean:  ## remove environments and caches; runs/ is kept
 	rm -rf $(VENV) $(LOWEST) build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
