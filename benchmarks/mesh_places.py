@@ -28,7 +28,7 @@ def figures(store: Path) -> dict[str, Any]:
     found = {}
     for name, case in runs.MESH_CASES.items():
         truths = runs.finer_truths(store, case)
-        fine, _, stiffer = runs.checks(store, case, np.round(truths.theta[:, :2], 3))
+        fine, _, stiffer = runs.checks(store, case, truths.theta[:, :2])
         error, size = spread(truths.displacement - fine.displacement, points())
         difference, measured = spread(stiffer.displacement - fine.displacement, points())
         alike = float(np.corrcoef(np.log(size), np.log(measured))[0, 1])

@@ -5,14 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from calib.inference.tangent_errors import Mistaken
-from calib.study.block_cells import RingCells
 from calib.study.mesh_remarks import (
     FAR,
     NEAR,
     distance,
     distance_sentence,
     errors_sentence,
-    glued_sentence,
 )
 
 PLACE = np.array([0.3, 0.1])
@@ -51,9 +49,3 @@ def test_errors_of_the_mesh_are_told_by_constant_and_nuisance() -> None:
     )
     alone = Mistaken(np.array([0.03]), (), np.zeros((0, 0)), box[:1])
     assert errors_sentence(alone, ("r",), ()).endswith("part of those above, r by 0.03.")
-
-
-def test_glued_blocks_on_meshes_whose_statement_held_r_too_seldom_are_told_so() -> None:
-    assert "held r in 60 %" in glued_sentence(True, (12, 5, 3))
-    assert glued_sentence(True, (12, 6, 2)) == glued_sentence(False, (12, 5, 3)) == ""
-    assert glued_sentence(True, RingCells(rings=8, layers=4, sectors=2)) == ""

@@ -9,15 +9,12 @@ from __future__ import annotations
 import numpy as np
 
 from calib.inference.tangent_errors import Mistaken
-from calib.study.block_cells import Cells, RingCells
 from fe.response import Array
 
 FAR = 3.0
 """posterior SDs of the mean from the last check, beyond which the mesh is checked again"""
 NEAR = 0.1
 """share of the design's box, likewise"""
-THIN = 3
-"""elements along the bar from which on what is stated of glued blocks' fields is doubtful"""
 
 
 def distance(off: Array, sd: Array, extent: Array) -> Array:
@@ -48,21 +45,6 @@ def distance_sentence(
         f"Its mesh was last checked at {name} = {place[worst]:.3g}, {off:.2g} from the posterior "
         f"mean: more than {limit}, so that the correction of the mesh is a guess there and {name} "
         "may be off by about as much. A finer sampling mesh needs less of a correction."
-    )
-
-
-def glued_sentence(glued: bool, sampling: Cells | RingCells) -> str:
-    """What the reader is told of a block that sticks to pin and base, seen by a field.
-
-    `glued`: whether it sticks to both. Empty elsewhere, and where what is stated of the mesh held
-    in tests with known truths (docs/verification.md, "Finer truths", whose figures it quotes).
-    """
-    if not glued or isinstance(sampling, RingCells) or sampling[2] < THIN:
-        return ""
-    return (
-        "For glued blocks on meshes like this one that can be too little: of twelve synthetic "
-        "truths, on 12 x 5 x 3 elements, intervals of 95 % held r in 60 %, where 12 x 6 x 2 held "
-        "98 %. Compare with sampling = [12, 6, 2]."
     )
 
 

@@ -21,7 +21,7 @@ from calib.study.context import Context, stream
 from calib.study.data_stage import StudyData, load_data
 from calib.study.local_design import LOCAL, kept_box
 from calib.study.mesh_error_file import load_mesh_error
-from calib.study.mesh_remarks import distance_sentence, errors_sentence, glued_sentence
+from calib.study.mesh_remarks import distance_sentence, errors_sentence
 from calib.study.posterior_setup import emulator_posterior, noise_of
 from calib.study.sample_stage import load_samples, samples_path
 from calib.study.sections import Hypothesis
@@ -116,10 +116,8 @@ def _mesh_remark(out: Path, study: Study, hypothesis: Hypothesis) -> str:
     forward = EmulatorForward(ScaledEmulator(emulator), with_field=True, correction=mesh.correction)
     units = tuple(error.unit for error in field_nuisances(dataset, noise))
     errors = errors_sentence(mesh.mistaken(dataset, noise, forward), names, units)
-    glued = hypothesis.pin == hypothesis.base == "stick"
-    doubtful = glued_sentence(glued, study.sampling_cells(hypothesis))
     far = distance_sentence(place, mean, stored.sd[ratios], extent, names)
-    return " ".join(filter(None, (errors, doubtful, far)))
+    return " ".join(filter(None, (errors, far)))
 
 
 def _hashes(out: Path, study: Study) -> dict[str, str]:
