@@ -1,7 +1,7 @@
 """Where on the front face a mesh errs: the error of a check mesh, and the difference that tells it.
 
-Both at the truths' own constants: a finer truth less the check mesh, and the sampling mesh less the
-check mesh under one pin.
+Both at the truths' own constants: a finer truth less the check mesh, whose pin gives way twice as
+much, and the sampling mesh less the check mesh under one pin.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ from benchmarks import calibration_runs as runs
 from benchmarks.calibration_figures import points
 from fe.response import Array
 
-EDGES = (0.0, 0.05, 0.15, 0.25, 0.35, 0.5, 0.7, 1.0, 1.5, 2.0)
-"""mm, between which correlations over the points are averaged; the first is of a point itself"""
+EDGES = (0.05, 0.15, 0.25, 0.35, 0.5, 0.7, 1.0, 1.5, 2.0)
+"""mm, between which correlations over the points are averaged"""
 SHARES = (0.1, 0.5, 0.9, 1.0)
 """quantiles of the sizes over the points"""
 
@@ -52,13 +52,12 @@ def spread(fields: Array, at: Array) -> tuple[dict[str, Any], Array]:
     size = np.sqrt(np.diag(products))
     correlation, apart = products / np.outer(size, size), cdist(at, at)
     by_distance = [
-        float(correlation[(apart >= low) & (apart < high)].mean())
-        for low, high in pairwise(EDGES[1:])
+        float(correlation[(apart >= low) & (apart < high)].mean()) for low, high in pairwise(EDGES)
     ]
     told = {
         "quantiles": SHARES,
         "size": np.quantile(size, SHARES).tolist(),
-        "distance_mm": EDGES[1:],
+        "distance_mm": EDGES,
         "correlation": by_distance,
     }
     return told, size

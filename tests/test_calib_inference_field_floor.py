@@ -83,3 +83,22 @@ def test_a_scaled_floor_keeps_its_profile() -> None:
     found = FieldFloor(SD, profile).scaled(0.4)
     assert np.array_equal(found.sd, 0.4 * SD)
     assert found.profile is profile
+
+
+@pytest.mark.parametrize(
+    ("floor", "named"),
+    [
+        (FieldFloor(SD, np.ones(25)), "profile of 26"),
+        (FieldFloor(SD, np.full(26, -1.0)), "profile of 26"),
+        (FieldFloor(SD, np.full(26, np.nan)), "profile of 26"),
+        (FieldFloor(SD[:1]), "expected 2 x 3 SDs"),
+        (FieldFloor(-SD), "expected 2 x 3 SDs"),
+        (-1e-3, "expected 2 x 3 SDs"),
+    ],
+)
+def test_a_floor_that_does_not_fit_the_field_is_refused(
+    floor: FieldFloor | float, named: str
+) -> None:
+    field = FieldData(LINE, np.zeros((N_STEP, 26, 3)), np.full(3, 0.01), 0.5, 0.5)
+    with pytest.raises(ValueError, match=named):
+        field_covariance(field, floor=floor)

@@ -88,7 +88,7 @@ def test_a_parameter_that_is_not_seen_is_left_alone() -> None:
 def test_what_is_known_of_a_parameter_holds_it() -> None:
     [tangent], difference = smooth(1), np.random.default_rng(3).normal(size=(N_STEP, N_POINT, 3))
     [[free]] = mistaken(NOISE, TRAVEL, tangent[None], difference[None])
-    [[information]] = field_covariance(field()).inner(tangent[None], tangent[None])
+    [[information]] = NOISE.inner(tangent[None], tangent[None])
     for sd in (0.0, 0.5 / np.sqrt(information), 3.0 / np.sqrt(information)):
         held = 0.0 if sd == 0 else free * (information / (information + sd**-2)) ** 2
         found = mistaken(NOISE, TRAVEL, tangent[None], difference[None], np.array([sd]))

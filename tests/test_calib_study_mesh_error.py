@@ -13,7 +13,7 @@ from test_calib_inference_forward import BLOCK, scaled
 
 from calib.data import Dataset, FieldData
 from calib.inference import EmulatorForward, NoiseSettings, build_likelihood
-from calib.inference.field_floor import FieldFloor
+from calib.inference.field_floor import FieldFloor, local_profile
 from calib.inference.field_noise import field_covariance
 from calib.inference.forward import Jacobian
 from calib.inference.noise import COMPLIANCE, FACE, ZERO, field_nuisances
@@ -502,3 +502,42 @@ def test_the_table_of_meshes_tells_the_pins_part_at_each_point(tmp_path: Path) -
     assert rows[0][2:] == tuple(["-2.91"] * len(rows[0][2:]))  # 1 / 1.03 - 1
     assert "gives way 4 times less" in told.title and "on by 0.33 times that part" in told.note
     assert len(plain.rows) == len(told.rows) - 4 and "pin" not in plain.title + plain.note
+
+
+def test_the_floor_is_large_where_the_meshes_differ_under_one_pin(tmp_path: Path) -> None:
+    fine, coarse = both(CHECKS)
+    seen = tuple(replace(run, points=BLOCK.points) for run in fine.responses)
+    stiffer, times = under_stiffer_pin(CHECKS)
+    pressed = tuple(
+        replace(run, displacement=run.displacement * (1.0 + 0.1 * BLOCK.points[:, :1]))
+        for run in stiffer.responses
+    )
+    under = replace(stiffer, responses=pressed), times
+    error = mesh_error(replace(fine, responses=seen), coarse, 1.5, "stuck", EXTENT, under)
+    assert error.pin is not None
+    expected = local_profile(BLOCK.points, error.field - error.pin.field)
+    assert not np.allclose(expected, local_profile(BLOCK.points, error.field), rtol=0.05)
+    assert error.field_floor.profile == pytest.approx(expected, rel=1e-12)
+    study = load_study("thesis-forces")
+    hypothesis = study.hypotheses[0]
+    save_mesh_error(tmp_path, hypothesis, study, error, ["r", "s"])
+    found = load_mesh_error(tmp_path, hypothesis)
+    assert found.points is not None
+    np.testing.assert_array_equal(found.points, BLOCK.points)
+    assert found.field_floor.profile == pytest.approx(expected, rel=1e-12)
+    # Files before points were kept: the same everywhere.
+    save_mesh_error(tmp_path, hypothesis, study, replace(error, points=None), ["r", "s"])
+    assert load_mesh_error(tmp_path, hypothesis).field_floor.profile is None
+
+
+def test_directions_in_which_samples_differ_hide_nothing_of_the_mesh() -> None:
+    forward, data = EmulatorForward(scaled(), with_field=True), dataset()
+    fine, coarse = both(CHECKS[:1])
+    error = mesh_error(fine, coarse, 1.5, "stuck", EXTENT)
+    assert data.field is not None
+    assert error.at_check is not None
+    like_r = replace(data.field, patterns=0.3 * error.at_check.tangents[:1])
+    with_directions = replace(data, field=like_r)
+    expected = error.mistaken(data, NoiseSettings(), forward)
+    found = error.mistaken(with_directions, NoiseSettings(), forward)
+    np.testing.assert_array_equal(found.ratios, expected.ratios)

@@ -13,7 +13,7 @@ from calib.inference.noise import NoiseSettings
 from calib.inference.planned import FirstOrderForward
 from calib.inference.tangent_errors import Mistaken
 from calib.study.config import load_study
-from calib.study.design_next import _between, _least_sd
+from calib.study.design_next import _between, _least_sd, _left_out
 from calib.study.plans import Errors, _other_blocks, by_emulator, by_runs, planned_likelihood
 from calib.study.views import Run, Seen
 from fe import BlockPin, BlockPinModel, Contact
@@ -129,3 +129,28 @@ def test_plans_by_fe_runs_see_points_at_which_samples_were_not_compared(
         assert plan.likelihood.field is not None
         assert len(plan.likelihood.field.covariance.patterns) == 2  # of the ratios alone
     np.testing.assert_allclose(plans[0].likelihood.errors.mean, MEASURED / 20 * 19 / 15, rtol=1e-5)
+
+
+def test_plans_by_fe_runs_have_the_same_mesh_error_at_all_points(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """They see three points, the study four; without its profile the floor is of its size."""
+    rng = np.random.default_rng(7)
+    seen = Seen(POINTS[:3], rng.normal(size=(3, 3, 3)), rng.normal(size=(3, 3, 3, 2)))
+    faces = {"front": seen, "side": seen}
+    run = Run(np.array([0.3, 0.1]), TRAVEL, FORCE, rng.normal(size=(3, 2)), faces)
+    monkeypatch.setattr("calib.study.plans._solved", lambda *_: run)
+    floor = FieldFloor(np.full((3, 3), 0.01), np.array([0.5, 0.5, 1.0, 1.6]))
+    study, found = load_study("virtual"), replace(errors(0.005), floor=floor)
+    plans = by_runs(study, study.hypotheses[0], found, np.array([1.0, 0.3, 0.1]), print)
+    sizes = {}
+    for plan in plans:
+        assert plan.likelihood.field is not None
+        sizes[plan.name] = plan.likelihood.field.covariance.floor[0, 0, 0]
+    assert sizes["front camera, by one FE run"] == pytest.approx(1e-4)
+    assert sizes["4 mm sample, camera as before"] == pytest.approx(0.4**2 * 1e-4)
+    assert _left_out(found) == [
+        "where on the face the mesh errs",
+        "the directions in which the fields of the samples differ",
+    ]
+    assert _left_out(replace(found, floor=floor.even, directions=None)) == []

@@ -32,7 +32,7 @@ from fe.response import Array
 # singular in double precision.
 NUGGET = 1e-6
 FLOOR_LENGTH = 0.3
-"""mm, over which the model's errors are correlated: less than an element of a mesh"""
+"""mm, over which the model's errors are stated as correlated: less than an element of a mesh"""
 FLOOR_NUGGET = 0.1
 """share of the variance of the model's errors that is not correlated over the points"""
 FLOOR_SHARED = 0.5
@@ -215,20 +215,15 @@ def field_covariance(
     `patterns` (q, n_step, n_point, 3) are model errors of known shape [mm], to which come those of
     the field itself; `floor`, or one SD for all [mm], is for model errors of unknown shape,
     correlated over the points as exp(-d / `FLOOR_LENGTH`) and half common to all increments. Errors
-    of a mesh are no smooth functions: rows of nodes that pass the pin's edge move it within one
-    element. A squared exponential, which has nothing below its length, would take the constants
-    from what is finer as if no mesh erred there, and so, in part, does a longer length; taken as
-    independent the errors would average away.
+    of a mesh are no smooth functions, those of stuck blocks least of all: rows of nodes that pass
+    the pin's edge move it within one element. A squared exponential, which has nothing below its
+    length, would take the constants from what is finer as if no mesh erred there, and so, in part,
+    does a longer length; taken as independent the errors would average away.
     With `freedom` the noise is, approximately, Student-t of so many degrees: see
     `calib.inference.point_weights`.
     Raises ValueError when shapes disagree or a floor is negative.
     """
     n_step, n_point, _ = field.displacement.shape
-    if not isinstance(floor, FieldFloor):
-        floor = FieldFloor(np.full((n_step, 3), float(floor)))
-    floors = np.broadcast_to(floor.sd, (n_step, 3))
-    if not np.all(floors >= 0):
-        raise ValueError(f"floor: expected zero or a positive SD in mm, got {floors.min()}")
     if patterns is None:
         patterns = np.zeros((0, n_step, n_point, 3))
     if field.patterns is not None:
@@ -244,8 +239,7 @@ def field_covariance(
         scale = point_weights(field, correlation, step, freedom) ** -0.5
         correlation = scale[:, None] * correlation * scale
     smooth = spatial_correlation(field.points, FLOOR_LENGTH, nugget=FLOOR_NUGGET)
-    if floor.profile is not None:
-        smooth = floor.profile[:, None] * smooth * floor.profile
+    floors, smooth = _sized(floor, n_step, smooth)
     values, vectors = eigh(smooth, correlation)
     shared = step_correlation(n_step, FLOOR_SHARED)
     return FieldCovariance(
@@ -257,3 +251,24 @@ def field_covariance(
         floor=floors.T[:, :, None] * floors.T[:, None, :] * shared,
         patterns=patterns,
     )
+
+
+def _sized(floor: FieldFloor | float, n_step: int, smooth: Array) -> tuple[Array, Array]:
+    """SDs (n_step, 3) mm, and the covariance over the points (n_point, n_point) in their units.
+
+    `smooth` is the correlation over the points.
+    """
+    given = floor if isinstance(floor, FieldFloor) else FieldFloor(np.full((n_step, 3), floor))
+    if given.sd.shape != (n_step, 3) or not np.all(given.sd >= 0):
+        raise ValueError(
+            f"floor: expected {n_step} x 3 SDs in mm, none of them negative, "
+            f"found {given.sd.shape} of {given.sd.min()} and more"
+        )
+    if given.profile is None:
+        return given.sd, smooth
+    if given.profile.shape != (len(smooth),) or not np.all(given.profile >= 0):
+        raise ValueError(
+            f"floor: expected a profile of {len(smooth)} values, none of them negative, "
+            f"found {given.profile.shape}"
+        )
+    return given.sd, given.profile[:, None] * smooth * given.profile

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from calib.data import Dataset
+from calib.inference.field_floor import PROFILE_LEAST, PROFILE_LENGTH
 from calib.inference.field_noise import FLOOR_LENGTH, FLOOR_NUGGET
 from calib.inference.laws import RATIOS
 from calib.inference.noise import field_scale_sd, travel_zero_sd
@@ -204,6 +205,11 @@ def _field_rows(virtual: Virtual) -> list[tuple[str, str, str]]:
         (
             "correlation length of the field's mesh error",
             f"{FLOOR_LENGTH:g}; {FLOOR_NUGGET:g} of it uncorrelated",
+            "mm",
+        ),
+        (
+            "length over which its size on the face is averaged from the difference of the meshes",
+            f"{PROFILE_LENGTH:g}; at least {PROFILE_LEAST:g} of its RMS",
             "mm",
         ),
         (

@@ -86,8 +86,7 @@ def design_next(
             "hypothesis": under.name,
             "synthetic": data.synthetic,
             "assumed_camera": data.field is None and any(plan.with_field for plan in plans),
-            "directions_left_out": errors.directions is not None
-            and any(plan.source != "emulator" for plan in plans),
+            "left_out": _left_out(errors) if any(p.source != "emulator" for p in plans) else [],
             "now": dict(zip(names, x.std(axis=0), strict=True)),
             "plans": rows,
         }
@@ -156,6 +155,16 @@ def errors_of(
     )
 
 
+def _left_out(errors: Errors) -> list[str]:
+    """What is known at the study's own points alone, in words."""
+    lacking = []
+    if errors.floor.profile is not None:
+        lacking.append("where on the face the mesh errs")
+    if errors.directions is not None:
+        lacking.append("the directions in which the fields of the samples differ")
+    return lacking
+
+
 def _between(data: Dataset, load_cell_sd: float) -> Array | None:
     """(n_step, n_step) measured covariance of samples over the forces, load cell left out."""
     if data.force_covariance is None:
@@ -218,10 +227,10 @@ def gains_table(facts: dict[str, Any]) -> Table:
         )
     kind = "SYNTHETIC data" if facts["synthetic"] else "measured data"
     camera = " The study has no camera: noise of one is assumed." if facts["assumed_camera"] else ""
-    if facts["directions_left_out"]:
-        camera = (
-            " Plans by an FE run lack the directions in which the fields of the samples differ: "
-            "compare them with the front camera by one FE run."
+    if facts["left_out"]:
+        camera += (
+            f" Plans by an FE run lack {' and '.join(facts['left_out'])}: compare them with the "
+            "front camera by one FE run."
         )
     return Table(
         f"What to measure next: study {facts['study']} ({kind}), hypothesis {facts['hypothesis']}",

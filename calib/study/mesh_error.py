@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,9 +20,8 @@ from calib.inference.tangent_errors import (
     tangents_at,
     with_nuisances,
 )
-from calib.study.mesh_parts import AtCheck, MeshSlopes, PinError
+from calib.study.mesh_parts import AtCheck, MeshSlopes, PinError, slopes_of, unknown_error
 from calib.study.training_runs import rows
-from fe.campaign import CampaignFailed
 from fe.campaign_result import Campaign
 from fe.response import Array
 from surrogate import named_gradient
@@ -73,7 +71,8 @@ class MeshError:
     at_check: AtCheck | None = None
     """None where the slopes are"""
     points: Array | None = None
-    """(n_point, 2) of the field, mm; None where they are not known"""
+    """(n_point, 2) of the field, mm; None where they are not known (files before 2026-11-27): what
+    is left is then taken to be of one size everywhere"""
 
     @property
     def _parts(self) -> list[tuple[Array, Array]]:
@@ -189,7 +188,8 @@ class MeshError:
         of_ratios = np.full(d, np.inf) if self.extent is None else self.extent / np.sqrt(12.0)
         held = np.append(of_ratios, [error.sd for error in nuisances])
         found = np.zeros((held.size, held.size))
-        errors = field_covariance(dataset.field, floor=self.field_floor)
+        # Not by the directions in which samples differ: not every likelihood has these.
+        errors = field_covariance(replace(dataset.field, patterns=None), floor=self.field_floor)
         for _, field in self._parts:
             of_part = mistaken(errors, dataset.travel, tangents, field, held)
             found += of_part / len(self.ratios)
@@ -231,7 +231,7 @@ def mesh_error(
         runs["sampling mesh under a stiffer pin"] = stiffer[0]
     every = np.all([own.reached for own in runs.values()], axis=0)
     if not every.any():
-        raise _unknown(name, runs)
+        raise unknown_error(name, runs)
     last = np.flatnonzero(every)[-N_CHECKED:]
     fine, coarse = rows(fine, last), rows(coarse, last)
     under = None if stiffer is None else (rows(stiffer[0], last), stiffer[1])
@@ -241,7 +241,7 @@ def mesh_error(
         ratios=fine.theta,
         signed_force=coarse.force / fine.force - 1.0,
         field=coarse.displacement - fine.displacement,
-        slopes=None if extent is None else _slopes(fine, coarse, REACH * extent, under),
+        slopes=None if extent is None else slopes_of(fine, coarse, REACH * extent, under),
         extent=extent,
         pin=None if under is None else _pin_error(coarse, *under),
         points=points if len(points) else None,
@@ -265,41 +265,3 @@ def _pin_error(coarse: Campaign, stiffer: Campaign, stiffening: float) -> PinErr
         coarse.force / stiffer.force - 1.0,
         coarse.displacement - stiffer.displacement,
     )
-
-
-def _unknown(name: str, runs: Mapping[str, Campaign]) -> CampaignFailed:
-    """Says which of the runs of each mesh stopped first."""
-    mesh, worst = min(
-        ((mesh, run) for mesh, own in runs.items() for run in own.responses),
-        key=lambda found: found[1].reached,
-    )
-    n = len(next(iter(runs.values())).theta)
-    return CampaignFailed(
-        f"{name}: the {mesh} stopped at {worst.reached:.3g} mm ({worst.message}), so the "
-        "discretisation error is unknown; change mesh.check, lower mesh.check_stiffening or "
-        "lower the last increment",
-        n_failed=n,
-        n_done=n,
-        n_total=n,
-    )
-
-
-def _slopes(
-    fine: Campaign, coarse: Campaign, reach: Array, under: tuple[Campaign, float] | None
-) -> MeshSlopes | None:
-    """Derivatives of the difference; None unless all equilibria are stable and theirs are known.
-
-    Those of an unstable equilibrium need not be those along the ratios.
-    """
-    campaigns = (fine, coarse) if under is None else (fine, coarse, under[0])
-    if not all(campaign.stable.all() for campaign in campaigns):
-        return None
-    names = [parameter.name for parameter in fine.parameters]
-    by_fine, by_coarse, *by_stiffer = (
-        named_gradient(each.displacement_gradient, each.gradient_parameters, names)
-        for each in campaigns
-    )
-    field = by_coarse - by_fine
-    if under is not None:
-        field += (by_coarse - by_stiffer[0]) / (under[1] - 1.0)
-    return MeshSlopes(field, reach) if np.isfinite(field).all() else None

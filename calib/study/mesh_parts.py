@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
+import numpy as np
+
+from fe.campaign import CampaignFailed
+from fe.campaign_result import Campaign
 from fe.response import Array
+from surrogate import named_gradient
 
 
 @dataclass(frozen=True)
@@ -48,3 +54,41 @@ class AtCheck:
     """(d, n_step, n_point, 3) derivatives of its field by the ratios, mm per unit"""
     field: Array
     """(n_step, n_point, 3) mm"""
+
+
+def slopes_of(
+    fine: Campaign, coarse: Campaign, reach: Array, under: tuple[Campaign, float] | None
+) -> MeshSlopes | None:
+    """Derivatives of the difference; None unless all equilibria are stable and theirs are known.
+
+    Those of an unstable equilibrium need not be those along the ratios.
+    """
+    campaigns = (fine, coarse) if under is None else (fine, coarse, under[0])
+    if not all(campaign.stable.all() for campaign in campaigns):
+        return None
+    names = [parameter.name for parameter in fine.parameters]
+    by_fine, by_coarse, *by_stiffer = (
+        named_gradient(each.displacement_gradient, each.gradient_parameters, names)
+        for each in campaigns
+    )
+    field = by_coarse - by_fine
+    if under is not None:
+        field += (by_coarse - by_stiffer[0]) / (under[1] - 1.0)
+    return MeshSlopes(field, reach) if np.isfinite(field).all() else None
+
+
+def unknown_error(name: str, runs: Mapping[str, Campaign]) -> CampaignFailed:
+    """Says which of the runs of each mesh stopped first."""
+    mesh, worst = min(
+        ((mesh, run) for mesh, own in runs.items() for run in own.responses),
+        key=lambda found: found[1].reached,
+    )
+    n = len(next(iter(runs.values())).theta)
+    return CampaignFailed(
+        f"{name}: the {mesh} stopped at {worst.reached:.3g} mm ({worst.message}), so the "
+        "discretisation error is unknown; change mesh.check, lower mesh.check_stiffening or "
+        "lower the last increment",
+        n_failed=n,
+        n_done=n,
+        n_total=n,
+    )

@@ -113,8 +113,8 @@ def mesh_table(errors: Mapping[str, Any]) -> Table:
         f"that the likelihood still allows for, {', '.join(shares)} times the meshes' part (half "
         "the grid convergence index of two meshes; of the force never less than that of the RMS "
         "over the increments) and its spread over the points; of the field, the worst component, "
-        "and a field has the same share again of the changes of each constant and of nuisances of "
-        "the test that the difference would be mistaken for."
+        "as a root mean square over the face, and a field has the same share again of the changes "
+        "of each constant and of nuisances of the test that the difference would be mistaken for."
         f"{pin_note} It is an estimate, not a bound."
         + "".join(
             f" {name}: one of the points could not be solved on both meshes and under both pins, "
