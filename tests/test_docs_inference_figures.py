@@ -53,11 +53,11 @@ def test_whatever_leaves_a_term_out_fails_and_what_states_it_passes() -> None:
             assert min(arm["sbc_p"].values()) > 0.01
         else:
             assert max(arm["sbc_p"].values()) < 1e-10
-    for name in ("sbc_finer", "sbc_finer_stuck"):
+    for name in ("sbc_finer", "sbc_finer_stuck", "sbc_finer_stuck_new"):
         assert max(FIGURES[name]["left_out"]["sbc_p"].values()) < 1e-10
 
 
-@pytest.mark.parametrize("name", ["sbc_finer", "sbc_finer_stuck"])
+@pytest.mark.parametrize("name", ["sbc_finer", "sbc_finer_stuck", "sbc_finer_stuck_new"])
 def test_what_is_stated_of_a_mesh_holds_the_truth_of_a_finer_one(name: str) -> None:
     """Not less often than said, within two standard errors: it is stated of the block itself."""
     stated = FIGURES[name]["stated"]
