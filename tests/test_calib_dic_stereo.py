@@ -58,6 +58,7 @@ def test_errors_are_as_large_as_stated():
     assert 0.91 < np.mean(np.abs(scores) < 1.96) < 0.98
 
 
+@pytest.mark.lasting
 def test_a_face_at_rest_moves_by_its_stated_noise():
     _, found, _, _ = measured(2)
     z = (found.displacement / found.sigma)[found.valid]
@@ -106,6 +107,7 @@ def test_swapped_cameras_and_a_strange_calibration_are_told_apart():
         place_reference(rig, rest.left, rest.right, points, narrow)
 
 
+@pytest.mark.lasting
 def test_a_knocked_camera_is_found_again():
     rest = still(0)
     knocked = turned(CAMERAS.rig, 0.3)

@@ -244,6 +244,7 @@ def test_laplace_covariance_of_a_normal_density_is_its_own_and_none_where_it_doe
     assert laplace_covariance(of(np.zeros((3, 3))), mean, sd) is None
 
 
+@pytest.mark.lasting
 def test_all_data_are_told_by_the_posterior_that_was_sampled_and_their_parts_by_the_wide_one() -> (
     None
 ):

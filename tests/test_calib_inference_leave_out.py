@@ -92,6 +92,7 @@ def test_scores_that_the_draws_cannot_give_are_integrated_anew() -> None:
     assert exact[2] - 0.05 < found.log_density[2] < exact[2]
 
 
+@pytest.mark.lasting
 def test_a_score_is_integrated_in_the_wider_posterior_where_the_rest_reaches_beyond() -> None:
     """The narrow one is known within 0.3 SD of the mean of r and s alone."""
     blocks = increment_blocks(TRAVEL)[:1]

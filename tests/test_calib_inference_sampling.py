@@ -110,6 +110,7 @@ def test_max_steps_is_a_status() -> None:
     assert all(done <= total for done, total in progress)
 
 
+@pytest.mark.lasting
 def test_chains_are_long_against_their_memory_when_converged() -> None:
     found = sampled()
     n_step = found.chains.shape[1]

@@ -105,6 +105,7 @@ ALONG = {
 
 
 @CONTACTS
+@pytest.mark.lasting
 def test_derivatives_are_central_differences_of_whole_solutions(contact):
     block = small(contact)
     base = replace(block, sensitivities=tuple(ALONG)).respond(rubber())
