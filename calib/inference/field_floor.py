@@ -37,12 +37,12 @@ class FieldFloor:
 def local_profile(points: Array, differences: Array) -> Array:
     """(n_point,) where differences (n, n_step, n_point, 3) of two models are large; RMS of one.
 
-    What a mesh errs by is largest where the pin's edge presses: there its error is three to four
-    times its root mean square over the face, and half of it at the tenth of the points where it is
-    least, and the difference of two meshes is large at much the same places (docs/verification.md,
-    "Where on the face a mesh errs"). Each increment and component counts alike, averaged over
-    points (n_point, 2) [mm] within `PROFILE_LENGTH`, since errors of finer meshes have not the
-    shape of the difference. One everywhere where nothing differs.
+    What a mesh errs by is uneven over the face: at most 2.7 (stuck) and 4.4 times (sliding) its
+    root mean square, half of it at the tenth of the points where it is least; and the difference of
+    two meshes is large at much the same places (docs/verification.md, "Where on the face a mesh
+    errs"). Each increment and component counts alike, averaged over points (n_point, 2) [mm] within
+    `PROFILE_LENGTH`, since errors of finer meshes have not the shape of the difference. One
+    everywhere where nothing differs.
     """
     size = np.mean(differences**2, axis=(0, 2), keepdims=True)
     each = np.mean(differences**2 / np.where(size > 0.0, size, 1.0), axis=(0, 1, 3))
