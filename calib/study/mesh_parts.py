@@ -59,9 +59,11 @@ class AtCheck:
 def slopes_of(
     fine: Campaign, coarse: Campaign, reach: Array, under: tuple[Campaign, float] | None
 ) -> MeshSlopes | None:
-    """Derivatives of the difference; None unless all equilibria are stable and theirs are known.
+    """Derivatives of two meshes' difference at each check; None unless all are known and stable.
 
-    Those of an unstable equilibrium need not be those along the ratios.
+    Those of an unstable equilibrium need not be those along the ratios. `reach` (d,) is how far
+    they are followed; `under` are runs of the coarse mesh under the fine one's pin, and how many
+    times less that gives way.
     """
     campaigns = (fine, coarse) if under is None else (fine, coarse, under[0])
     if not all(campaign.stable.all() for campaign in campaigns):
@@ -78,7 +80,10 @@ def slopes_of(
 
 
 def unknown_error(name: str, runs: Mapping[str, Campaign]) -> CampaignFailed:
-    """Says which of the runs of each mesh stopped first."""
+    """The error to raise where no check got through on all meshes: which run stopped first.
+
+    `name` is the hypothesis, `runs` its runs by what they are of, in words.
+    """
     mesh, worst = min(
         ((mesh, run) for mesh, own in runs.items() for run in own.responses),
         key=lambda found: found[1].reached,
