@@ -1,6 +1,7 @@
 # softcal. `make help` lists the targets. All is installed into .venv beside this file.
-# On first use: python3 -m venv, then pip; later only when pyproject.toml has changed.
-# (--no-compile halves the time; Python compiles what is imported, when it is.)
+# On first use: python3 -m venv, then uv, which takes a fifth of pip's time (pip where uv finds no
+# index: it does not read pip's settings); later only when pyproject.toml has changed.
+# (--no-compile: Python compiles what is imported, when it is.)
 
 PYTHON ?= python3
 VENV := .venv
@@ -27,7 +28,9 @@ help:  ## list the targets
 $(INSTALLED): pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "softcal needs Python 3.11 or newer; name it, e.g.: make PYTHON=python3.12")'
 	@$(BIN)/python -m pip --version > /dev/null 2>&1 || $(PYTHON) -m venv --clear $(VENV)
-	$(BIN)/python -m pip install --disable-pip-version-check --no-compile --editable '.[dev,dask]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile 'uv>=0.5'
+	$(BIN)/uv pip install --python $(BIN)/python --editable '.[dev,dask]' \
+	  || $(BIN)/python -m pip install --disable-pip-version-check --no-compile --editable '.[dev,dask]'
 	@touch $@
 
 study: $(INSTALLED)  ## calibrate on the real forces of the thesis (study thesis-forces)

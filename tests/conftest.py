@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING
 import pytest
 from hypothesis import settings
 
+from tests.cheaper_text import in_place_of
+
 if TYPE_CHECKING:
     from calib.study.stages import StudyResult
 
@@ -25,23 +27,23 @@ def finished_studies(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return Path(given) if given else tmp_path_factory.mktemp("runs")
 
 
-MESHES = {
-    "sampling = [12, 4, 2]": "sampling = [8, 4, 2]",
-    "check = [18, 6, 4]": "check = [12, 6, 3]",
-    "sampling = [12, 6, 2]": "sampling = [8, 4, 2]",
-    "check = [20, 14, 5]": "check = [12, 6, 3]",
+CHEAPER = {
+    "sampling = [12, 4, 2]": "sampling = [8, 3, 2]",
+    "check = [18, 6, 4]": "check = [12, 5, 2]",
+    "sampling = [12, 6, 2]": "sampling = [8, 3, 2]",
+    "check = [20, 14, 5]": "check = [12, 5, 2]",
+    "n_runs = 20": "n_runs = 16",
+    "n_refine = 8": "n_refine = 6",
 }
-"""of the study, and cheaper ones"""
+"""meshes and numbers of runs of the study, and those of its test"""
 
 
 @pytest.fixture(scope="session")
 def thesis_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The embedded study thesis-forces; with cheaper meshes unless SOFTCAL_RUNS is set."""
+    """The embedded study thesis-forces; cheaper, as above, unless SOFTCAL_RUNS is set."""
     text = (resources.files("calib.study") / "embedded" / "thesis-forces.toml").read_text()
     if "SOFTCAL_RUNS" not in os.environ:
-        for costly, cheap in MESHES.items():
-            assert costly in text
-            text = text.replace(costly, cheap)
+        text = in_place_of(text, CHEAPER)
     path = tmp_path_factory.mktemp("study") / "thesis-forces.toml"
     path.write_text(text)
     return path

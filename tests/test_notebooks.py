@@ -1,7 +1,8 @@
-"""Notebooks run from first to last cell with the package as it is."""
+"""Notebooks run from first to last cell with the package as it is, on smaller meshes."""
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import nbformat
@@ -9,6 +10,7 @@ import pytest
 from nbclient import NotebookClient
 
 from calib.study.stages import StudyResult
+from tests.cheaper_text import in_place_of
 
 FOLDER = Path(__file__).parent.parent / "notebooks"
 NOTEBOOKS = sorted(FOLDER.glob("*.ipynb"))
@@ -35,6 +37,36 @@ EXPECTED = {
 }
 """pictures that a notebook shows, and words that it prints"""
 
+CHEAPER = {
+    "02_forward_model": {
+        '"bar": (12, 4, 2), "bar, stuck": (12, 5, 3), "round": (6, 3, 6)': (
+            '"bar": (8, 3, 2), "bar, stuck": (8, 4, 2), "round": (4, 3, 4)'
+        ),
+        "(6, 3, 1), (12, 5, 3), (10, 8, 3)": "(6, 3, 1), (8, 4, 2), (8, 5, 2)",
+        "(6, 2, 1), (12, 4, 2), (16, 5, 2)": "(6, 2, 1), (8, 3, 2), (10, 3, 2)",
+        '"bar, stuck": (8, 4, 2), "bar, frictionless": (8, 3, 2), "round, stuck": (6, 3, 6)}': (
+            '"bar, stuck": (4, 2, 1), "bar, frictionless": (4, 2, 1), "round, stuck": (3, 2, 3)}'
+        ),
+    },
+    "03_emulator": {"(8, 3, 1)": "(6, 2, 1)", "sobol_design(24,": "sobol_design(8,"},
+    "04_experiment_to_dataset": {"cells=(8, 3, 2)": "cells=(6, 2, 1)"},
+    "06_images_to_posterior": {
+        "cells=(14, 5, 3)": "cells=(10, 4, 3)",
+        "(8, 3, 2), (12, 4, 2)": "(8, 3, 1), (10, 4, 2)",
+    },
+}
+"""meshes and runs of a notebook, and those of its test"""
+
+
+def read_cheaper(name: str) -> nbformat.NotebookNode:
+    """A notebook with the meshes and runs of its test."""
+    text = (FOLDER / f"{name}.ipynb").read_text(encoding="utf-8")
+    in_json = {
+        json.dumps(costly)[1:-1]: json.dumps(cheap)[1:-1]
+        for costly, cheap in CHEAPER.get(name, {}).items()
+    }
+    return nbformat.reads(in_place_of(text, in_json), as_version=4)
+
 
 def shown_and_printed(name: str, monkeypatch: pytest.MonkeyPatch) -> tuple[int, str]:
     """Run a notebook from first to last cell: (number of its pictures, what it prints).
@@ -42,7 +74,7 @@ def shown_and_printed(name: str, monkeypatch: pytest.MonkeyPatch) -> tuple[int, 
     A backend named in the environment would take the place of the notebook's own, which shows.
     """
     monkeypatch.delenv("MPLBACKEND", raising=False)
-    notebook = nbformat.read(FOLDER / f"{name}.ipynb", as_version=4)
+    notebook = read_cheaper(name)
     NotebookClient(notebook, timeout=1200).execute()
     outputs = [output for cell in notebook.cells for output in cell.get("outputs", [])]
     pictures = [o for o in outputs if "image/png" in o.get("data", {})]
