@@ -71,7 +71,8 @@ def test_the_work_of_the_pin_is_stored(contact):
 @CONTACTS
 def test_a_round_pin_takes_less_force_than_a_bar_and_more_than_a_thinner_one(contact):
     specimens = (BlockPin(pin="round", pin_width=3.0), ROUND, BlockPin())
-    thin, thick, bar = (model(*contact, specimen=s)(RATIOS) for s in specimens)
+    one = {"travel": (0.2,)}
+    thin, thick, bar = (model(*contact, specimen=s, **one)(RATIOS) for s in specimens)
     assert thin.status is thick.status is bar.status is Status.CONVERGED
     assert np.all(thin.force < thick.force)
     assert np.all(thick.force < bar.force)
@@ -90,7 +91,7 @@ def test_x_and_z_are_alike_under_a_round_pin(contact):
 
 @pytest.mark.parametrize("contact", [("stick", "stick"), ("slide", "slide")], ids="-".join)
 def test_sensitivities_match_central_differences(contact):
-    m = model(*contact, steps=StepOptions(largest=0.05))
+    m = model(*contact, travel=(0.1, 0.2), steps=StepOptions(largest=0.05))
     base, h = m(RATIOS), 1e-4
     for j, step in enumerate(np.eye(2) * h):
         plus, minus = m(RATIOS + step), m(RATIOS - step)
@@ -100,7 +101,8 @@ def test_sensitivities_match_central_differences(contact):
 
 @pytest.mark.lasting
 def test_friction_of_the_base_lies_between_sliding_and_sticking():
-    forces = [model("stick", base)(RATIOS).force for base in ("slide", 0.3, "stick")]
+    one = {"travel": (0.2,)}
+    forces = [model("stick", base, **one)(RATIOS).force for base in ("slide", 0.3, "stick")]
     assert np.all(np.diff(forces, axis=0) > 0.0)
 
 

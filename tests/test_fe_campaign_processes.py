@@ -93,7 +93,7 @@ def _session_is_empty(session: int) -> bool:
 
 
 @pytest.mark.lasting
-@pytest.mark.parametrize(("n_workers", "n_kills"), [(0, 20), (1, 5), (2, 5)])
+@pytest.mark.parametrize(("n_workers", "n_kills"), [(0, 12), (2, 5)])
 def test_a_campaign_killed_again_and_again_ends_with_the_same_bits(
     tmp_path: Path, n_workers: int, n_kills: int
 ) -> None:

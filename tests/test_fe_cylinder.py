@@ -170,7 +170,7 @@ def test_friction_raises_the_force_from_sliding_to_bonded_ends():
     m = make("mooney-rivlin-2", 50.0)
 
     def force(ends: str, friction: float) -> np.ndarray:
-        return CylinderModel(SIZE, (5, 4), (3.0, 9.0), ends, friction).respond(m).force
+        return CylinderModel(SIZE, (4, 3), (3.0, 9.0), ends, friction).respond(m).force
 
     found = np.array([force("slide", mu) for mu in (0.0, 0.05, 0.15, 0.4, 3.0)])
     bonded = force("bonded", 3.0)  # its side rubs where it lies on the plate, like that of the last
@@ -200,7 +200,7 @@ def test_the_force_with_friction_does_not_depend_on_how_many_travels_are_asked(f
     """Friction is from where a point began to stick or slid to, not from where the step began."""
     m = make("mooney-rivlin-2", 50.0)
     forces = []
-    for n in (1, 10, 200):
+    for n in (1, 10, 100):
         travel = tuple(np.linspace(0.0, 6.0, n + 1)[1:])
         forces.append(CylinderModel(SIZE, (4, 3), travel, friction=friction).respond(m).force[-1])
     assert forces == pytest.approx([forces[0]] * 3, rel=1e-5)

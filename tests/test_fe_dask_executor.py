@@ -141,7 +141,7 @@ class Deadly:
 @pytest.mark.lasting
 def test_a_run_that_kills_every_worker_ends_the_campaign_and_says_so(tmp_path: Path) -> None:
     with (
-        dask_workers(n_workers=2) as map_fn,
+        dask_workers(n_workers=1) as map_fn,
         pytest.raises(WorkerDied, match="ended in the same item"),
     ):
         run(tmp_path, Deadly(), RATIOS[:1], map_fn=map_fn)

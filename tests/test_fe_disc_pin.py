@@ -144,7 +144,7 @@ def names(model: DiscPinModel) -> tuple[str, ...]:
     return tuple(name for name in model.parameter_names(rubber()) if name not in idle)
 
 
-STEPS = 0.5 ** np.arange(3)
+STEPS = np.array([1.0, 0.25])
 RELATIVE = 1.6e-2
 """largest change of a parameter, relative to its size: the smallest remainder, of the force in C11,
 is then a hundred times what the tolerance of the equilibria leaves open"""

@@ -17,7 +17,7 @@ ONE_STEP = StepOptions(3.0, 3.0, 0.005)
 """longer than between the asked travels: what rubs depends on the steps"""
 LAW = (0.3, 0.2, 0.05, 20.0)
 """C10, C01, C11, bulk modulus, MPa"""
-STEPS = 0.5 ** np.arange(4)
+STEPS = np.array([1.0, 0.125])
 RELATIVE = 4e-3
 """largest change of a parameter, relative to its size"""
 OF_DIMENSION = 5e-4

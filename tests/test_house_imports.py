@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -34,8 +35,18 @@ def imported(tree: ast.Module) -> Iterator[str]:
             yield node.module or ""
 
 
+@cache
+def parsed(path: Path) -> ast.Module:
+    return ast.parse(path.read_text())
+
+
+@cache
+def names_in(path: Path) -> tuple[str, ...]:
+    return tuple(imported(parsed(path)))
+
+
 def top_level(path: Path) -> set[str]:
-    return {name.partition(".")[0] for name in imported(ast.parse(path.read_text()))}
+    return {name.partition(".")[0] for name in names_in(path)}
 
 
 def test_the_packages_are_where_this_test_looks():
@@ -62,7 +73,7 @@ def test_studies_are_seen_by_the_command_only():
     seen_by = {
         str(path.relative_to(ROOT))
         for path in FILES
-        for name in imported(ast.parse(path.read_text()))
+        for name in names_in(path)
         if name.startswith("calib.study") and (ROOT / "calib/study") not in path.parents
     }
     assert seen_by <= {"calib/verbs.py"}
@@ -72,7 +83,7 @@ def test_lens_design_is_seen_by_the_command_and_virtual_cameras_only():
     seen_by = {
         str(path.relative_to(ROOT))
         for path in FILES
-        for name in imported(ast.parse(path.read_text()))
+        for name in names_in(path)
         if name.startswith("calib.optics") and (ROOT / "calib/optics") not in path.parents
     }
     assert seen_by == {"calib/verbs.py", "calib/virtual/cameras.py"}
@@ -100,7 +111,7 @@ def _unpickles(node: ast.AST) -> bool:
 
 
 def test_nothing_pickled_is_loaded_from_disk():
-    assert [str(p.relative_to(ROOT)) for p in FILES if unpickles(ast.parse(p.read_text()))] == []
+    assert [str(p.relative_to(ROOT)) for p in FILES if unpickles(parsed(p))] == []
 
 
 def test_pickled_bytes_are_only_read_between_processes():
