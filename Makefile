@@ -97,7 +97,7 @@ compile-lowest: $(LOWEST)/.installed  ## compile the kernels on the oldest versi
 	NUMBA_CACHE_DIR="$(CURDIR)/$(LOWEST)/kernels" $(LOWEST)/bin/python tests/compile_kernels.py
 
 test-lowest: compile-lowest  ## run the quick tests on the oldest versions pyproject.toml allows
-	NUMBA_CACHE_DIR="$(CURDIR)/$(LOWEST)/kernels" $(LOWEST)/bin/python -m pytest -n 2 --dist worksteal -m "not slow and not study and not notebook and not lasting" --ignore-glob='tests/test_benchmarks_*' $(PYTEST_ARGS)
+	NUMBA_CACHE_DIR="$(CURDIR)/$(LOWEST)/kernels" $(LOWEST)/bin/python -m pytest -n 2 --dist worksteal -m "not slow and not study and not notebook and not lasting" --ignore-glob='tests/test_benchmarks_*' --ignore-glob='tests/test_house_*' $(PYTEST_ARGS)
 
 clean:  ## remove environments and caches; runs/ is kept
 	rm -rf $(VENV) $(LOWEST) build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis

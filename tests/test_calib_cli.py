@@ -395,6 +395,7 @@ def test_summary_of_nothing_is_refused(tmp_path, capsys):
     assert "posterior.nc: found no such file" in capsys.readouterr().err
 
 
+@pytest.mark.lasting
 def test_a_reader_that_has_had_enough_is_no_error():
     reader, writer = os.pipe()
     os.close(reader)

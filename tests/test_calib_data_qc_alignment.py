@@ -97,6 +97,7 @@ def test_the_mean_field_of_a_virtual_laboratory_is_the_truth_within_its_stated_e
     assert covariance.inner(off, off).item() / off.size == pytest.approx(1.0, abs=0.15)
 
 
+@pytest.mark.lasting
 def test_what_samples_are_moved_by_is_an_error_of_their_mean_still(tmp_path):
     settings = LaboratorySettings(
         samples=6, cameras=Cameras(grid=(60, 16)), placing=Placing(misplaced=0)

@@ -193,16 +193,19 @@ def test_the_verb_writes_data_set_report_tables_and_figures(lab, tmp_path, capsy
         assert list(csv.reader(stream))[1:3] == [["Total", "12"], ["Eliminated", "3"]]
     for name in ("placement", "machine", "cycles", "forces", "boxes", "field", "noise"):
         assert (tmp_path / "figures" / f"{name}.png").stat().st_size > 5000
+    assert {p.stem for p in (tmp_path / "figures").iterdir()} == set(FIGURE_NAMES)
     assert "force_deviation" in (tmp_path / "tables" / "requirements.txt").read_text()
 
 
 @pytest.mark.lasting
 def test_what_older_files_left_and_these_do_not_give_is_removed(some, tmp_path):
     """A study makes a data set anew without figures: those of the older one go."""
-    folder, out = some("S1", "S2", "S3", *BAD), tmp_path / "out"
-    assert main(["qc", str(folder), "--out", str(out)]) == 0
-    assert {p.stem for p in (out / "figures").iterdir()} == set(FIGURE_NAMES)
-    (out / "figures" / "own.png").write_bytes(b"not ours")
+    folder, out = some("S1", "S2", "S10"), tmp_path / "out"
+    make_dataset(folder, out, with_figures=False, show_progress=False)
+    assert (out / "tables" / "rejections.csv").exists()
+    (out / "figures").mkdir()
+    for name in (*FIGURE_NAMES, "own"):  # as `calib qc` would have drawn, and one that is not ours
+        (out / "figures" / f"{name}.png").write_bytes(b"older")
     (folder / "experiment.toml").write_text(
         (folder / "experiment.toml").read_text()
         + "[quality]\nmax_angle_deg = 9\nmax_x_shift_mm = 2\n"
@@ -218,11 +221,12 @@ def test_what_older_files_left_and_these_do_not_give_is_removed(some, tmp_path):
 def test_the_same_files_give_the_same_bytes(some, tmp_path):
     folder = some("S1", "S2", "S3")
     for name in ("a", "b"):
-        assert main(["qc", str(folder), "--out", str(tmp_path / name)]) == 0
+        make_dataset(folder, tmp_path / name, with_figures=False, show_progress=False)
     for name in ("dataset.npz", "qc.json"):
         assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
 
 
+@pytest.mark.lasting
 def test_too_few_good_samples_are_a_result_and_no_data_set(some, capsys):
     folder = some("S1", *BAD)
     assert main(["qc", str(folder)]) == 1
@@ -248,6 +252,7 @@ def test_a_sample_whose_test_stopped_early_is_rejected_by_the_protocol(some):
     assert found.dataset.force_covariance is None, "of two samples it has no inverse"
 
 
+@pytest.mark.lasting
 def test_a_force_far_from_the_others_is_rejected_where_a_rule_says_so(tmp_path):
     truths = {f"S{i}": GOOD[f"S{i}"] for i in range(1, 7)}
     truths["S6"] = Truth(stiffness=2.0, noise=0.005)
@@ -541,6 +546,7 @@ def stating(folder: Path, sigma: tuple[float, float, float]) -> None:
         write_points(path, replace(frame, sigma=sigmas, correlation_length=0.7))
 
 
+@pytest.mark.lasting
 def test_what_a_dic_program_states_stands_in_for_static_frames(some):
     folder = some(*list(GOOD)[:3])
     alone = analyse(folder)
@@ -562,6 +568,7 @@ def test_what_a_dic_program_states_stands_in_for_static_frames(some):
     np.testing.assert_allclose(without, expected / np.sqrt(3), rtol=0.05)
 
 
+@pytest.mark.lasting
 def test_the_scale_that_the_calibration_leaves_unknown_reaches_data_set_and_likelihood(
     some, tmp_path
 ):
@@ -594,6 +601,7 @@ def test_a_file_in_the_place_of_the_results_is_named(lab, capsys):
     assert "--out: found the file" in capsys.readouterr().err
 
 
+@pytest.mark.lasting
 def test_stated_deviations_turn_with_the_axes(some):
     folder = some(*list(GOOD)[:2], text=EXPERIMENT)
     stating(folder, (0.02, 0.03, 0.04))
@@ -602,6 +610,7 @@ def test_stated_deviations_turn_with_the_axes(some):
     np.testing.assert_allclose(turned, np.abs(axes) @ [0.02, 0.03, 0.04], rtol=1e-9)
 
 
+@pytest.mark.lasting
 def test_frames_that_are_named_come_in_the_order_of_their_times(some, result):
     folder = some("S1", "S2")
     for name in ("S1", "S2"):
@@ -648,6 +657,7 @@ def test_a_sample_that_was_copied_is_not_counted_twice(some, capsys):
     assert f"{machine[0]}: expected a sample of its own, found a copy of {machine[1]}" in said
 
 
+@pytest.mark.lasting
 def test_what_is_stated_of_points_beside_the_sample_says_nothing_of_its_noise(some):
     rectangle = np.array([0.2, 0.5, 0.5, 0.8])
     pin = f"\n[mask]\npin_rectangle_mm = {rectangle.tolist()}\n"
@@ -670,7 +680,11 @@ def with_rules(folder: Path, lab: Path, text: str) -> Path:
     return study_file(folder, lab, **{'source = "thesis-table-5.1"': source})
 
 
-def test_rules_of_a_study_go_before_those_of_the_experiment_and_are_told(some, tmp_path, capsys):
+@pytest.mark.lasting
+def test_rules_of_a_study_go_before_those_of_the_experiment_and_are_told(
+    some, tmp_path, capsys, monkeypatch
+):
+    monkeypatch.setattr("calib.data.qc.figures.all_figures", lambda result: {})
     lab = some("S1", "S3", "S5", "S7")  # turned by 0.4, 0, 0.4 and 0.2 degrees
     study = with_rules(tmp_path, lab, "max_angle_deg = 0.3")
     assert main(["qc", str(study)]) == 0

@@ -250,6 +250,7 @@ def test_block_is_followed_to_sixty_per_cent_compression(pattern, spread):
         assert np.sqrt(np.nanmean((found.displacement - moved) ** 2)) < 0.03
 
 
+@pytest.mark.lasting
 def test_points_lost_by_the_first_image_go_on_from_a_later_one(pattern, spread):
     other = speckle(W, H, np.random.default_rng(9))
     points = inner_points(step=12)

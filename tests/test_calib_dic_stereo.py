@@ -91,6 +91,7 @@ def test_strain_of_a_turned_and_bent_surface_does_not_see_the_turn():
         surface_strain(flat, moved, 0.0)
 
 
+@pytest.mark.lasting
 def test_swapped_cameras_and_a_strange_calibration_are_told_apart():
     rest = still(0)
     rig = CAMERAS.rig
@@ -239,6 +240,7 @@ def test_the_command_writes_points_that_the_readers_read(folder, capsys):
     assert "stereo angle 34.00 degrees" in capsys.readouterr().out
 
 
+@pytest.mark.lasting
 def test_a_pose_found_again_is_that_of_the_calibration_file(folder, capsys):
     knocked = Calibration(turned(CAMERAS.rig, 0.3), CAMERAS.size, reprojection=(0.1, 0.1))
     write_calibration(folder / "knocked.json", knocked)
@@ -261,6 +263,7 @@ def test_a_pose_found_again_is_that_of_the_calibration_file(folder, capsys):
     capsys.readouterr()
 
 
+@pytest.mark.lasting
 def test_a_stopped_series_goes_on_with_the_same_bits(folder, capsys, monkeypatch):
     text = STUDY.format(right="right").replace("= 12", "= 24")
     for side in ("left", "right"):

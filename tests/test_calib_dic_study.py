@@ -103,6 +103,7 @@ def test_point_files_are_read_back_in_mm_with_y_up(folder, capsys):
     ]  # fmt: skip
 
 
+@pytest.mark.lasting
 def test_series_goes_on_with_the_same_bits_and_starts_again_when_images_change(
     folder, pattern, capsys
 ):
@@ -219,6 +220,7 @@ def test_wrong_images_are_refused_in_one_sentence(folder, capsys, name, image, m
     assert error.count("\n") == 1
 
 
+@pytest.mark.lasting
 def test_a_frame_without_points_is_told_and_a_series_without_any_is_refused(folder, capsys):
     io.imsave(folder / "d2.bmp", flat(255), check_contrast=False)
     assert main(["dic", str(folder / "study.toml")]) == 0
@@ -233,6 +235,7 @@ def test_a_frame_without_points_is_told_and_a_series_without_any_is_refused(fold
     assert (folder / "study-dic" / "dic.json").exists()
 
 
+@pytest.mark.lasting
 def test_frames_that_a_study_no_longer_names_leave_no_points_behind(folder, capsys):
     assert main(["dic", str(folder / "study.toml")]) == 0
     points = folder / "study-dic" / "points"

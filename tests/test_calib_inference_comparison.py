@@ -204,6 +204,7 @@ def test_an_unknown_discrepancy_stays_under_other_noise() -> None:
         assert changed.likelihood.log_prob(theta) == pytest.approx(like.log_prob(theta), rel=1e-12)
 
 
+@pytest.mark.lasting
 def test_study_of_assumptions_has_a_row_each_and_its_base_row_is_the_posterior() -> None:
     settings = NoiseSettings()
     rows = assumption_study(

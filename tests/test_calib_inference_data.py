@@ -46,7 +46,8 @@ PROVENANCE = {"study": "test", "seed": 1, "version": "0", "maps": {"stuck": [1.0
 
 @cache
 def data() -> az.InferenceData:
-    settings = SamplerSettings(n_ensembles=3, n_walkers=16, n_autocorrelation=20)
+    """Two hypotheses, sampled briefly: nothing here needs chains that have settled."""
+    settings = SamplerSettings(n_ensembles=3, n_walkers=16, max_steps=100, check_every=50)
     posterior = Posterior(PRIOR, LIKELIHOOD)
     runs = {
         name: HypothesisSamples(
@@ -76,6 +77,7 @@ def independent(seed: int, shape: tuple[int, ...] = (4, 300, 8)) -> Array:
     return x * np.array([0.05, 0.02, 0.01]) + np.array([-3.6, 0.4, 0.2])
 
 
+@pytest.mark.lasting
 def test_constants_are_those_of_the_ratios_and_carry_their_unit() -> None:
     posterior = data()["posterior"]
     kappa, r = posterior["kappa"], posterior["r"]

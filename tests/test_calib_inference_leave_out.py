@@ -179,6 +179,7 @@ def test_differences_are_paired() -> None:
     assert np.isnan(scores([1.0]).total_error)
 
 
+@pytest.mark.lasting
 def test_a_draw_that_carries_all_weight_is_told_by_pareto_k() -> None:
     found = leave_out(FORCE.likelihood, draws(2000, 3), increment_blocks(TRAVEL))
     assert found.unreliable == tuple(

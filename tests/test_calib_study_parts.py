@@ -137,6 +137,7 @@ def test_train_goes_on_from_simulate_and_prints_the_emulators_errors(tmp_path: P
         assert str(path) in text and path.is_file()
 
 
+@pytest.mark.lasting
 def test_train_says_which_limits_of_the_study_are_violated(tmp_path: Path) -> None:
     study = small()
     strict = replace(study, emulator=replace(study.emulator, max_force_error=1e-12))

@@ -239,6 +239,7 @@ def test_the_switch_of_the_study_reaches_the_emulator(tmp_path: Path, gradients:
     assert facts["n_with_gradients"] == (12 if gradients else 0)
 
 
+@pytest.mark.lasting
 def test_diagnostics_hold_every_run_and_every_point(tmp_path: Path) -> None:
     context = trained(tmp_path)
     facts = load_diagnostics(tmp_path / FIRST)["stuck"]

@@ -118,6 +118,7 @@ PENALTY = 2e-3
 """relative error of differences of FE forces over the steps below"""
 
 
+@pytest.mark.lasting
 @pytest.mark.parametrize("law", ["mooney-rivlin-3", "yeoh", "ogden-2"])
 def test_slopes_of_the_varied_block_are_those_of_its_forces(law: str) -> None:
     template = BlockPinModel(

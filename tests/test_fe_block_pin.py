@@ -83,6 +83,7 @@ def test_force_scales_with_kappa_and_field_does_not(contact):
         np.testing.assert_allclose(b.u, a.u, atol=1e-9)
 
 
+@pytest.mark.lasting
 @pytest.mark.parametrize("contact", [("stick", "stick"), ("slide", "slide")])
 def test_sensitivities_match_central_differences(contact):
     m = model(*contact, steps=StepOptions(largest=0.05))

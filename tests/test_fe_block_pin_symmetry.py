@@ -34,6 +34,7 @@ def mirrored(field: np.ndarray) -> np.ndarray:
     return np.concatenate([other, grid], axis=1).reshape(len(field), 16, *field.shape[2:])
 
 
+@pytest.mark.lasting
 @PINS
 @pytest.mark.parametrize(
     "contact",
@@ -102,6 +103,7 @@ def test_a_round_pin_shifted_along_z_is_one_shifted_along_x_seen_from_the_side()
     assert along_z.displacement[-1, :, 2].max() > along_x.displacement[-1, :, 2].max()
 
 
+@pytest.mark.lasting
 def test_a_bar_turned_either_way_gives_the_mirrored_field_and_breaks_the_symmetry():
     one, other = (model(pin_rotation=a)(RATIOS) for a in (6.0, -6.0))
     np.testing.assert_allclose(other.force, one.force, rtol=1e-7)
@@ -147,6 +149,7 @@ def test_impossible_input_is_refused_by_name(make, words):
         make()
 
 
+@pytest.mark.lasting
 @pytest.mark.parametrize("contact", [(0.3, "stick"), (0.3, 0.2), ("slide", 0.02)])
 def test_friction_under_a_shifted_bar_is_that_under_one_shifted_the_other_way(contact):
     """Also where nothing but friction holds the block against the push of the fillets."""

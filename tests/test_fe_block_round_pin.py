@@ -48,6 +48,7 @@ def test_the_base_carries_what_the_pin_presses(contact):
         assert nodal[not_top, 1].sum() == pytest.approx(state.pin_force, rel=1e-6)
 
 
+@pytest.mark.lasting
 @CONTACTS
 def test_force_scales_with_kappa_and_field_does_not(contact):
     m = model(*contact)
@@ -89,6 +90,7 @@ def test_x_and_z_are_alike_under_a_round_pin(contact):
         np.testing.assert_allclose(state.u[swapped][:, [2, 1, 0]], state.u[order], atol=1e-7)
 
 
+@pytest.mark.lasting
 @pytest.mark.parametrize("contact", [("stick", "stick"), ("slide", "slide")], ids="-".join)
 def test_sensitivities_match_central_differences(contact):
     m = model(*contact, travel=(0.1, 0.2), steps=StepOptions(largest=0.05))

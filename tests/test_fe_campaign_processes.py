@@ -19,6 +19,7 @@ from fe.executors import process_map
 from fe.run_files import keep_run
 
 
+@pytest.mark.lasting
 def test_one_and_two_worker_processes_give_the_same_bits(tmp_path: Path) -> None:
     reference = run(tmp_path / "a", map_fn=process_map(1))
     campaign = run(tmp_path / "b", map_fn=process_map(2))

@@ -157,6 +157,7 @@ def solid_force(model: CylinderModel, m: Material, n: int) -> np.ndarray:
     return np.array([8.0 * state.pin_force for state in solution.states])
 
 
+@pytest.mark.lasting
 def test_the_solid_model_with_bonded_ends_converges_to_the_axisymmetric_one():
     m = make("mooney-rivlin-2", 60.0)
     model = CylinderModel(SIZE, (8, 3), (2.0, 4.0), "bonded")
@@ -166,6 +167,7 @@ def test_the_solid_model_with_bonded_ends_converges_to_the_axisymmetric_one():
     assert (fine < 3e-3).all(), (coarse, fine)
 
 
+@pytest.mark.lasting
 def test_friction_raises_the_force_from_sliding_to_bonded_ends():
     m = make("mooney-rivlin-2", 50.0)
 

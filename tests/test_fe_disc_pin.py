@@ -80,6 +80,7 @@ def test_a_platen_that_sticks_presses_as_the_bonded_ends_of_a_cylinder_do():
     np.testing.assert_allclose(disc.force, half.force, rtol=1e-3)
 
 
+@pytest.mark.lasting
 def test_a_flat_punch_on_a_thick_disc_presses_as_on_a_half_space():
     # F = 8 mu a d, incompressible and frictionless: Sneddon, Int. J. Eng. Sci. 3 (1965); a disc of
     # twenty radii is a few per cent stiffer
@@ -90,6 +91,7 @@ def test_a_flat_punch_on_a_thick_disc_presses_as_on_a_half_space():
     np.testing.assert_allclose(response.force, 8.0 * mu * travel, rtol=0.04)
 
 
+@pytest.mark.lasting
 def test_a_wide_disc_is_pressed_as_a_wide_block_is():
     """The solid model with a round pin, the same lines along radius, width and height."""
     m = rubber((0.3, 0.2, 0.05, 200.0))

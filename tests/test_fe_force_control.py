@@ -65,6 +65,7 @@ def test_forces_of_asked_travels_give_back_the_travels_and_the_field(contact):
     assert by_force.reached == by_force.travel[-1]
 
 
+@pytest.mark.lasting
 @CONTACTS
 def test_derivatives_at_asked_forces_match_central_differences(contact):
     """Steps between the forces hang on the travel found at the last one, and move with it."""

@@ -212,6 +212,7 @@ def rubbing():
     return model(0.3, 0.2, sensitivities=names).solve(RATIOS)[0]
 
 
+@pytest.mark.lasting
 @pytest.mark.parametrize("along", [(1.0, 0.5, 0.7, -0.6), (-0.8, 0.9, 0.5, 0.7)], ids=str)
 def test_sensitivities_match_central_differences(rubbing, along):
     """All four parameters changed together."""
@@ -320,6 +321,7 @@ def test_tied_points_have_no_friction():
     assert not system.force.any()
 
 
+@pytest.mark.lasting
 def test_the_slip_in_which_friction_builds_up_hardly_matters():
     sharp, blunt = (
         model(0.3, 0.3, travel=(0.4,), penalty=PenaltyLaw(slip=a))(RATIOS).force[0]
@@ -328,6 +330,7 @@ def test_the_slip_in_which_friction_builds_up_hardly_matters():
     assert sharp == pytest.approx(blunt, rel=0.01)
 
 
+@pytest.mark.lasting
 def test_inexact_directions_end_where_exact_ones_do(monkeypatch):
     """And need fewer factorisations than where the whole tangent is factorised each time."""
     plain = model(0.3, 0.3, newton=NewtonOptions(tolerance=1e-9), sensitivities=())

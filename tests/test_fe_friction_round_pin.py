@@ -99,12 +99,14 @@ def test_pull_of_anchors_and_coefficients_is_the_derivative_of_the_forces(slippe
     assert_pull_of_anchors_and_coefficients_is_the_derivative_of_the_forces(patch(slipped))
 
 
+@pytest.mark.lasting
 def test_force_grows_with_friction_from_sliding_towards_sticking():
     runs = [model(c, travel=(0.2,))(RATIOS) for c in ("slide", 0.1, 0.4, "stick")]
     assert all(r.status is Status.CONVERGED for r in runs)
     assert np.all(np.diff([r.force for r in runs], axis=0) > 0.0)
 
 
+@pytest.mark.lasting
 def test_the_work_of_the_pin_is_stored_or_rubbed_away():
     m = model(0.3, travel=tuple(np.linspace(0.02, 0.4, 20)))
     states, _, _ = m.solve(RATIOS)

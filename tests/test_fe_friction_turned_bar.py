@@ -138,6 +138,7 @@ def test_friction_under_a_turned_bar_lies_between_sliding_and_sticking():
     assert (np.diff(force) > 0.0).all()
 
 
+@pytest.mark.lasting
 def test_sensitivities_match_central_differences():
     m, h = model(6.0, cells=(2, 1, 1)), 1e-4
     base = m(RATIOS)

@@ -26,6 +26,7 @@ def test_a_state_without_finite_energy_does_not_converge(energy, smallest_J):
     assert found.reason == "an element turned inside out"
 
 
+@pytest.mark.lasting
 @pytest.mark.parametrize("contact", [Contact("stick", "stick"), Contact("slide", "slide")])
 def test_an_older_factor_ends_where_new_ones_do(monkeypatch, contact):
     """And needs fewer factorisations than where each iterate is factorised."""

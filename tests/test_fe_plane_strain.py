@@ -115,6 +115,7 @@ def test_the_field_is_plane_and_the_force_goes_with_the_depth(contact):
     assert one.displacement[-1, :, 0].max() > 0.1
 
 
+@pytest.mark.lasting
 def test_the_force_of_a_block_with_free_ends_comes_near_as_it_gets_deeper():
     """It must stick: a block that slides gets longer along z everywhere, however deep it is."""
     m = model(("stick", "stick"), travel=(0.2,))
@@ -162,6 +163,7 @@ def test_a_shifted_bar_gives_the_mirrored_field():
     np.testing.assert_allclose(flip, right.displacement, atol=1e-7)
 
 
+@pytest.mark.lasting
 @CONTACTS
 def test_sensitivities_match_central_differences(contact):
     m, h = model(contact, (3, 2, 1), steps=StepOptions(0.1, 0.1)), 1e-4

@@ -75,6 +75,7 @@ def test_rings_of_the_convergence_study_are_similar(case):
         np.testing.assert_allclose(*shared, rtol=0, atol=1e-12)
 
 
+@pytest.mark.lasting
 def test_rings_and_a_grid_take_the_same_force_and_bulge_alike():
     one, other = (
         BlockPinModel(ROUND, SLIDING, cells, (0.3,), sensitivities=()).respond(rubber())
@@ -128,6 +129,7 @@ def test_derivatives_are_central_differences_of_whole_solutions(contact):
     )
 
 
+@pytest.mark.lasting
 def test_the_adjoint_agrees_with_the_direct_derivatives():
     block = small(RUBBING)
     block = replace(block, sensitivities=names(block))

@@ -177,6 +177,7 @@ def test_asking_for_sensitivities_does_not_change_the_solution(case):
     assert without.force_gradient.shape == (len(model.travel), 0)
 
 
+@pytest.mark.lasting
 @pytest.mark.parametrize("case", ["compression", "notched plate", "bonded", "friction"])
 def test_at_asked_forces_travel_and_field_follow_every_parameter(case):
     """One asked force, met in one step; the zero of the travel only shifts the travel."""

@@ -220,6 +220,7 @@ def test_derivatives_of_anchors_and_hold_are_difference_quotients(shape, size):
     assert size == 1.0 or np.count_nonzero(partly) > 20
 
 
+@pytest.mark.lasting
 def test_a_stuck_block_is_smooth_in_its_parameters():
     """Forces and field along a line on which points of the surface come to touch a step earlier."""
     block = replace(small(Contact("stick", "stick")), steps=StepOptions(first=0.05, largest=0.05))

@@ -52,6 +52,7 @@ def _new(n: int = 40) -> np.ndarray:
     return np.random.default_rng(8).uniform(BOX[:, 0], BOX[:, 1], (n, 2))
 
 
+@pytest.mark.lasting
 def test_unseen_forces_and_fields_are_met_to_a_thousandth() -> None:
     force, displacement = _truth(_new())
     mean, _ = _emulator().unit_force(_new())
