@@ -4,14 +4,15 @@
 
 Parts: sbc and power (virtual experiments drawn from the prior), finer-stuck, finer-stuck-new and
 finer (the same with truths on finer meshes; new: emulator on the sampling mesh of new studies),
-refined (with emulators refined as a study's are), mesh-stuck, mesh-stuck-new and mesh (whether a
-mesh's stated error covers finer truths), mesh-places (where on the face it errs), mesh-pairs (as
-mesh, on the runs kept by benchmarks.verify_fe), emcee (some of their posteriors by a chain),
-misspecified (truths of another law and contact, with and without a discrepancy), direct (posterior
-by FE at every node of a quadrature, and the two maxima), local (how many runs in the posterior's
-box its emulator needs), fixed (how many a design over the whole prior needs in place of that). FE
-runs and posteriors are kept in --store, so that an interrupted part goes on where it was. Each part
-replaces its own figures in FILE and leaves the others.
+fresh-stuck-new and fresh (as the last two, other truths of the prior), refined (with emulators
+refined as a study's are), mesh-stuck, mesh-stuck-new and mesh (whether a mesh's stated error covers
+finer truths), mesh-places (where on the face it errs), mesh-pairs (as mesh, on the runs kept by
+benchmarks.verify_fe), emcee (some of their posteriors by a chain), misspecified (truths of another
+law and contact, with and without a discrepancy), direct (posterior by FE at every node of a
+quadrature, and the two maxima), local (how many runs in the posterior's box its emulator needs),
+fixed (how many a design over the whole prior needs in place of that). FE runs and posteriors are
+kept in --store, so that an interrupted part goes on where it was. Each part replaces its own
+figures in FILE and leaves the others.
 """
 
 from __future__ import annotations
@@ -49,6 +50,8 @@ PARTS: dict[str, Callable[[Path, int], dict[str, Any]]] = {
     "finer-stuck": lambda store, n: calibration_finer.finer(store, "finer-stuck", n),
     "finer-stuck-new": lambda store, n: calibration_finer.finer(store, "finer-stuck-new", n),
     "finer": lambda store, n: calibration_finer.finer(store, "finer", n // 2),
+    "fresh": lambda store, n: calibration_finer.finer(store, "fresh", n // 2),
+    "fresh-stuck-new": lambda store, n: calibration_finer.finer(store, "fresh-stuck-new", n),
     "refined": calibration_refined.figures,
     "mesh-stuck": lambda store, n: mesh_statement.figures(store, "finer-stuck"),
     "mesh-stuck-new": lambda store, n: mesh_statement.figures(store, "finer-stuck-new"),
