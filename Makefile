@@ -1,13 +1,15 @@
 # softcal. `make help` lists the targets. All is installed into .venv beside this file.
-# On first use: python3 -m venv, then uv, which takes a fifth of pip's time (pip where uv finds no
-# index: it does not read pip's settings); later only when pyproject.toml has changed.
-# (--no-compile: Python compiles what is imported, when it is.)
+# On first use: python3 -m venv, then uv, which takes a fifth of pip's time, and pip where uv fails;
+# later only when pyproject.toml has changed. (--no-compile: Python compiles what is imported.)
 
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 LOWEST := .venv-lowest
+# uv does not read pip's settings: where they name another index than PyPI, it is told.
+INDEX = $(shell $(PYTHON) -m pip config list 2> /dev/null | sed -n "s/.*\.index-url='\(.*\)'/\1/p" | head -1)
+UV = $(if $(INDEX),UV_DEFAULT_INDEX='$(INDEX)') $(BIN)/uv
 PYTEST_ARGS ?=
 
 .DEFAULT_GOAL := help
@@ -29,8 +31,9 @@ $(INSTALLED): pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "softcal needs Python 3.11 or newer; name it, e.g.: make PYTHON=python3.12")'
 	@$(BIN)/python -m pip --version > /dev/null 2>&1 || $(PYTHON) -m venv --clear $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile 'uv>=0.5'
-	$(BIN)/uv pip install --python $(BIN)/python --editable '.[dev,dask]' \
-	  || $(BIN)/python -m pip install --disable-pip-version-check --no-compile --editable '.[dev,dask]'
+	$(UV) pip install --python $(BIN)/python --editable '.[dev,dask]' \
+	  || { echo "uv could not install; pip tries" >&2; \
+	    $(BIN)/python -m pip install --disable-pip-version-check --no-compile --editable '.[dev,dask]'; }
 	@touch $@
 
 study: $(INSTALLED)  ## calibrate on the real forces of the thesis (study thesis-forces)
@@ -88,16 +91,17 @@ verify-dic: $(INSTALLED)  ## measure docs/verification/dic.json (half an hour; S
 	$(BIN)/python -m benchmarks.verify_dic $(VERIFY_ARGS)
 
 $(LOWEST)/.installed: pyproject.toml $(INSTALLED)
-	$(BIN)/uv venv --quiet --clear --python 3.11 $(LOWEST)
-	$(BIN)/uv pip install --quiet --python $(LOWEST)/bin/python --resolution lowest-direct --editable '.[dev,dask]'
+	$(UV) venv --quiet --clear --python 3.11 $(LOWEST)
+	$(UV) pip install --quiet --python $(LOWEST)/bin/python --resolution lowest-direct --editable '.[dev,dask]'
 	@touch $@
 
-# Compiled kernels of one version of numba take the place of another's, so that each has a folder.
+# Compiled kernels of one version of numba take the place of another's, so that each has a folder;
+# they run for seconds, so that most of what the compiler can do to them does not pay.
 compile-lowest: $(LOWEST)/.installed  ## compile the kernels on the oldest versions pyproject.toml allows
-	NUMBA_CACHE_DIR="$(CURDIR)/$(LOWEST)/kernels" $(LOWEST)/bin/python tests/compile_kernels.py
+	NUMBA_OPT=1 NUMBA_CACHE_DIR="$(CURDIR)/$(LOWEST)/kernels" $(LOWEST)/bin/python tests/compile_kernels.py
 
-test-lowest: compile-lowest  ## run the quick tests on the oldest versions pyproject.toml allows
-	NUMBA_CACHE_DIR="$(CURDIR)/$(LOWEST)/kernels" $(LOWEST)/bin/python -m pytest -n 2 --dist worksteal -m "not slow and not study and not notebook and not lasting" --ignore-glob='tests/test_benchmarks_*' --ignore-glob='tests/test_house_*' $(PYTEST_ARGS)
+test-lowest: compile-lowest  ## run tests of a few seconds each on the oldest versions pyproject.toml allows
+	NUMBA_OPT=1 NUMBA_CACHE_DIR="$(CURDIR)/$(LOWEST)/kernels" $(LOWEST)/bin/python -m pytest -n 2 --dist worksteal -m "not slow and not study and not notebook and not lasting" --ignore-glob='tests/test_benchmarks_*' --ignore-glob='tests/test_house_*' $(PYTEST_ARGS)
 
 clean:  ## remove environments and caches; runs/ is kept
 	rm -rf $(VENV) $(LOWEST) build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis

@@ -125,9 +125,10 @@ def finer_case(
 ) -> tuple[ScaledEmulator, Campaign, tuple[int, int, int]]:
     """Emulator on a mesh, truths on a finer one, and seeds."""
     truths = runs.finer_truths(store, case)
-    if case.hypothesis == "sliding":
-        return dense_emulator(store), truths, (2, 3, 4)
-    return stuck_emulator(store, case.other_cells), truths, (12, 10, 11)
+    sliding = case.hypothesis == "sliding"
+    known = dense_emulator(store) if sliding else stuck_emulator(store, case.other_cells)
+    first, second, third = (case.seed + each for each in ((2, 3, 4) if sliding else (12, 10, 11)))
+    return known, truths, (first, second, third)
 
 
 def finer(store: Path, name: str, n: int) -> dict[str, Any]:

@@ -58,10 +58,8 @@ def directions(material: Material, elements: Elements, changes: Array, motion: A
     L = _velocity_gradients(elements, motion)
     largest = np.abs(L).max(axis=(0, 1), initial=0.0)
     there = largest > ROUNDING * largest.max(initial=0.0)
-    rows, columns = np.nonzero(there.any(axis=0))
-    motions, entries = np.nonzero(there[:, rows, columns])
-    # Columns of one array as they come: kernels would be compiled for that layout, too.
-    motions, entries = np.ascontiguousarray(motions), np.ascontiguousarray(entries)
+    rows, columns = _where(there.any(axis=0))
+    motions, entries = _where(there[:, rows, columns])
     stretch = np.ascontiguousarray(np.einsum("eqvkk->eqv", L))
     masses = np.einsum(
         "eq,eqv,qm,qn->evmn", elements.weights, stretch, elements.psi, elements.psi, optimize=True
@@ -79,6 +77,15 @@ def directions(material: Material, elements: Elements, changes: Array, motion: A
         stretch,
         np.ascontiguousarray(masses),
     )
+
+
+def _where(mask: npt.NDArray[np.bool_]) -> tuple[IntArray, IntArray]:
+    """(n,) row and (n,) column of each true entry.
+
+    NumPy gives columns of one array, for whose layout kernels would be compiled once more.
+    """
+    rows, columns = np.nonzero(mask)
+    return np.ascontiguousarray(rows), np.ascontiguousarray(columns)
 
 
 def _velocity_gradients(elements: Elements, motion: Array) -> Array:

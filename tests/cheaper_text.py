@@ -6,8 +6,8 @@ from collections.abc import Mapping
 
 
 def in_place_of(text: str, cheaper: Mapping[str, str]) -> str:
-    """A text with its costly passages, all of which it must have, replaced by cheaper ones."""
+    """A text with cheaper passages in place of costly ones, each of which it must have once."""
     for costly, cheap in cheaper.items():
-        assert costly in text, costly
+        assert text.count(costly) == 1, costly
         text = text.replace(costly, cheap)
     return text

@@ -8,9 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
+from cheaper_text import in_place_of
 from hypothesis import settings
-
-from tests.cheaper_text import in_place_of
 
 if TYPE_CHECKING:
     from calib.study.stages import StudyResult

@@ -90,6 +90,7 @@ def read(context: Context) -> dict[str, dict[str, list[dict[str, object]]]]:
     return found
 
 
+@pytest.mark.lasting
 def test_the_loop_ends_when_the_posterior_mean_rests(refined: Context) -> None:
     for found in read(refined).values():
         last = found["rounds"][-1]
@@ -99,6 +100,7 @@ def test_the_loop_ends_when_the_posterior_mean_rests(refined: Context) -> None:
         assert len(found["ratios"]) < refined.study.design.n_refine
 
 
+@pytest.mark.lasting
 def test_runs_are_added_where_the_posterior_is(refined: Context) -> None:
     hypothesis = refined.study.hypotheses[1]
     added = load_refinement(refined, hypothesis)
@@ -159,6 +161,7 @@ def test_the_shift_foretold_falls_with_the_emulators_error(refined: Context) -> 
     assert an_outlook(refined, good).max() < 0.2 * an_outlook(refined, poor).max()
 
 
+@pytest.mark.lasting
 def test_a_stated_model_says_what_the_emulator_says_on_the_finer_mesh(refined: Context) -> None:
     scaled = ScaledEmulator(load_emulator(refined.out, refined.study.hypotheses[0]))
     shape = scaled.emulator.field_shape
@@ -232,6 +235,7 @@ def test_nothing_is_inferred_from_an_emulator_beyond_the_limits(tmp_path: Path) 
     assert any(line.startswith("refine") and "up to date" in line for line in lines)
 
 
+@pytest.mark.lasting
 def test_a_refusal_of_the_emulator_of_a_box_alone_shows_where_that_one_errs(
     refined: Context, tmp_path: Path
 ) -> None:
@@ -275,6 +279,7 @@ def test_a_refusal_is_one_sentence_and_exit_code_1(
     assert capsys.readouterr().err == "calib: stuck: errs too much\n"
 
 
+@pytest.mark.lasting
 def test_tables_and_figures_show_both_hypotheses(refined: Context) -> None:
     found, diagnostics = read(refined), load_diagnostics(refined.out)
     table = refinement_table(found)

@@ -139,7 +139,6 @@ class Deadly:
         raise AssertionError
 
 
-@pytest.mark.lasting
 def test_a_run_that_kills_every_worker_ends_the_campaign_and_says_so(tmp_path: Path) -> None:
     with (
         dask_workers(n_workers=1) as map_fn,

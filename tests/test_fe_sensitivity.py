@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from benchmarks.taylor import (
-    FINE,
     PLACE,
     direct_adjoint_difference,
     moved,
@@ -16,6 +15,7 @@ from benchmarks.taylor import (
     orders,
     rubber,
     size,
+    steps_of,
     turned,
 )
 from benchmarks.taylor import model as small
@@ -222,7 +222,7 @@ def test_derivatives_in_the_place_of_a_turned_bar_leave_remainders_of_second_ord
     """All three changed together, each in proportion to its size."""
     block = turned(contact)
     base = replace(block, sensitivities=PLACE).respond(rubber())
-    steps = 0.016 * FINE * np.array([1.0, 0.125])
+    steps = steps_of(block, PLACE[0])[[0, -1]]
     found = []
     for h in steps:
         along = h * np.array([size(block, name) for name in PLACE]) * [1.0, -1.0, 1.0]

@@ -86,7 +86,7 @@ def test_gradients_are_in_the_numbers_of_theta(name):
 def test_gradients_of_the_block_under_a_pin_take_its_contact_along(contact, law):
     """Penalty, friction and anchors included; the stiffness of contact goes with the material's.
 
-    The law and the contact do not see each other: each is there with one of the other.
+    They meet in the shear modulus alone, so that not every law is there under every contact.
     """
     specimen = replace(SPECIMENS["block_pin"], contact=fe.Contact(*contact))
     theta = {"yeoh": (0.02, 0.004, 0.001, 6.0), "ogden-2": (0.03, 1.7, -0.006, -2.3, 6.0)}[law]

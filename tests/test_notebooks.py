@@ -3,22 +3,23 @@
 from __future__ import annotations
 
 import json
+from functools import partial
 from pathlib import Path
 
 import nbformat
 import pytest
+from cheaper_text import in_place_of
 from nbclient import NotebookClient
 
 from calib.study.stages import StudyResult
-from tests.cheaper_text import in_place_of
 
 FOLDER = Path(__file__).parent.parent / "notebooks"
 NOTEBOOKS = sorted(FOLDER.glob("*.ipynb"))
 THESIS_STUDY = "01_thesis_forces"
 
 
-def test_there_are_notebooks() -> None:
-    assert NOTEBOOKS
+def test_every_notebook_is_run() -> None:
+    assert {path.stem for path in NOTEBOOKS} == set(EXPECTED)
 
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
@@ -61,24 +62,29 @@ CHEAPER = {
 def read_cheaper(name: str) -> nbformat.NotebookNode:
     """A notebook with the meshes and runs of its test."""
     text = (FOLDER / f"{name}.ipynb").read_text(encoding="utf-8")
+    as_json = partial(json.dumps, ensure_ascii=False)
     in_json = {
-        json.dumps(costly)[1:-1]: json.dumps(cheap)[1:-1]
+        as_json(costly)[1:-1]: as_json(cheap)[1:-1]
         for costly, cheap in CHEAPER.get(name, {}).items()
     }
     return nbformat.reads(in_place_of(text, in_json), as_version=4)
 
 
-def shown_and_printed(name: str, monkeypatch: pytest.MonkeyPatch) -> tuple[int, str]:
-    """Run a notebook from first to last cell: (number of its pictures, what it prints).
+def assert_shows(name: str, cheaper: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A notebook runs from first to last cell and shows and prints what is expected of it.
 
     A backend named in the environment would take the place of the notebook's own, which shows.
     """
     monkeypatch.delenv("MPLBACKEND", raising=False)
-    notebook = read_cheaper(name)
+    path = FOLDER / f"{name}.ipynb"
+    notebook = read_cheaper(name) if cheaper else nbformat.read(path, as_version=4)
     NotebookClient(notebook, timeout=1200).execute()
     outputs = [output for cell in notebook.cells for output in cell.get("outputs", [])]
     pictures = [o for o in outputs if "image/png" in o.get("data", {})]
-    return len(pictures), "".join(o["text"] for o in outputs if o.output_type == "stream")
+    printed = "".join(o["text"] for o in outputs if o.output_type == "stream")
+    n_pictures, words = EXPECTED[name]
+    assert len(pictures) == n_pictures
+    assert words in printed
 
 
 @pytest.mark.study
@@ -87,17 +93,20 @@ def test_the_notebook_of_the_thesis_study_runs(
 ) -> None:
     monkeypatch.setenv("SOFTCAL_RUNS", str(thesis_study.out.parent))
     monkeypatch.setenv("SOFTCAL_STUDY", str(thesis_file))
-    n_pictures, printed = shown_and_printed(THESIS_STUDY, monkeypatch)
-    assert n_pictures == EXPECTED[THESIS_STUDY][0]
-    assert EXPECTED[THESIS_STUDY][1] in printed
+    assert_shows(THESIS_STUDY, False, monkeypatch)
 
 
 @pytest.mark.notebook
-@pytest.mark.parametrize(
-    "path", [path for path in NOTEBOOKS if path.stem != THESIS_STUDY], ids=lambda path: path.stem
-)
-def test_notebooks_run(path: Path, finished_studies: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("name", [name for name in EXPECTED if name != THESIS_STUDY])
+def test_notebooks_run(name: str, finished_studies: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("SOFTCAL_RUNS", str(finished_studies))
-    n_pictures, printed = shown_and_printed(path.stem, monkeypatch)
-    assert n_pictures == EXPECTED[path.stem][0]
-    assert EXPECTED[path.stem][1] in printed
+    assert_shows(name, True, monkeypatch)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", CHEAPER)
+def test_notebooks_run_as_they_are_printed(
+    name: str, finished_studies: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("SOFTCAL_RUNS", str(finished_studies))
+    assert_shows(name, False, monkeypatch)

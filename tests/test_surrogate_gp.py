@@ -438,9 +438,9 @@ def test_most_residuals_are_covered_when_hyperparameters_are_fitted_to_20_runs(
 ) -> None:
     """Central 95 % intervals cover most of new runs, fewer than 95 %.
 
-    That is what maximum likelihood leaves of it with 20 runs, after the inflation: the held-out z
-    of a study is to be looked at. With 40 draws of 10 runs the standard error is 0.025, so the
-    bound has a false-alarm rate of about 1e-4.
+    That is what maximum likelihood, from one start, leaves of it with 20 runs, after the
+    inflation: the held-out z of a study is to be looked at. With 40 draws of 10 runs the standard
+    error is 0.025, so the bound has a false-alarm rate of about 1e-4.
     """
     covered = []
     for seed in range(40):
