@@ -240,7 +240,6 @@ def test_the_command_writes_points_that_the_readers_read(folder, capsys):
     assert "stereo angle 34.00 degrees" in capsys.readouterr().out
 
 
-@pytest.mark.lasting
 def test_a_pose_found_again_is_that_of_the_calibration_file(folder, capsys):
     knocked = Calibration(turned(CAMERAS.rig, 0.3), CAMERAS.size, reprojection=(0.1, 0.1))
     write_calibration(folder / "knocked.json", knocked)

@@ -103,7 +103,6 @@ def _kill_fourth_of(log: Path, killed: list[str]) -> None:
     os.kill(int(killed[0].split()[0]), signal.SIGKILL)
 
 
-@pytest.mark.lasting
 def test_a_run_whose_worker_is_killed_is_repeated_elsewhere_with_the_same_bits(
     client: Any, tmp_path: Path
 ) -> None:
