@@ -44,7 +44,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Carry out one command line (that of the process when None) and return its exit code."""
     arguments = _parser().parse_args(argv)
     for name in _ONE_THREAD:
-        os.environ.setdefault(name, "1")
+        os.environ[name] = "1"
     try:
         code: int = arguments.verb(arguments)
         sys.stdout.flush()

@@ -69,47 +69,6 @@ def slip_potential(s0: float, s1: float, slip: float) -> tuple[float, float, flo
 
 
 @njit(cache=True)
-def freeze(
-    u: Array,
-    faces: Faces,
-    tied: IntArray,
-    place: Array,
-    travel: float,
-    pin: RigidPin,
-    law: FrictionLaw,
-) -> Frame:
-    """Friction frozen at the displacement u (n_node, 3) mm."""
-    n_face, n_quad = faces.weights.shape
-    frame = Frame(
-        np.zeros((n_face, n_quad)),
-        np.zeros((n_face, n_quad, 2, 3)),
-        np.zeros((n_face, n_quad, 2)),
-        np.zeros((n_face, n_quad)),
-    )
-    chart = empty_chart()
-    for c in range(n_face):
-        here = positions(u, faces.nodes[c], faces.shape[c], faces.points[c])
-        for q in range(n_quad):
-            if tied[c, q] != FREE:
-                continue
-            x = here[q]
-            surface, limit, _ = touch(x, faces.base[c], faces.floor[c], travel, pin, law, chart)
-            if limit <= 0.0:
-                continue
-            moves = 1.0 if surface == PIN else 0.0
-            frame.limit[c, q] = limit
-            frame.moves[c, q] = moves
-            x[1] += moves * travel
-            for a in range(2):
-                offset = chart.place[a] - place[c, q, surface, a]
-                for i in range(3):
-                    frame.tangent[c, q, a, i] = chart.tangent[a, i]
-                    offset -= chart.tangent[a, i] * x[i]
-                frame.offset[c, q, a] = offset
-    return frame
-
-
-@njit(cache=True)
 def _frozen_slip(frame: Frame, c: int, q: int, x: Array, travel: float) -> tuple[float, float]:
     """Slip of the point x (3,) mm in the frame, mm."""
     s0, s1 = frame.offset[c, q, 0], frame.offset[c, q, 1]
@@ -138,22 +97,25 @@ def frozen_energy(u: Array, faces: Faces, frame: Frame, travel: float, slip: flo
 def friction_system(
     u: Array,
     faces: Faces,
-    frame: Frame,
+    tied: IntArray,
+    place: Array,
     travel: float,
     pin: RigidPin,
     law: FrictionLaw,
     system: ContactSystem,
     coupling: Array,
-) -> tuple[float, float]:
-    """Add friction to the frictionless `system`; returns (frozen energy N mm, pin force N).
+) -> tuple[Frame, float, float]:
+    """Add friction to the frictionless `system`.
 
-    `frame` is that frozen at u.  `coupling` (n_face, n_a, 3, 3, n_a) [a, i, k, b] N/mm is filled
-    with what the true tangent has beyond the Hessian of the frozen potential, which goes to
-    `system`.
+    Returns (the frame frozen at u, its energy N mm, pin force N).  tied (n_face, n_q) is the kind
+    of `fe.ties.Ties`, place (n_face, n_q, 2, 2) mm that of `fe.slip_anchors`.  `coupling`
+    (n_face, n_a, 3, 3, n_a) [a, i, k, b] N/mm is filled with what the true tangent has beyond the
+    Hessian of the frozen potential, which goes to `system`.
     """
     energy = 0.0
     pin_force = 0.0
     n_face, n_quad, n_a = faces.shape.shape
+    frame = _empty_frame(n_face, n_quad)
     f = np.empty(3)
     frozen = np.empty((3, 3))
     true = np.empty((3, 3))
@@ -164,12 +126,15 @@ def friction_system(
         n = none_filled()
         here = positions(u, faces.nodes[c], faces.shape[c], faces.points[c])
         for q in range(n_quad):
-            if frame.limit[c, q] <= 0.0:
+            if tied[c, q] != FREE:
                 continue
-            x = here[q]
+            x, w = here[q], faces.weights[c, q]
+            surface, limit, slope = touch(x, faces.base[c], faces.floor[c], travel, pin, law, chart)
+            if limit <= 0.0:
+                continue
+            moves = 1.0 if surface == PIN else 0.0
+            _freeze(frame, c, q, limit, moves, chart, place[c, q, surface], x, travel)
             s0, s1 = _frozen_slip(frame, c, q, x, travel)
-            w, moves = faces.weights[c, q], frame.moves[c, q]
-            _, limit, slope = touch(x, faces.base[c], faces.floor[c], travel, pin, law, chart)
             energy += w * _point(chart, limit, slope, s0, s1, law.slip, f, frozen, true)
             pin_force += w * moves * f[1]
             _put(rows, beyond, n, faces.shape[c, q], w, moves, f, frozen, true)
@@ -178,7 +143,41 @@ def friction_system(
             add_vectors(rows, n, system.force[c], system.by_travel[c], system.pin_force_by_u[c])
             add_matrices(rows, n, rows.matrix, system.tangent[c])
             add_matrices(rows, n, beyond, coupling[c])
-    return energy, pin_force
+    return frame, energy, pin_force
+
+
+@njit(cache=True)
+def _empty_frame(n_face: int, n_quad: int) -> Frame:
+    """Of points that do not touch."""
+    return Frame(
+        np.zeros((n_face, n_quad)),
+        np.zeros((n_face, n_quad, 2, 3)),
+        np.zeros((n_face, n_quad, 2)),
+        np.zeros((n_face, n_quad)),
+    )
+
+
+@njit(cache=True, inline="always")
+def _freeze(
+    frame: Frame,
+    c: int,
+    q: int,
+    limit: float,
+    moves: float,
+    chart: Chart,
+    anchor: Array,
+    x: Array,
+    travel: float,
+) -> None:
+    """Freeze friction of point q of face c at x (3,) mm, whose anchor (2,) mm it has."""
+    frame.limit[c, q] = limit
+    frame.moves[c, q] = moves
+    for a in range(2):
+        offset = chart.place[a] - anchor[a] - chart.tangent[a, 1] * moves * travel
+        for i in range(3):
+            frame.tangent[c, q, a, i] = chart.tangent[a, i]
+            offset -= chart.tangent[a, i] * x[i]
+        frame.offset[c, q, a] = offset
 
 
 @njit(cache=True, inline="always")

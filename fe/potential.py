@@ -192,11 +192,12 @@ class Potential:
     ) -> tuple[Frame, float, float]:
         """Add friction to the contact system: (its frame at u, energy N mm, pin force N)."""
         faces, pin, law = self.problem.faces, self.problem.pin, self.problem.friction
-        frame = friction.freeze(u, faces, memory.ties.kind, memory.slip.place, travel, pin, law)
-        energy, pin_force = friction.friction_system(
-            u, faces, frame, travel, pin, law, self._contact_system, self._coupling
+        kind, place = memory.ties.kind, memory.slip.place
+        system, coupling = self._contact_system, self._coupling
+        frame, energy, pin_force = friction.friction_system(
+            u, faces, kind, place, travel, pin, law, system, coupling
         )
-        return frame, energy, pin_force
+        return frame, float(energy), float(pin_force)
 
     def _contact(
         self, u: Array, travel: float, memory: ContactMemory, *, with_derivatives: bool

@@ -11,7 +11,7 @@ from fe.contact import ContactSystem, Faces, empty_system
 from fe.contact_memory import ContactMemory
 from fe.contact_slopes import contact_pull
 from fe.discretisation import sum_to_nodes
-from fe.friction import Frame, freeze, friction_system, frozen_energy
+from fe.friction import Frame, friction_system, frozen_energy
 from fe.pin_surface import RigidPin
 from fe.surface_slopes import SurfaceSlopes, no_slopes
 from fe.touch import FLOOR, PIN, FrictionLaw
@@ -35,25 +35,21 @@ class Patch(NamedTuple):
 class Friction(NamedTuple):
     """Friction alone."""
 
+    frame: Frame
     energy: float
     pin_force: float
     system: ContactSystem
     coupling: np.ndarray
 
 
-def frame_of(patch: Patch, travel: float = TRAVEL, law: FrictionLaw = LAW) -> Frame:
-    """The frozen frame of a patch."""
-    kind, place = patch.memory.ties.kind, patch.memory.slip.place
-    return freeze(patch.u, patch.faces, kind, place, travel, patch.pin, law)
-
-
 def evaluate(patch: Patch, travel: float = TRAVEL, law: FrictionLaw = LAW) -> Friction:
-    """Friction of a patch in its own frame."""
-    faces = patch.faces
+    """Friction of a patch, in the frame frozen there."""
+    faces, (ties, slip) = patch.faces, (patch.memory.ties, patch.memory.slip)
     system = empty_system(faces)
     coupling = np.zeros_like(system.tangent)
-    frame = frame_of(patch, travel, law)
-    found = friction_system(patch.u, faces, frame, travel, patch.pin, law, system, coupling)
+    found = friction_system(
+        patch.u, faces, ties.kind, slip.place, travel, patch.pin, law, system, coupling
+    )
     return Friction(*found, system, coupling)
 
 
@@ -65,7 +61,7 @@ def coefficients(faces: Faces) -> SurfaceSlopes:
 
 def assert_tangent_with_coupling_is_the_derivative_of_the_forces(patch: Patch) -> None:
     """In the displacements and in the travel."""
-    _, _, system, coupling = evaluate(patch)
+    system, coupling = evaluate(patch)[-2:]
     h = 1e-8
     du = np.random.default_rng(1).standard_normal(patch.u.shape)
     plus, minus = (evaluate(patch._replace(u=patch.u + k * h * du)) for k in (1, -1))
@@ -82,10 +78,10 @@ def assert_tangent_with_coupling_is_the_derivative_of_the_forces(patch: Patch) -
 
 def assert_frozen_potential_has_the_true_forces(patch: Patch) -> None:
     """And the energy."""
-    frame, found, h = frame_of(patch), evaluate(patch), 1e-6
+    found, h = evaluate(patch), 1e-6
 
     def energy(shift: float | np.ndarray) -> float:
-        return float(frozen_energy(patch.u + shift, patch.faces, frame, TRAVEL, LAW.slip))
+        return float(frozen_energy(patch.u + shift, patch.faces, found.frame, TRAVEL, LAW.slip))
 
     assert energy(0.0) == pytest.approx(found.energy, rel=1e-12)
     du = np.random.default_rng(2).standard_normal(patch.u.shape)

@@ -204,6 +204,19 @@ def test_an_unknown_discrepancy_stays_under_other_noise() -> None:
         assert changed.likelihood.log_prob(theta) == pytest.approx(like.log_prob(theta), rel=1e-12)
 
 
+def test_the_base_row_has_the_zero_of_the_travel_that_the_data_state_where_larger() -> None:
+    stated = replace(thesis_forces(), travel_zero_sd=0.06)
+    settings = NoiseSettings()
+    posterior = replace(
+        POST, likelihood=build_likelihood(stated, POST.likelihood.forward, settings)
+    )
+    [row] = assumption_study(stated, posterior, settings, [settings.sample_correlation])
+    assert row.travel_zero_sd == 0.06
+    found = integrate(posterior, 30)
+    assert row.log_evidence == pytest.approx(found.log_evidence, abs=1e-9)
+    assert row.constants_sd == pytest.approx(found.constants_sd, rel=1e-9)
+
+
 @pytest.mark.lasting
 def test_study_of_assumptions_has_a_row_each_and_its_base_row_is_the_posterior() -> None:
     settings = NoiseSettings()

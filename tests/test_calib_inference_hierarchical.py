@@ -245,8 +245,9 @@ def test_without_scatter_the_model_is_that_of_the_mean(
     assert by_samples - by_samples[0] == pytest.approx(by_mean - by_mean[0], abs=error)
 
 
-def test_a_sample_without_a_field_counts_by_its_force() -> None:
-    data = samples_of(4, np.random.default_rng(3), lost=10)
+@pytest.mark.parametrize("lost", [9, 10], ids=["one point", "none"])
+def test_a_sample_whose_points_tell_no_field_counts_by_its_force(lost: int) -> None:
+    data = samples_of(4, np.random.default_rng(3), lost)
     samples = condense(data, AnalyticForward(BLOCK, 0.02, True), NOISE, OWN, **ERRORS)
     assert samples.n_data.tolist() == [10, 10, 10, 5]
     x = np.repeat(X[None, None], 4, axis=1)

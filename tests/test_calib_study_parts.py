@@ -11,6 +11,7 @@ from typing import Any, Literal
 import pytest
 from analytic_block import AnalyticBlock, analytic_block
 
+from calib.study import stage_list
 from calib.study.campaign_tables import failures_table
 from calib.study.config import Study, load_study
 from calib.study.context import Context
@@ -79,6 +80,42 @@ def test_the_design_is_made_anew_for_other_priors_that_move_its_points(tmp_path:
     assert narrow != wide and narrow == simulate.settings(with_prior(0.3))
     assert simulate.settings(of_shape(0.3)) != simulate.settings(of_shape(0.6))
     assert "points" not in simulate.settings(context)  # those of the study's r and s follow these
+
+
+def test_stages_are_stale_after_a_change_of_the_code_that_they_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """FE runs are of the FE code alone, which the settings count."""
+    study = small()
+    context = Context(study, tmp_path, analytic_block, serial_map, lambda _: None, False)  # type: ignore[arg-type]
+
+    def inputs(package: str) -> dict[str, dict[str, str]]:
+        with monkeypatch.context() as changed:
+            changed.setattr(stage_list, "code_hash", lambda name: f"new {name == package}")
+            return {
+                stage.name: stage.inputs(context)
+                for stage in stages_of(study)
+                if stage.name != "report"
+            }
+
+    before = inputs("none")
+    for package, later in (("surrogate", True), ("calib.inference", True), ("fe", False)):
+        after = inputs(package)
+        moved = {name for name in before if before[name] != after[name]}
+        assert moved == ({*before} - {"data", "simulate"} if later else set())
+
+
+def test_data_that_are_moved_are_the_same_data(tmp_path: Path) -> None:
+    def data_of(folder: str, force: float) -> dict[str, str]:
+        path = tmp_path / folder / "forces.csv"
+        path.parent.mkdir(exist_ok=True)
+        path.write_text(f"travel_mm,force_mean_N,force_sd_N,n_samples\n0.6,{force},0.1,5\n")
+        study = replace(small(), data=replace(small().data, source=str(path)))
+        context = Context(study, tmp_path, analytic_block, serial_map, lambda _: None, False)  # type: ignore[arg-type]
+        [stage] = [stage for stage in stages_of(study) if stage.name == "data"]
+        return stage.inputs(context)
+
+    assert data_of("a", 1.0) == data_of("b", 1.0) != data_of("b", 1.1)
 
 
 def test_what_is_kept_beside_results_is_the_study_file_of_today(tmp_path: Path) -> None:

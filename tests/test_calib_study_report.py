@@ -5,10 +5,11 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from calib.study.report import Picture, Section, render, versions_table
-from calib.study.tables import Table, number, percent
+from calib.study.tables import Table, number, percent, share_errors
 
 PIXEL = bytes.fromhex(
     "89504e470d0a1a0a0000000d4948445200000001000000010802000000907753de"
@@ -75,3 +76,19 @@ def test_numbers_keep_their_digits_and_absent_ones_are_dashes() -> None:
     assert number(None) == number(float("nan")) == percent(None) == "-"
     assert number(0.0) == "0"
     assert percent(-0.0123) == "-1.23"
+
+
+def test_errors_of_shares_of_evidence_are_those_of_drawn_evidences() -> None:
+    """Two shares that add up to one have one error, whichever of the evidences it comes from."""
+    log_evidence, errors = np.log([0.55, 0.3, 0.15]), np.array([1e-3, 0.02, 0.05])
+    drawn = log_evidence + errors * np.random.default_rng(1).standard_normal((20_000, 3))
+    shares = np.exp(drawn) / np.exp(drawn).sum(axis=1, keepdims=True)
+    facts = [
+        {"probability": p, "log_evidence_error": e}
+        for p, e in zip(np.exp(log_evidence), errors, strict=True)
+    ]
+    assert share_errors(facts) == pytest.approx(shares.std(axis=0), rel=0.02)
+    first, second = share_errors(
+        [{"probability": p, "log_evidence_error": e} for p, e in ((0.6, 1e-3), (0.4, 0.3))]
+    )
+    assert first == pytest.approx(second) and first > 0.07

@@ -28,7 +28,7 @@ from calib.study.direct_chain import direct_chain
 from calib.study.maxima_table import laplace_table
 from calib.study.mesh_error_file import check_folder, load_mesh_error
 from calib.study.plans import Errors, planned_likelihood
-from calib.study.posterior_setup import emulator_posterior, marginal
+from calib.study.posterior_setup import emulator_posterior
 from calib.study.posterior_stage import provenance
 from calib.study.sections import Cells, Hypothesis, ParameterPrior, Virtual
 from calib.study.stage_list import stages_of
@@ -429,9 +429,8 @@ def test_the_fingerprint_of_a_model_sees_its_fields() -> None:
 def test_mean_and_sd_of_a_prior_are_those_of_the_parameter(
     distribution: Literal["normal", "lognormal"],
 ) -> None:
-    prior = marginal(
-        ParameterPrior(distribution=distribution, low=1e-9, high=1.0, mean=0.02, sd=0.004)
-    )
+    stated = ParameterPrior(distribution=distribution, low=1e-9, high=1.0, mean=0.02, sd=0.004)
+    prior = stated.marginal()
     # Moments by the midpoint rule over probability; the bounds are too wide to matter.
     p = (np.arange(200_000) + 0.5) / 200_000
     values = prior.quantile(p)

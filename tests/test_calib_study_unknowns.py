@@ -228,6 +228,13 @@ def test_the_varied_block_is_the_block_where_nothing_varies() -> None:
             "prior.pin_friction: found a table, expected none beside [prior.friction]",
         ),
         (
+            text_of(
+                RUBS.replace("base = 0.3", "base = 0.1") + HYPOTHESES,
+                uniform("prior.friction", 0.1, 0.5),
+            ),
+            "hypothesis[0].base: found 0.1, expected 0.3 as for the pin: [prior.friction] is of",
+        ),
+        (
             text_of(HYPOTHESES + uniform("hypothesis.prior.friction", 0.1, 0.5)),
             "hypothesis[1].prior.friction: found a table, expected none: under sliding",
         ),

@@ -225,6 +225,26 @@ def test_replicates_have_the_errors_that_all_levels_share(
     assert field_noise(data, field, 0) == pytest.approx(rms[1], rel=1e-6)
 
 
+@pytest.mark.parametrize("control", ["force", "travel"])
+def test_noise_of_a_field_has_the_scatter_of_the_samples(
+    control: Literal["force", "travel"], second_file: Path
+) -> None:
+    """Samples that differ by 8 % move a field at a set force by as much, over the root of n."""
+    test, _ = load_second_test(second_file)
+    levels, answer = np.array([2.0, 4.0]), np.array([4.0, 8.0])
+    moved = np.array([1.0, 2.0])[:, None, None] * np.array([0.5, 3.0, 1.0])
+    field = FieldData(np.ones((1, 2)), moved, np.full(3, 0.01), 1.0, 0.5)
+    data = SecondData("plate", True, control, levels, answer, np.full(2, 0.08), 7, None, field, 0.7)
+    draws = Predicted(np.tile(answer, (4, 1)), np.tile(moved, (4, 1, 1, 1)))
+    no_mesh = Predicted(np.zeros((1, 2)), np.zeros((1, 2, 1, 3)))
+    again = replicates(test, data, draws, no_mesh, np.random.default_rng(4))
+    assert again.field is not None
+    of_an_sd = 4 / np.sqrt(2 * N_REPLICATES)
+    for component in range(3):
+        seen = np.sqrt(np.mean((again.field - moved)[..., component] ** 2))
+        assert field_noise(data, field, component) == pytest.approx(seen, rel=of_an_sd)
+
+
 def test_a_linear_field_is_carried_to_other_points_exactly() -> None:
     rng = np.random.default_rng(2)
     known, wanted = rng.random((60, 2)), 0.3 + 0.4 * rng.random((9, 2))

@@ -25,7 +25,7 @@ from fe.contact_memory import initial_memory
 from fe.contact_slopes import contact_pull
 from fe.directions import directions
 from fe.discretisation import elements, sum_to_nodes
-from fe.friction import freeze, friction_system
+from fe.friction import friction_system
 from fe.pin_surface import BAR, ROUND, RigidPin
 from fe.shape_slopes import residual_slopes
 from fe.surface_slopes import no_slopes
@@ -109,9 +109,8 @@ def forces_of(faces, u, pin, memory, law):
     ties = memory.ties
     tied = ties.kind, ties.hold, ties.anchor
     on_pin = contact_system(u, faces, *tied, TRAVEL, pin, True, system)[1]
-    frame = freeze(u, faces, ties.kind, memory.slip.place, TRAVEL, pin, law)
-    coupling = np.zeros_like(system.tangent)
-    on_pin += friction_system(u, faces, frame, TRAVEL, pin, law, system, coupling)[1]
+    coupling, place = np.zeros_like(system.tangent), memory.slip.place
+    on_pin += friction_system(u, faces, ties.kind, place, TRAVEL, pin, law, system, coupling)[2]
     return np.append(sum_to_nodes(faces.nodes, system.force, len(u)), on_pin)
 
 

@@ -34,6 +34,8 @@ from fe.response import Array
 ROUNDING = 1e-10
 """of a covariance, relative to its largest entry"""
 
+SEEN = 1e-6
+"""of directions of length 1: what changes a sample's field by less is not seen at its points"""
 SAME = 1e-3
 """share of a direction by which it must differ from others to be one more"""
 
@@ -120,7 +122,7 @@ class FieldCondenser:
         found = []
         for displacement in self.samples.displacement:
             has = np.isfinite(displacement).all(axis=(0, 2))
-            if has.sum() * has.size < len(reference):
+            if not self._are_told_apart(has):
                 found.append(self._nothing())
                 continue
             if has.tobytes() not in estimators:
@@ -128,6 +130,15 @@ class FieldCondenser:
             part = self._part(displacement, estimators[has.tobytes()], noise)
             found.append(_with_common(part, estimators[has.tobytes()], reference, common))
         return found
+
+    def _are_told_apart(self, has: npt.NDArray[np.bool_]) -> bool:
+        """Whether the directions differ at the points that a sample has."""
+        flat = self.directions.reshape(len(self.directions), -1)
+        seen = self.directions[:, :, has].reshape(len(flat), -1)
+        if seen.shape[1] < len(flat):
+            return False
+        sizes = np.linalg.svd(seen / np.linalg.norm(flat, axis=1)[:, None], compute_uv=False)
+        return bool(sizes[-1] > SEEN)
 
     def _estimator(self, covariance: FieldCovariance, has: npt.NDArray[np.bool_]) -> Array:
         """(k, n_step, n_point, 3) H, with zeros at points that are missing."""

@@ -10,7 +10,7 @@ import numpy as np
 from calib.data.dataset import Dataset
 from calib.inference.comparison import predictive_p_value
 from calib.inference.likelihood import DISCREPANCY
-from calib.inference.noise import NoiseSettings, force_errors
+from calib.inference.noise import NoiseSettings, force_errors, travel_zero_sd
 from calib.inference.posterior import Posterior
 from calib.inference.quadrature import Quadrature, integrate
 from fe.response import Array
@@ -43,12 +43,14 @@ def assumption_study(
     n_nodes: int = 30,
     progress: Callable[[int, int], None] | None = None,
 ) -> tuple[SensitivityRow, ...]:
-    """One row for every rho at the study's travel zero, then for every sigma_0 at its rho.
+    """One row for every rho at the travel zero of the posterior, then for every sigma_0 at its rho.
 
+    That zero is the study's, or what the data state where larger (`calib.inference.noise`).
     Only the errors of the force and the zero of the travel change; prior, forward model,
     discretisation and noise of the field stay. By quadrature, so that rows differ by the
     assumption and not by Monte-Carlo error.
     """
+    settings = replace(settings, travel_zero_sd=travel_zero_sd(dataset, settings))
     cases = [replace(settings, sample_correlation=rho) for rho in correlations]
     cases += [replace(settings, travel_zero_sd=sd) for sd in travel_zero_sds]
     rows = []

@@ -15,7 +15,6 @@ from fe.response import Array
 
 MOONEY_RIVLIN_3 = "mooney-rivlin-3"
 DEFAULT_LAW = MOONEY_RIVLIN_3
-NOT_NEGATIVE = "not negative"
 
 
 @dataclass(frozen=True)

@@ -26,7 +26,7 @@ from calib.inference.quadrature import Quadrature, integrate
 from fe.response import Array
 
 GOOD_K = 0.7
-N_BOOTSTRAP = 1000
+N_BOOTSTRAP = 200
 BATCH = 1024
 N_NODES = 30
 
@@ -229,7 +229,7 @@ def stacking(scores: tuple[Scores, ...], rng: np.random.Generator) -> Stacking:
     density = np.column_stack([found.log_density for found in scores])
     n = len(density)
     best = _stack(density, np.full(n, 1.0 / n))
-    drawn = rng.dirichlet(np.ones(n), size=N_BOOTSTRAP // 5)
+    drawn = rng.dirichlet(np.ones(n), size=N_BOOTSTRAP)
     others = np.array([_stack(density, shares) for shares in drawn])
     low, high = np.quantile(others, [0.05, 0.95], axis=0)
     return Stacking(best, low, high)

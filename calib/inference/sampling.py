@@ -21,6 +21,7 @@ Progress = Callable[[int, int], None]
 """called with steps done and steps expected in total"""
 
 START_DRAWS = 4096
+"""prior draws that starts are chosen from, and 16 a walker at least"""
 STRAY = 20.0
 """log-probability below the best at which a walker counts as lost in a secondary mode: with three
 parameters a draw of the main mode lies that low with probability 1e-8 (chi-square of 3, 40), with
@@ -145,8 +146,8 @@ def sample_posterior(
     ensembles. The result depends on `rng`'s seed and on nothing else. With a folder `store` every
     block of `check_every` steps is kept there: a run that was killed goes on where it was and ends
     with the same bits; blocks of another run are thrown away.
-    Reaching `max_steps` is a status, not an error. Raises ValueError when no prior draw has a
-    finite posterior.
+    Reaching `max_steps` is a status, not an error. Raises ValueError when too few prior
+    draws have a finite posterior.
     """
     children = rng.spawn(settings.n_ensembles)
     box = Box(posterior)
@@ -236,12 +237,13 @@ def dispersed_starts(posterior: Density, n_walkers: int, rng: np.random.Generato
     the power beta <= 1 is the largest that leaves an effective 4 n_walkers different draws.
     Raises ValueError when too few prior draws have a finite posterior.
     """
-    x = posterior.prior.sample(rng, START_DRAWS)
+    n = max(START_DRAWS, 16 * n_walkers)
+    x = posterior.prior.sample(rng, n)
     log_likelihood = posterior.log_prob(x) - posterior.prior.log_prob(x)
     finite = np.isfinite(log_likelihood)
     if np.count_nonzero(finite) < 4 * n_walkers:
         raise ValueError(
-            f"posterior: finite at {np.count_nonzero(finite)} of {START_DRAWS} prior draws; "
+            f"posterior: finite at {np.count_nonzero(finite)} of {n} prior draws; "
             "narrow the prior to where the forward model works"
         )
     x, log_likelihood = x[finite], log_likelihood[finite]

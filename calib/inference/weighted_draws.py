@@ -38,8 +38,6 @@ class WeightedDraws:
     """(n,) summing to 1"""
     log_evidence: float
     """ln of the integral of prior times likelihood"""
-    n_evaluations: int
-    """log-probabilities computed in all"""
 
     @property
     def ess(self) -> float:
@@ -127,13 +125,12 @@ def draw_weighted(
     """
     x = posterior.prior.sample(rng, 2 * n_round)
     log_density = posterior.prior.log_prob(x) - posterior.prior.log_share
-    evaluated, power = 0, LEAST_POWER
+    power = LEAST_POWER
     for _ in range(MAX_ROUNDS):
         log_prior = posterior.prior.log_prob(x)
         inside = np.flatnonzero(log_prior > -np.inf)
         x, log_prior, log_density = x[inside], log_prior[inside], log_density[inside]
         log_likelihood = posterior.log_prob(x) - log_prior
-        evaluated += len(x)
         log_weight = log_prior - log_density
         power = _power(log_weight, log_likelihood, FEWEST * n_round, power)
         weights = _normalised(log_weight + power * log_likelihood)[0]
@@ -145,7 +142,7 @@ def draw_weighted(
         raise ValueError(f"posterior: not reached from the prior in {MAX_ROUNDS} rounds")
     x, log_density = proposal.sample(rng, n)
     weights, total = _normalised(posterior.log_prob(x) - log_density)
-    return WeightedDraws(x, weights, total - float(np.log(n)), evaluated + n)
+    return WeightedDraws(x, weights, total - float(np.log(n)))
 
 
 def _normalised(log_weight: Array) -> tuple[Array, float]:

@@ -13,11 +13,11 @@ from calib.inference.at_bound import at_bound, leaning_sentence
 from calib.inference.comparison import check_published, compare, fit_of
 from calib.inference.identifiability import SensitivityRow, assumption_study
 from calib.inference.laws import DEFAULT_LAW
+from calib.inference.noise import travel_zero_sd
 from calib.inference.posterior import Posterior
 from calib.inference.quadrature import Quadrature, integrate
 from calib.inference.verdict import HypothesisFit
 from calib.study.artifacts import write_json
-from calib.study.config import Study
 from calib.study.context import Context
 from calib.study.data_stage import StudyData, load_data
 from calib.study.nuisances import discrepancy_of, nuisances_of
@@ -140,7 +140,7 @@ def _assumptions(
     if not correlations:
         return []
     rows: list[dict[str, object]] = []
-    zeros = other_travel_zeros(study)
+    zeros = other_travel_zeros(travel_zero_sd(dataset, noise_of(study)))
     per_hypothesis = len(correlations) + len(zeros)
     with progress_bar("assumptions", "posterior", shown=context.show_progress) as progress:
         for order, (name, posterior) in enumerate(posteriors.items()):
@@ -158,9 +158,8 @@ def _assumptions(
     return rows
 
 
-def other_travel_zeros(study: Study) -> tuple[float, ...]:
-    """SDs of the travel's zero to compare with: none, and twice the study's own, mm."""
-    own = study.noise.travel_zero_sd
+def other_travel_zeros(own: float) -> tuple[float, ...]:
+    """SDs of the travel's zero to compare with: none, and twice that of the posterior, mm."""
     return (0.0, 2.0 * own) if own > 0 else ()
 
 

@@ -27,7 +27,7 @@ from calib.study.artifacts import (
     write_json,
     write_npz,
 )
-from calib.study.context import Context
+from calib.study.context import Context, stream
 from calib.study.finished import chosen, finished
 from calib.study.local_design import LOCAL, kept_box
 from calib.study.mesh_error_file import load_mesh_error
@@ -42,10 +42,11 @@ from calib.study.train_stage import emulator_path
 from calib.study.unknowns import parameters_of
 from calib.study.verification import MAP, map_folder
 from fe.response import Array
-from fe.run_files import run_files
 
 FOLDER = "direct_chain"
 PARTS = ("x", "direct", "emulator", "moved", "accepted", "inner")
+MADE_FROM = "made_from"
+"""what a chain depends on, in the same file: another chain is never taken for it"""
 Echo = Callable[[str], None]
 
 
@@ -79,8 +80,8 @@ def direct_chain(
         chain = begin(densities, np.asarray(found["fe_x"], dtype=float))
 
     def keep(each: DelayedChain) -> None:
-        write_npz(path, {name: getattr(each, name) for name in PARTS})
-        write_json(path.with_suffix(".json"), {"made_from": made_from})
+        parts = {name: getattr(each, name) for name in PARTS}
+        write_npz(path, parts | {MADE_FROM: np.array(made_from)})
         word = "accepted" if each.accepted[-1] else "rejected" if each.moved[-1] else "not moved"
         echo(f"  {under.name}: step {each.n_steps} of {n_steps}, {word}")
 
@@ -90,12 +91,11 @@ def direct_chain(
         densities,
         covariance,
         n_steps,
-        seed=context.study.seed,
+        seed=int(stream(context.study, f"direct chain {under.name}").integers(2**63)),
         n_inner=n_inner,
         on_step=keep,
     )
-    solves = len(run_files(folder))
-    facts = _facts(chain, samples.result.draws, posterior.prior.space.x_names, n_inner, solves)
+    facts = _facts(chain, samples.result.draws, posterior.prior.space.x_names, n_inner)
     write_json(folder / "direct_chain.json", facts)
     return _table(under.name, facts), [folder / "direct_chain.json", path]
 
@@ -132,17 +132,18 @@ def _made_from(out: Path, hypothesis: Hypothesis, n_inner: int) -> str:
 
 def _kept(path: Path, made_from: str, n_steps: int) -> DelayedChain | None:
     """The chain so far, cut to `n_steps`; None where there is none of these inputs."""
-    facts = path.with_suffix(".json")
-    if not (path.is_file() and facts.is_file()) or read_json(facts)["made_from"] != made_from:
+    if not path.is_file():
         return None
     parts = read_npz(path, PARTS)
+    if MADE_FROM not in parts or str(parts[MADE_FROM]) != made_from:
+        return None
     states = {name: parts[name][: n_steps + 1] for name in PARTS[:3]}
     steps = {name: parts[name][:n_steps] for name in PARTS[3:]}
     return DelayedChain(**states, **steps)
 
 
 def _facts(
-    chain: DelayedChain, draws: Array, names: tuple[str, ...], n_inner: int, n: int
+    chain: DelayedChain, draws: Array, names: tuple[str, ...], n_inner: int
 ) -> dict[str, Any]:
     """Rates, and the chain's moments beside those by the emulator, as JSON data."""
     x, mean, sd = chain.x[1:], draws.mean(axis=0), draws.std(axis=0)
@@ -155,7 +156,7 @@ def _facts(
             "x": names,
             "n_steps": chain.n_steps,
             "n_inner": n_inner,
-            "n_fe_solves": n,
+            "n_fe_solves": 1 + int(chain.moved.sum()),
             "emulator_acceptance": chain.first_rate,
             "direct_acceptance": chain.second_rate,
             "autocorrelation_time": time,
@@ -190,6 +191,6 @@ def _table(name: str, facts: dict[str, Any]) -> Table:
         tuple(rows),
         f"{facts['n_steps']} steps of {facts['n_inner']} by the emulator each; accepted by the "
         f"emulator {number(facts['emulator_acceptance'], 2)}, then by direct FE "
-        f"{number(facts['direct_acceptance'], 2)}; {facts['n_fe_solves']} FE solves. ±: Monte "
-        "Carlo SD by the autocorrelation time, rough in a short chain.",
+        f"{number(facts['direct_acceptance'], 2)}; {facts['n_fe_solves']} FE solves with the "
+        "start's. ±: Monte Carlo SD by the autocorrelation time, rough in a short chain.",
     )

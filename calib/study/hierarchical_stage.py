@@ -9,12 +9,13 @@ from pathlib import Path
 import numpy as np
 
 from calib import __version__
+from calib.data import Dataset
 from calib.inference.condensed import condense
 from calib.inference.forward import EmulatorForward
 from calib.inference.hierarchical import HierarchicalPosterior
 from calib.inference.hierarchical_sampling import PopulationDraws, sample_population
 from calib.inference.inference_data import save_inference_data
-from calib.inference.noise import NoiseSettings
+from calib.inference.noise import NoiseSettings, travel_zero_sd
 from calib.inference.population import Population, ScatterPrior
 from calib.inference.population_data import build_population_data
 from calib.inference.sample_errors import SampleErrors
@@ -48,7 +49,7 @@ def run(context: Context) -> list[Path]:
         rng = stream(study, f"population {hypothesis.name}")
         label = f"population {hypothesis.name}"
         with progress_bar(label, "step", shown=context.show_progress) as progress:
-            store = chains_folder(context.out, hypothesis).with_suffix(".population")
+            store = _store(context.out, hypothesis)
             draws = sample_population(posterior, settings_of(study), rng, progress, store)
         context.echo(f"  {hypothesis.name}: {draws.message}")
         found = build_population_data(
@@ -61,10 +62,16 @@ def run(context: Context) -> list[Path]:
         )
         path = population_path(context.out, hypothesis.name)
         save_inference_data(found, path)
-        # All that they hold is in the file now.
-        shutil.rmtree(store, ignore_errors=True)
         paths.append(path)
+    # All that they hold is in the files now; killed before, finished chains are not made again.
+    for hypothesis in study.hypotheses:
+        shutil.rmtree(_store(context.out, hypothesis), ignore_errors=True)
     return paths
+
+
+def _store(out: Path, hypothesis: Hypothesis) -> Path:
+    """Where the chains of a hypothesis' population are kept while they grow."""
+    return chains_folder(out, hypothesis).with_suffix(".population")
 
 
 def population_posterior(context: Context, hypothesis: Hypothesis) -> HierarchicalPosterior:
@@ -82,7 +89,7 @@ def population_posterior(context: Context, hypothesis: Hypothesis) -> Hierarchic
         own,
         force_discretisation=mesh.force,
         field_floor=mesh.field_floor,
-        field_patterns=mesh.field_patterns(dataset, with_own_zero(noise, own), forward),
+        field_patterns=mesh.field_patterns(dataset, with_own_zero(dataset, noise, own), forward),
     )
     prior = prior_of(study, hypothesis, with_field=with_field)
     assert study.population is not None  # refused when the study was read
@@ -94,9 +101,10 @@ def population_posterior(context: Context, hypothesis: Hypothesis) -> Hierarchic
     return HierarchicalPosterior(Population(prior, scatter), samples)
 
 
-def with_own_zero(noise: NoiseSettings, own: SampleErrors) -> NoiseSettings:
+def with_own_zero(dataset: Dataset, noise: NoiseSettings, own: SampleErrors) -> NoiseSettings:
     """Where the zero of a sample's travel may lie: that of all samples and its own."""
-    return replace(noise, travel_zero_sd=float(np.hypot(noise.travel_zero_sd, own.travel_zero_sd)))
+    common = travel_zero_sd(dataset, noise)
+    return replace(noise, travel_zero_sd=float(np.hypot(common, own.travel_zero_sd)))
 
 
 def own_errors(study: Study) -> SampleErrors:

@@ -9,14 +9,14 @@ from calib.inference.forward import EmulatorForward
 from calib.inference.likelihood import build_likelihood
 from calib.inference.noise import NoiseSettings
 from calib.inference.posterior import Posterior
-from calib.inference.prior import Marginal, Prior
+from calib.inference.prior import Prior
 from calib.study.config import Study
 from calib.study.context import Context
 from calib.study.data_stage import load_data
 from calib.study.local_design import LOCAL, kept_box
 from calib.study.mesh_error import MeshError
 from calib.study.mesh_error_file import load_mesh_error
-from calib.study.sections import Hypothesis, ParameterPrior
+from calib.study.sections import Hypothesis
 from calib.study.train_stage import load_emulator
 from calib.study.unknowns import prior_of
 from surrogate import ScaledEmulator
@@ -95,8 +95,3 @@ def noise_of(study: Study) -> NoiseSettings:
         discrepancy_length=study.noise.discrepancy_length,
         discrepancy_travel_length=study.noise.discrepancy_travel_length,
     )
-
-
-def marginal(prior: ParameterPrior) -> Marginal:
-    """One parameter's prior; mean and SD are those of the parameter before it is cut off."""
-    return prior.marginal()

@@ -62,16 +62,23 @@ def check_law(study: Study, index: int, hypothesis: Hypothesis) -> None:
             prior = given(study, hypothesis, ratio.name)
             assert prior is not None
             _check_ratio(key_of(index, hypothesis, ratio.name), prior, ratio, positive=positive)
-    shares = [given(study, hypothesis, r.name) for r in law.ratios if r.name.startswith("share")]
-    highest = sum(prior.high for prior in shares if prior is not None)
-    if positive and highest > 1:
-        key = f"{key_of(index, hypothesis, 'share2')}.high"
-        expected = "shares that leave the first term 0 or more (sum of their high 1 or less)"
-        raise Contradiction(key, highest, expected)
+    _check_shares(study, index, hypothesis, positive=positive)
     if not law.ratios and not any(_used(study, hypothesis, name) for name in INPUTS):
         key = "material.law" if hypothesis.law is None else f"hypothesis.{index}.law"
         expected = "a further unknown with it, e.g. [prior.bulk_ratio]: it has no ratio for an "
         raise Contradiction(key, law.name, expected + "emulator to learn over")
+
+
+def _check_shares(study: Study, index: int, hypothesis: Hypothesis, *, positive: bool) -> None:
+    """Shares of terms leave the first one 0 or more, where constants are to be positive."""
+    names = [r.name for r in law_of(study, hypothesis).ratios if r.name.startswith("share")]
+    priors = [given(study, hypothesis, name) for name in names]
+    highs = [prior.high for prior in priors if prior is not None]
+    if positive and sum(highs) > 1:
+        key = f"{key_of(index, hypothesis, names[-1])}.high"
+        left = 1 - sum(highs[:-1])
+        expected = f"{left:g} or less, so that the shares leave the first term 0 or more"
+        raise Contradiction(key, highs[-1], expected)
 
 
 def _check_ratio(key: str, prior: ParameterPrior, ratio: Ratio, *, positive: bool) -> None:
@@ -160,6 +167,10 @@ def check_inputs(study: Study, index: int, hypothesis: Hypothesis) -> None:
             if _used(study, hypothesis, name):
                 expected = "none beside [prior.friction], which is of pin and base together"
                 raise Contradiction(key_of(index, hypothesis, name), {}, expected)
+        sides = [side for side in (hypothesis.pin, hypothesis.base) if not isinstance(side, str)]
+        if len(set(sides)) > 1:
+            expected = f"{sides[0]:g} as for the pin: [prior.friction] is of both together"
+            raise Contradiction(f"hypothesis.{index}.base", hypothesis.base, expected)
     if off_centre(study, hypothesis) and not any(_holds(study, hypothesis)):
         why = f"where nothing need keep the sample from sliding away, as under {hypothesis.name}"
         if _used(study, hypothesis, "pin_shift"):

@@ -71,7 +71,8 @@ def run(context: Context) -> list[Path]:
         stored = _sample(context, hypothesis)
         context.echo(f"  {hypothesis.name}: {stored.result.message}")
         paths += save_samples(context.out, hypothesis, stored)
-        # All that they hold is in the samples now.
+    # All that they hold is in the samples now; killed before, finished chains are not made again.
+    for hypothesis in context.study.hypotheses:
         shutil.rmtree(chains_folder(context.out, hypothesis), ignore_errors=True)
     return paths
 

@@ -27,7 +27,7 @@ from calib.study import (
     virtual_stage,
 )
 from calib.study.answers import answer_files
-from calib.study.artifacts import hash_of_file, plain
+from calib.study.artifacts import hash_of, hash_of_file, plain
 from calib.study.config import Study, StudyError
 from calib.study.context import Context
 from calib.study.findings import validation_files
@@ -38,6 +38,8 @@ from fe.campaign_parameters import RATIOS
 
 LATER = ("force_freedom",)
 """keys that studies finished before had not"""
+CODE = "surrogate", "calib.inference", "calib.study"
+"""packages whose modules decide what stages after the FE runs write"""
 Settings = Callable[[Context], dict[str, object]]
 
 
@@ -54,6 +56,13 @@ class Stage:
     """what it depends on besides: parts of the study file, the forward models"""
     run: Callable[[Context], list[Path]]
     """does the work and returns the files written"""
+    code: tuple[str, ...] = CODE
+    """packages whose change makes it run again, besides what `settings` counts of the FE code"""
+
+    def inputs(self, context: Context) -> dict[str, str]:
+        """Hash of each input by name, but for the artifacts of earlier stages."""
+        inputs = {name: hash_of(value) for name, value in self.settings(context).items()}
+        return inputs | {f"code of {package}": code_hash(package) for package in self.code}
 
 
 def _sections(*names: str) -> Settings:
@@ -73,19 +82,21 @@ def _stated(section: Any) -> Any:
 
 
 def _data(context: Context) -> dict[str, object]:
-    """The data by what they are: a file by its content, not its name."""
+    """The data by what they are: files by their name and content, not by where they are."""
     settings = _sections("increments", "data", "virtual")(context)
-    if context.study.data.quality is None:  # stages of older studies stay as they are
-        known = plain(context.study.data)
-        settings["data"] = {key: value for key, value in known.items() if key != "quality"}
-    source = Path(context.study.data.source)
-    if context.study.data.is_file and source.is_file():
+    data, known = context.study.data, plain(context.study.data)
+    if data.quality is None:  # stages of older studies stay as they are
+        del known["quality"]
+    source = Path(data.source)
+    if data.is_file and source.is_file():
+        known["source"] = source.name
         settings["content"] = hash_of_file(source)
-    if context.study.data.folder is not None:
-        folder = Path(context.study.data.folder)
+    if data.folder is not None:
+        folder = Path(data.folder)
+        known["folder"] = folder.name
         settings["content"] = input_hash(folder, sample_files(folder, read_experiment(folder)))
         settings["code of quality control"] = code_hash("calib.data")
-    return settings
+    return settings | {"data": known}
 
 
 def _training(context: Context) -> dict[str, object]:
@@ -163,9 +174,10 @@ STAGES = (
         (),
         _models("virtual", "noise", "seed"),
         virtual_stage.run,
+        ("calib.virtual",),
     ),
-    Stage("data", "read the data", ("virtual",), _data, virtual_stage.run_data),
-    Stage("simulate", "run the FE model", (), _design, simulate_stage.run_design),
+    Stage("data", "read the data", ("virtual",), _data, virtual_stage.run_data, ("calib.data",)),
+    Stage("simulate", "run the FE model", (), _design, simulate_stage.run_design, ()),
     Stage(
         "train",
         "train the emulators",

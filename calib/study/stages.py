@@ -9,6 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, TypedDict, Unpack
 
+from threadpoolctl import threadpool_limits
+
 from calib import __version__
 from calib.study import findings, map_stage, simulate_stage, train_report, verification
 from calib.study.artifacts import (
@@ -82,7 +84,7 @@ def run_stages(context: Context, until: str = "report") -> tuple[str, ...]:
     index = 0
     while index < len(stages):
         stage = stages[index]
-        inputs = {name: hash_of(v) for name, v in stage.settings(context).items()}
+        inputs = stage.inputs(context)
         inputs |= {f"stage {name}": digests[name] for name in stage.needs if name in digests}
         if stage.name == "refine":
             base = _base(context, inputs)
@@ -104,7 +106,7 @@ def run_stages(context: Context, until: str = "report") -> tuple[str, ...]:
 
 def _base(context: Context, inputs: dict[str, str]) -> str:
     """Hash of all that the first maximum is made from: `inputs` of refine, and what comes after."""
-    after = {s.name: s.settings(context) for s in STAGES if s.name in ("check", "sample", "map")}
+    after = {s.name: s.inputs(context) for s in STAGES if s.name in ("check", "sample", "map")}
     return hash_of([inputs, after])
 
 
@@ -186,6 +188,8 @@ def _context(study: Study, out: Path, how: HowToRun) -> Iterator[Context]:
     out.mkdir(parents=True, exist_ok=True)
     workers = how.get("workers")
     with ExitStack() as stack:
+        # Threads of BLAS share the cores with the workers, and sums of more come in another order.
+        stack.enter_context(threadpool_limits(limits=1))
         map_fn = how.get("map_fn") or stack.enter_context(
             chosen_map(
                 how.get("executor", "processes"),

@@ -17,6 +17,7 @@ from calib.data import PUBLISHED_CONSTANTS
 from calib.data.thesis import optimization_runs, stated_average
 from calib.inference.coordinates import CONSTANTS
 from calib.study.block_cells import RingCells, written
+from fe.response import Array
 
 NOTE_WIDTH = 100
 
@@ -213,17 +214,18 @@ def optimization_table(published: Mapping[str, float] | None) -> Table | None:
 
 def comparison_table(comparison: Mapping[str, Any]) -> Table:
     """Evidence and predictive check of each hypothesis; `comparison` is comparison.json."""
+    errors = share_errors(list(comparison["hypotheses"].values()))
     rows = tuple(
         (
             name,
             f"{found['log_evidence']:.2f} ± {found['log_evidence_error']:.2f}",
-            f"{found['probability']:.3g} ± {_share_error(found):.1g}",
+            f"{found['probability']:.3g} ± {error:.1g}",
             f"{found['max_log_likelihood']:.2f}",
             f"{found['best_force_misfit']:.2f}",
             f"{found['predictive_p']:.3g}",
             f"{number(found['mu_mean'])} ± {number(found['mu_sd'], 2)}",
         )
-        for name, found in comparison["hypotheses"].items()
+        for (name, found), error in zip(comparison["hypotheses"].items(), errors, strict=True)
     )
     return Table(
         "Comparison of the contact hypotheses",
@@ -243,10 +245,16 @@ def comparison_table(comparison: Mapping[str, Any]) -> Table:
     )
 
 
-def _share_error(found: Mapping[str, Any]) -> float:
-    """Numerical error of a share of the evidence, of first order in that of its own."""
-    share: float = found["probability"]
-    return share * (1.0 - share) * float(found["log_evidence_error"])
+def share_errors(found: Sequence[Mapping[str, Any]]) -> Array:
+    """(n,) numerical errors of shares of the evidence, of first order in those of all evidences.
+
+    With shares p and independent errors e of ln Z: dp_i = p_i (e_i - sum_j p_j e_j).
+    """
+    p = np.array([each["probability"] for each in found], dtype=float)
+    e = np.array([each["log_evidence_error"] for each in found], dtype=float)
+    slopes = p[:, None] * (np.eye(len(p)) - p)
+    errors: Array = np.sqrt(slopes**2 @ e**2)
+    return errors
 
 
 def texts(tables: Sequence[Table | None]) -> list[str]:
@@ -256,12 +264,19 @@ def texts(tables: Sequence[Table | None]) -> list[str]:
 
 def _corrected(errors: Mapping[str, Any]) -> str:
     """How predictions were corrected, of what `mesh_table` takes."""
-    if any(error.get("with_derivatives") for error in errors.values()):
-        return (
-            "Predictions are corrected by the difference at the last point, that of the field "
-            "carried on by the derivatives of its runs."
-        )
-    return "Predictions are corrected by the mean difference."
+    with_slopes = [name for name, error in errors.items() if error.get("with_derivatives")]
+    if not with_slopes:
+        return "Predictions are corrected by the mean difference."
+    at_last = (
+        "Predictions are corrected by the difference at the last point, that of the field "
+        "carried on by the derivatives of its runs"
+    )
+    without = [name for name in errors if name not in with_slopes]
+    if not without:
+        return f"{at_last}."
+    return (
+        f"{at_last} ({', '.join(with_slopes)}), or by the mean difference ({', '.join(without)})."
+    )
 
 
 def _mesh(cells: Sequence[int] | Mapping[str, int]) -> str:

@@ -149,11 +149,13 @@ def answer_noise(data: SecondData) -> float:
 
 
 def field_noise(data: SecondData, field: FieldData, component: int) -> float:
-    """The same of a component of its field, mm: noise, scale and the zero of the travel."""
+    """The same of a component of its field, mm, with the field's own noise and scale."""
     u = field.displacement[..., component]
     scale = np.mean((field.scale_sd * u) ** 2)
     zero = np.mean((data.travel_zero_sd * data.by_travel(u)) ** 2)
-    return float(np.hypot(field.noise_std[component], np.sqrt(scale + zero)))
+    stiffness = data.stiffness_sd[:, None] * data.softened(u)
+    scatter = np.mean(stiffness**2) / data.n_samples
+    return float(np.hypot(field.noise_std[component], np.sqrt(scale + zero + scatter)))
 
 
 def _facts_of(
