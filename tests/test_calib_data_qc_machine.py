@@ -106,6 +106,51 @@ def test_a_clock_that_jumps_far_ahead_is_not_as_planned():
         machine_test(jumped, PROTOCOL, MACHINE)
 
 
+def stepped_record(seed=0, *, cycles=0, first_hold=20.0, approach=3.0, contact=0.5):
+    """Steps of 0.2 mm of 1 s, held for 20 s, from a hold at contact on; 20 readings a second."""
+    times, places = [0.0, 2.0], [0.0, 0.0]
+
+    def go(seconds, place):
+        times.append(times[-1] + seconds)
+        places.append(place)
+
+    for _ in range(cycles):
+        for seconds, place in ((3.0, contact + 1.0), (3.0, 0.0), (2.0, 0.0)):
+            go(seconds, place)
+    go(approach, contact)
+    go(20.0, contact)
+    for step in range(1, 10):
+        go(1.0, contact + 0.2 * step)
+        go(first_hold if step == 1 else 20.0, contact + 0.2 * step)
+    time = np.arange(0.0, times[-1], 0.05)
+    travel = np.interp(time, times, places)
+    depth = np.maximum(travel - contact, 0.0)
+    force = depth + 0.6 * depth**2 + 0.8 * depth**3
+    force = force + np.random.default_rng(seed).normal(0.0, 0.005, force.size)
+    return MachineRecord("steps", time, force, travel, "compression")
+
+
+@pytest.mark.parametrize("approach", [0.5, 3.0, 10.0])
+def test_contact_is_found_without_cycles_after_a_slow_approach(approach):
+    """Its readings all lie before contact: alone they show no contact."""
+    for seed in range(3):
+        record = stepped_record(seed, approach=approach)
+        test = machine_test(record, Protocol(preconditioning_cycles=0), Machine())
+        assert test.contact.travel == pytest.approx(0.5, abs=0.01)
+        assert [hold.number for hold in test.holds][:2] == [0, 1]
+
+
+@pytest.mark.parametrize("by_hand_sd", [0.0, 0.02])
+def test_a_first_hold_too_short_to_be_one_does_not_renumber_the_others(by_hand_sd):
+    record = stepped_record(cycles=5, first_hold=6.0)
+    with pytest.raises(
+        NotAsPlanned, match=r"where the steps begin: found 0\.2, expected 0\.1 or less"
+    ):
+        machine_test(record, Protocol(), Machine(contact_sd_mm=by_hand_sd))
+    whole = machine_test(stepped_record(cycles=5), Protocol(), Machine(contact_sd_mm=by_hand_sd))
+    assert whole.contact.travel == pytest.approx(0.5, abs=0.01)
+
+
 def test_a_known_operators_zero_stands_in_for_the_force():
     test, _, _ = run(Truth(slack=0.42, force_noise=0.3), contact_sd_mm=0.0)
     assert test.contact.travel == pytest.approx(0.42, abs=1e-3)

@@ -357,3 +357,16 @@ def test_arrays_of_wrong_shape_are_refused():
         correlate(np.zeros((5, 5, 3)), grey, np.zeros((1, 2)))
     with pytest.raises(ValueError, match="deformed: expected finite grey values"):
         correlate(grey, grey * np.nan, np.zeros((1, 2)))
+
+
+@pytest.mark.parametrize("cut", [(1, 1), (60, 0)], ids=["a pixel less", "half as high"])
+def test_the_deformed_image_may_be_smaller_than_the_reference(pattern, spread, cut):
+    reference = image(pattern, spread)
+    small = image(pattern, spread, X=X - 1.5, seed=1)[: H - cut[0], : W - cut[1]]
+    points = inner_points(step=12)
+    found = correlate(reference, small, points)
+    inside = points[:, 1] < H - cut[0] - 30
+    assert inside.any() and found.valid[inside].all()
+    assert found.displacement[inside] == pytest.approx(
+        np.array([[1.5, 0.0]] * inside.sum()), abs=0.1
+    )

@@ -5,6 +5,8 @@ from contextlib import contextmanager
 
 import numpy as np
 import pytest
+import tifffile
+from PIL import Image
 from skimage import io
 
 from benchmarks.exact_speckle import exposed, speckle
@@ -275,6 +277,31 @@ def test_file_that_is_no_image_is_refused(tmp_path):
     )
     with pytest.raises(ValueError, match=words):
         read_image(tmp_path / "x.tif")
+
+
+def test_tiff_files_that_are_not_one_picture_of_levels_are_refused(tmp_path):
+    pages = np.random.default_rng(0).integers(0, 255, (3, 20, 30), dtype=np.uint8)
+    path = tmp_path / "x.tif"
+
+    def save(*frames, **options):
+        first, *later = (Image.fromarray(frame, **options) for frame in frames)
+        first.save(path, save_all=True, append_images=later)
+
+    for frames in (pages[:2], pages):
+        save(*frames)
+        with pytest.raises(ValueError, match=f"expected a file of one image, found {len(frames)}"):
+            read_image(path)
+    tifffile.imwrite(path, pages, photometric="minisblack")  # read as three colours otherwise
+    with pytest.raises(ValueError, match="found 3 pages of one size"):
+        read_image(path)
+    Image.fromarray(pages[0]).convert("P").save(path)
+    with pytest.raises(ValueError, match="expected grey levels or RGB colours, found a palette"):
+        read_image(path)
+    Image.fromarray(np.moveaxis(pages, 0, 2)).convert("CMYK").save(path)
+    with pytest.raises(ValueError, match=r"found four printing inks \(CMYK\)"):
+        read_image(path)
+    save(pages[0], pages[1][::4, ::4])  # with a thumbnail
+    np.testing.assert_array_equal(read_image(path).grey, pages[0])
 
 
 def test_images_of_16_bit_keep_their_grey_levels_and_find_their_scale(tmp_path):

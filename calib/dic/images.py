@@ -15,6 +15,9 @@ from calib.dic.interpolation import Array
 LUMINANCE = np.array([0.2125, 0.7154, 0.0721])
 """of red, green and blue (ITU-R BT.709), as scikit-image has it"""
 
+NOT_LEVELS = {"P": "a palette", "PA": "a palette", "CMYK": "four printing inks (CMYK)"}
+"""of TIFF files by the mode that Pillow gives them"""
+
 
 @dataclass(frozen=True)
 class GreyImage:
@@ -31,13 +34,15 @@ class GreyImage:
 def read_image(path: Path | str) -> GreyImage:
     """Read one image; colours become luminance.
 
-    Raises ValueError when the file is missing, no image, or not of 8 to 16 bit.
+    Raises ValueError when the file is missing, no image, several, of a palette or of printing inks,
+    or not of 8 to 16 bit.
     """
     path = Path(path)
     if not path.is_file():
         found = "a folder" if path.is_dir() else "no such file"
         raise ValueError(f"{path}: found {found}, expected an image (TIFF, PNG or BMP)")
     values = _values(path)
+    _check_one_picture(path)
     if values.dtype == np.bool_ or values.dtype.kind not in "u" or values.dtype.itemsize > 2:
         raise ValueError(f"{path}: expected 8 to 16 bit grey levels, found {values.dtype}")
     is_byte = values.dtype.itemsize == 1
@@ -50,6 +55,24 @@ def read_image(path: Path | str) -> GreyImage:
     else:
         raise ValueError(f"{path}: expected one grey or colour image, found shape {values.shape}")
     return GreyImage(path.name, np.ascontiguousarray(grey), _full_scale(values, is_byte))
+
+
+def _check_one_picture(path: Path) -> None:
+    """Refuse TIFF files whose numbers are not the grey levels or colours of one picture."""
+    if path.suffix.lower() not in (".tif", ".tiff"):
+        return  # of others the numbers read are colours
+    try:
+        with imageio.v3.imopen(path, "r", plugin="pillow") as file:
+            n_page = file.properties(index=...).n_images or 1
+            sizes = [file.properties(index=page).shape[:2] for page in range(n_page)]
+            mode = file.metadata(index=0, exclude_applied=False)["mode"]
+    except Exception:  # what Pillow does not read has been read otherwise
+        return
+    alike = sizes.count(sizes[0])  # a thumbnail beside the image is none
+    if alike > 1:
+        raise ValueError(f"{path}: expected a file of one image, found {alike} pages of one size")
+    if mode in NOT_LEVELS:
+        raise ValueError(f"{path}: expected grey levels or RGB colours, found {NOT_LEVELS[mode]}")
 
 
 def _values(path: Path) -> np.ndarray:

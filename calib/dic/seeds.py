@@ -33,9 +33,12 @@ def seed_points(points: Array, inside: IntArray, n: int = N_SEED) -> IntArray:
 
 
 def phase_shift(reference: Array, deformed: Array, point: Array, side: int) -> Array | None:
-    """Whole-pixel shift of a window around point by phase correlation (Kuglin, Hines 1975), px."""
-    h, w = reference.shape
-    side = min(side, h, w)
+    """Whole-pixel shift of a window around point by phase correlation (Kuglin, Hines 1975), px.
+
+    Of images of different sizes the window is of the part that both have.
+    """
+    h, w = np.minimum(reference.shape, deformed.shape)
+    side = int(min(side, h, w))
     x0 = int(np.clip(round(point[0]) - side // 2, 0, w - side))
     y0 = int(np.clip(round(point[1]) - side // 2, 0, h - side))
     cut = (slice(y0, y0 + side), slice(x0, x0 + side))
@@ -60,6 +63,8 @@ def template_shift(reference: Array, deformed: Array, point: Array, radius: int)
         return None
     template = reference[y - radius : y + radius + 1, x - radius : x + radius + 1]
     if np.ptp(template) == 0 or np.ptp(deformed) == 0:
+        return None
+    if min(deformed.shape) < len(template):
         return None
     map_: Array = match_template(deformed, template)  # type: ignore[no-untyped-call]
     top, left = np.unravel_index(int(np.argmax(map_)), map_.shape)

@@ -25,6 +25,8 @@ from fe.response import Array
 
 ENOUGH = 30
 """readings of a way down that show where the pin touches"""
+NEAR = 0.25
+"""of an increment: readings that far beyond the first hold are beyond contact for certain"""
 LARGEST_GAP = 2e7
 """usual times between readings that two are apart at most: a clock that jumped gives more"""
 
@@ -95,6 +97,7 @@ def machine_test(record: MachineRecord, protocol: Protocol, machine: Machine) ->
         raise NotAsPlanned("plateaus", len(numbered), protocol.increments)
     # the operator starts the steps where the pin touches
     by_hand = numbered[0].position - numbered[0].number * protocol.increment_mm
+    _check_contact(by_force, by_hand, protocol)
     contact = by_force.combined(by_hand, machine.contact_sd_mm)
     force = force - force_zero(time, position, force, contact.travel)
     travel = position - contact.travel - machine.compliance_mm_per_N * force
@@ -118,9 +121,19 @@ def _contact_by_force(
     """Where the pin touches by the force on all ways down before the steps, else of the steps."""
     about = row[0].position - 0.5 * protocol.increment_mm  # to an increment: first hold may be 0
     loading = _loading(time, position, row[0].start, about)
-    if np.count_nonzero(loading) < ENOUGH:
+    beyond = position[loading] > row[0].position + NEAR * protocol.increment_mm
+    if np.count_nonzero(beyond) < ENOUGH:  # a way down to where the steps begin shows no contact
         loading = (time <= row[min(4, len(row) - 1)].end) & (time > row[0].start - 30.0)
     return find_contact(position[loading], force[loading])
+
+
+def _check_contact(by_force: Contact, by_hand: float, protocol: Protocol) -> None:
+    """Raise NotAsPlanned where it is not known which increment the first hold belongs to."""
+    most = 0.5 * protocol.increment_mm
+    apart = abs(by_force.by_force - by_hand)
+    if not apart <= most:
+        what = "mm between contact by the force and where the steps begin"
+        raise NotAsPlanned(what, float(f"{apart:.3g}"), f"{most:g} or less")
 
 
 def _loading(time: Array, position: Array, before: float, contact: float) -> BoolArray:
