@@ -37,10 +37,10 @@ class CampaignFailed(RuntimeError):  # noqa: N818 - says what happened
 class CampaignPlan:
     """What is to be run and where it is kept.
 
-    Raises ValueError for a design that `checked_theta` refuses or a method `check_rows(theta)` of
-    the model, if it has one, and for a fingerprint or `design` that does not consist of finite JSON
-    values, TypeError where no fingerprint is given for a model
-    that is no dataclass.
+    Raises ValueError for a model with forces asked, for a design that `checked_theta` refuses or a
+    method `check_rows(theta)` of the model, if it has one, and for a fingerprint or `design` that
+    does not consist of finite JSON values, TypeError where no fingerprint is given for a model that
+    is no dataclass.
     """
 
     simulate: Simulate
@@ -62,6 +62,10 @@ class CampaignPlan:
         if not 0.0 <= self.max_failure_rate <= 1.0:
             raise ValueError(
                 f"max_failure_rate: expected a share from 0 to 1, found {self.max_failure_rate}"
+            )
+        if getattr(self.simulate, "force", ()):
+            raise ValueError(
+                "simulate: expected a model with travels asked, which all runs share, found forces"
             )
         own = getattr(self.simulate, "parameters", None)
         if isinstance(own, tuple) and own and isinstance(own[0], Parameter):

@@ -632,6 +632,18 @@ def test_frames_that_are_named_come_in_the_order_of_their_times(some, result):
         analyse(folder)
 
 
+def test_numbers_do_not_take_a_reference_that_sorts_last_for_the_last_frame(some):
+    folder = some("S1", "S2")
+    place = folder / "S1" / "dic"
+    reference = read_dic(place / "B000.csv").frames[0]
+    still = replace(reference, displacement=0.0 * reference.displacement, name="reference")
+    (place / "B000.csv").unlink()
+    write_points(place / "reference.csv", still)
+    words = r"frames.csv:2: expected names of frames: reference has not moved, B001 has, found '0'"
+    with pytest.raises(WrongFile, match=words):
+        analyse(folder)
+
+
 def test_cells_of_a_table_come_back_from_its_csv():
     texts = ("S1", 'the "first", again', 'say "x"', "two\nlines")
     table = QcTable("name", "title", ("sample", "mm"), tuple((text, 0.1) for text in texts))

@@ -115,7 +115,7 @@ def linear_field(shape=(9, 11)):
 
 @pytest.mark.parametrize("method", ["linear", "cubic", "shape"])
 def test_every_mapping_gives_a_plane_back(method):
-    at = np.array([[2.3, 4.7], [5.5, 1.5], [0.0, 0.0], [7.9, 7.2]])
+    at = np.array([[2.3, 4.7], [5.5, 1.5], [0.0, 0.0], [7.9, 7.2], [10.0, 8.0], [10.0, 2.5]])
     column, row = at.T
     expected = np.stack([0.1 * column, 0.2 * row, 0.3 * column - 0.1 * row], axis=-1)
     np.testing.assert_allclose(map_field(linear_field(), at, method)[0], expected, atol=1e-12)
@@ -224,6 +224,14 @@ def test_points_anywhere_are_no_lattice():
         lattice_of([frame, frame], AXES)
 
 
+def test_a_point_far_from_the_others_is_refused_before_arrays_fill_the_memory():
+    x, y = (c.ravel() for c in np.meshgrid(np.arange(40) * 0.05, np.arange(40) * 0.05))
+    position = np.stack([np.append(x, 75.0), np.append(y, 75.0), np.zeros(1601)], axis=1)
+    frame = PointFrame("a", position, np.ones((1601, 3)), np.ones(1601, dtype=bool))
+    with pytest.raises(ValueError, match=r"found 1601 in 1501 rows and 1501 columns 0\.05 mm"):
+        lattice_of([frame, frame], AXES)
+
+
 def test_background_that_never_moves_is_not_the_sample():
     lattice = of(Truth())
     x = lattice.position[lattice.present()][:, 0] - Truth().origin[0]
@@ -236,6 +244,11 @@ def test_masks_keep_what_is_inside():
     assert inside(box, points).tolist() == [True, False, True, False]
     triangle = Mask(polygon_mm=((0.0, 0.0), (1.0, 1.0), (0.0, 1.0)))
     assert inside(triangle, points - [0.1, 0.0]).tolist() == [True, False, False, False]
+    for corners in (triangle.polygon_mm, triangle.polygon_mm[::-1]):  # edges belong to it
+        edges = np.array([[0.0, 0.0], [0.5, 0.5], [0.0, 0.5], [0.5, 1.0], [1.0, 1.0]])
+        turned = Mask(polygon_mm=corners)
+        assert inside(turned, edges).all()
+        assert not inside(turned, edges + np.array([0.01, -0.01]))[[1, 4]].any()
     without_pin = Mask(pin_rectangle_mm=(0.4, 0.4, 0.6, 0.6))
     assert inside(without_pin, points).tolist() == [False, True, True, True]
 

@@ -199,3 +199,7 @@ def test_box_has_tukeys_whiskers():
     values = np.array([1.0, 2.0, 3.0, 4.0, 5.0, 20.0, np.nan])
     found = box(values)
     assert found == (1.0, 2.25, 3.5, 4.75, 5.0)
+    few = box(np.array([1.0, 2.0, 3.0, 100.0]))
+    assert (
+        few.low <= few.quarter and few.high >= few.three_quarters == 27.25
+    )  # whiskers end outside the box

@@ -92,6 +92,23 @@ def test_load_files_give_the_number_of_the_image(put):
     assert davis.travel is None and matchid.travel is None
 
 
+@pytest.mark.parametrize(
+    ("name", "number"),
+    [("a_0012_0.tif", 12), ("sample12_0003.tif", 3), ("a_3.tif", 3), ("B7.tif", 7)],
+)
+def test_the_number_of_an_image_is_its_last_but_for_that_of_a_camera(name, number, put):
+    record = read_machine(put(f"File;TimeStamp;Force [N]\n{name};1;72,5\n"))
+    assert record.frame.tolist() == [number] and record.force.tolist() == [72.5]
+
+
+def test_decimal_commas_in_quotes_are_read_where_no_number_has_a_point(put):
+    text = 'Time (s);Extension (mm);Load (N)\n"0,5";"1,25";"1,234"\n"1,5";"2";"-3,5"\n'
+    record = read_machine(put(text))
+    assert record.time.tolist() == [0.5, 1.5]
+    assert record.travel.tolist() == [1.25, 2.0]
+    assert record.force.tolist() == [1.234, -3.5]
+
+
 REFUSED_MACHINE_FILES = {
     "a force in volts": ("Time (s),Extension (mm),Load (V)\n0,0,0\n", 1, "unit of force", "'V'"),
     "no unit": ("Time,Extension,Load\n0,0,0\n", 2, "line of units", "'0,0,0'"),
@@ -108,6 +125,16 @@ REFUSED_MACHINE_FILES = {
     ),
     "volts named N": (
         "File;TimeStamp;Force [V];Force [N]\na_1_0.tif;1;0.2818;0.2818\n", 1, "a force", "volts",
+    ),
+    "volts named kN": (
+        "File;TimeStamp;Force [V];Force [kN]\na_1_0.tif;1;0.2818;0.2818\n", 1, "a force", "volts",
+    ),
+    "points in some cells": (
+        "File;TimeStamp;Force [N]\na;1;0.9\na;2;1,234\n", 2, "decimal comma", "'0.9'",
+    ),
+    "points in some quotes": (
+        'Time (s);Extension (mm);Load (N)\n"0";"0";"1,234"\n"1";"0";"0.5"\n', 2, "thousands",
+        "'1,234'",
     ),
     "volts only": ("Index;ADC 1 channel 1 [V]\n1;0.1\n", 1, "unit of force", "ADC 1"),
     "two decimal marks": ("File;TimeStamp;Force [N]\na;1;1.234,5\n", 2, "decimal", "'1.234,5'"),

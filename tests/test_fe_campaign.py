@@ -18,6 +18,7 @@ from fe.campaign_result import Campaign
 from fe.executors import serial_map
 from fe.response import Status
 from fe.run_files import run_key
+from fe.specimens.uniaxial import Bar, UniaxialModel
 
 
 def test_results_follow_the_design_and_each_run_has_one_file(tmp_path: Path) -> None:
@@ -192,6 +193,13 @@ def test_what_is_no_design_is_refused(tmp_path: Path, theta: np.ndarray, message
 def test_a_fingerprint_that_is_not_json_is_refused(tmp_path: Path, value: object) -> None:
     with pytest.raises(ValueError, match="fingerprint: must consist of finite JSON values"):
         run_campaign(Toy(), RATIOS, tmp_path, fingerprint={"mesh": value})
+
+
+def test_a_model_with_forces_asked_is_refused_before_anything_runs(tmp_path: Path) -> None:
+    model = UniaxialModel(Bar(), force=(0.5, 1.0))
+    with pytest.raises(ValueError, match="expected a model with travels asked, .* found forces"):
+        run_campaign(model, np.array([[0.3, 0.1]]), tmp_path / "store")
+    assert not (tmp_path / "store").exists()
 
 
 def test_an_exception_of_a_simulation_says_of_which_run_it_is(tmp_path: Path) -> None:

@@ -20,6 +20,7 @@ from scipy.spatial.transform import Rotation
 from calib.dic.calibration import Calibration
 from calib.dic.camera import Camera, Intrinsics, StereoRig
 from calib.dic.distortion import BROWN, Array, Distortion
+from fe.atomic_file import replacing
 
 MARK = "softcal stereo calibration 1"
 LARGEST = 10_000_000
@@ -57,7 +58,8 @@ def write_calibration(path: Path | str, calibration: Calibration) -> None:
     }  # fmt: skip
     if calibration.covariance is not None:
         content["covariance"] = calibration.covariance.tolist()
-    Path(path).write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+    with replacing(Path(path)) as temporary:
+        temporary.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
 
 
 def read_calibration(path: Path | str) -> Calibration:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple
 
@@ -18,6 +17,7 @@ from calib.dic.progress import Progress
 from calib.dic.reasons import Reason
 from calib.dic.settings import CorrelationSettings
 from calib.dic.subset import N_PARAMETER
+from fe.executors import usable_cores
 
 BoolArray = npt.NDArray[np.bool_]
 IntArray = npt.NDArray[np.int64]
@@ -96,7 +96,7 @@ def deformed_spline(image: Array, settings: CorrelationSettings) -> Spline:
 
 def n_threads(settings: CorrelationSettings) -> int:
     """Threads to use."""
-    return settings.threads or len(os.sched_getaffinity(0))
+    return settings.threads or usable_cores()
 
 
 def refine(task: Task, todo: IntArray) -> None:

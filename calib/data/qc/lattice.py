@@ -18,6 +18,8 @@ from fe.response import Array, IntArray
 
 LARGEST_SPAN = 4000
 """rows or columns; more means that the points are no lattice"""
+SPARSEST = 100
+"""places of the lattice for each point; more means that a point lies astray"""
 OFF_LATTICE = 0.3
 """of a spacing that a point may lie beside its place, root mean square"""
 
@@ -160,6 +162,12 @@ def _fill(
     shape = (high - low + 1)[::-1]
     if shape.max() > LARGEST_SPAN:
         raise ValueError(f"expected at most {LARGEST_SPAN} rows and columns, found {shape.max()}")
+    points = max(rows.size for rows in wanted)
+    if shape.prod() > SPARSEST * points:
+        raise ValueError(
+            f"expected points side by side, found {points} in {shape[0]} rows and {shape[1]} "
+            f"columns {np.abs(steps[0]).max():.3g} mm apart: some lie far from the others"
+        )
     displacement = np.full((len(valid), *shape, 3), np.nan)
     at_rest = np.full((*shape, 3), np.nan)
     for frame in range(len(valid) - 1, -1, -1):

@@ -60,15 +60,17 @@ def _gather(values: Array, column: IntArray, row: IntArray) -> Array:
     return np.where(inside[:, None], found, np.nan)
 
 
-def _split(at: Array) -> tuple[IntArray, IntArray, Array, Array]:
-    """Whole parts below and what is left, column first."""
+def _split(at: Array, values: Array) -> tuple[IntArray, IntArray, Array, Array]:
+    """Whole parts below and what is left, column first; on the last line it is that before it."""
     whole = np.floor(at).astype(np.int64)
+    last = np.array(values.shape[2:0:-1]) - 1
+    whole = np.where((at == last) & (last > 0), last - 1, whole)
     rest = at - whole
     return whole[:, 0], whole[:, 1], rest[:, :1], rest[:, 1:]
 
 
 def _linear(values: Array, at: Array) -> Array:
-    column, row, right, up = _split(at)
+    column, row, right, up = _split(at, values)
     corners = [_gather(values, column + i, row + j) for j in (0, 1) for i in (0, 1)]
     missing = [np.isnan(corner) for corner in corners]
     one = np.sum(missing, axis=0) == 1
@@ -85,7 +87,7 @@ def _linear(values: Array, at: Array) -> Array:
 
 
 def _cubic(values: Array, at: Array) -> Array:
-    column, row, right, up = _split(at)
+    column, row, right, up = _split(at, values)
     across, along = _keys(right), _keys(up)
     total = np.zeros((len(values), len(at), 3))
     for j in range(4):

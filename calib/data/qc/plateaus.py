@@ -69,8 +69,9 @@ def find_holds(time: Array, position: Array, protocol: Protocol) -> list[Hold]:
     for first, after in zip(edges[::2], edges[1::2], strict=True):
         level = float(np.median(place[first:after]))
         near = np.abs(place - level) <= allowed
+        earliest = even[first] - protocol.hold_s
         # the window looked past both ends; the hold reaches as far as its position does
-        while first > 0 and near[first - 1] and even[first - 1] > even[edges[0]] - protocol.hold_s:
+        while first > 0 and near[first - 1] and even[first - 1] > earliest:
             first -= 1
         while after < even.size and near[after]:
             after += 1

@@ -64,7 +64,8 @@ def placement_rules(sample: Sample, points: int, experiment: Experiment) -> tupl
     cycles = list(machine.cycles)
     # what noise may be does not reject a sample
     changes = np.maximum(np.abs(cycle_changes(cycles)) - SURE * cycle_change_sds(cycles), 0.0)
-    change = float(changes[-1]) if changes.size else 0.0
+    unseen = np.nan if experiment.protocol.preconditioning_cycles > 1 else 0.0
+    change = float(changes[-1]) if changes.size else unseen  # two cycles planned and not seen
     return (
         Rule(
             "max_angle_deg",

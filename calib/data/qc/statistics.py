@@ -33,7 +33,8 @@ def box(values: Array) -> Box:
     q1, q2, q3 = (float(v) for v in np.percentile(known, [25, 50, 75]))
     reach = 1.5 * (q3 - q1)
     inside = known[(known >= q1 - reach) & (known <= q3 + reach)]
-    return Box(float(inside.min()), q1, q2, q3, float(inside.max()))
+    # with few values the quartiles are means of two, of which one may be beyond the reach
+    return Box(min(float(inside.min()), q1), q1, q2, q3, max(float(inside.max()), q3))
 
 
 def all_tables(result: QcResult) -> tuple[QcTable, ...]:

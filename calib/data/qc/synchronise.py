@@ -43,7 +43,7 @@ def synchronise(
     numbers = np.array([hold.number for hold in holds], dtype=np.int64)
     scores = np.array([_score(later + middle, intervals, numbers) for middle in middles])
     best = np.flatnonzero(scores == scores.max())
-    # neighbouring pieces with the same score and assignment are one interval
+    # of the pieces of the best score the one nearest to no offset
     nearest = best[np.argmin(np.maximum(edges[best], -edges[best + 1]).clip(min=0.0))]
     low, high = edges[nearest], edges[nearest + 1]
     offset = float(0.5 * (low + high))

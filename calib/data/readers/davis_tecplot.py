@@ -53,10 +53,10 @@ def read(source: Source, mm_per_px: float | None = None) -> DicSeries:
 
 
 def _header_lines(source: Source) -> list[str]:
-    """Lines before the first that begins with a number."""
+    """Lines before the first that begins with a number, or with one that was not measured."""
     head = source.first(MAX_HEADER_LINES)
     for n, text in enumerate(head):
-        if re.match(r"\s*[+-]?\.?\d", text):
+        if re.match(r"\s*[+-]?(\.?\d|nan\b)", text, re.IGNORECASE):
             return head[:n]
     raise WrongFile(
         source.path, len(head), f"numbers within {MAX_HEADER_LINES} lines", "header lines only"

@@ -17,7 +17,7 @@ from calib.data.readers.machine_record import MachineRecord
 from calib.data.readers.machine_table import Channels, Said, read_machine_numbers, read_record
 from calib.data.readers.number_table import Layout, cells
 from calib.data.readers.source import Source
-from calib.data.readers.units import FORCE, factor
+from calib.data.readers.units import FORCE
 from calib.data.readers.wrong_file import WrongFile, shown
 
 NAME_DAVIS = "DaVis load csv"
@@ -26,7 +26,8 @@ NO_TRAVEL = "the file has no travel of the machine"
 NO_SIGN = "the file does not say whether positive is tension or compression"
 SECONDS = "TimeStamp has no unit; s is taken"
 _LONGEST_NAME = 260
-_IMAGE = re.compile(r"(\d+)(?:_\d+)?\.\w+$", re.ASCII)
+_IMAGE = re.compile(r"(\d+)(?:_\d)?\.\w+$", re.ASCII)
+"""number of an image, perhaps with that of its camera"""
 
 
 def recognises_davis(source: Source) -> bool:
@@ -96,10 +97,8 @@ def _check_volts(source: Source, layout: Layout, columns: list[Column], force: C
     if not volts:
         return
     values = read_machine_numbers(source, layout, [force.index, *(c.index for c in volts)]).values
-    by = factor(source.path, 1, force.text, "force", force.unit)
-    newton = values[:, 0] * by
     for column, volt in zip(volts, values[:, 1:].T, strict=True):
-        if np.any(newton != 0) and np.allclose(newton, volt, rtol=1e-4, atol=0):
+        if np.any(volt != 0) and np.allclose(values[:, 0], volt, rtol=1e-4, atol=0):
             expected = f"a force in {force.text!r}"
             raise WrongFile(source.path, 1, expected, f"the volts of {column.text!r} again")
 

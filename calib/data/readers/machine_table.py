@@ -135,13 +135,17 @@ def checked_record(
 
 
 def read_machine_numbers(source: Source, layout: Layout, columns: list[int]) -> NumberTable:
-    """As `read_numbers`, and cells in quotes with commas between the thousands."""
+    """As `read_numbers`, and cells in quotes: with commas between the thousands, or decimal ones.
+
+    The latter where no number has a point and cells are not separated by commas.
+    """
     n = len(source.lines) - layout.start
     if n > MAX_SAMPLES:
         raise WrongFile(source.path, layout.start, f"at most {MAX_SAMPLES:,} samples", f"{n:,}")
     if not any('"' in line for line in source.lines[layout.start :]):
         return read_numbers(source, layout, columns)
-    rows, lines = [], []
+    rows: list[list[str]] = []
+    lines: list[int] = []
     width = len(layout.header)
     allowed = {width, width - 1} if layout.header[-1] == "" else {width}
     for index in range(layout.start, len(source.lines)):
@@ -151,15 +155,23 @@ def read_machine_numbers(source: Source, layout: Layout, columns: list[int]) -> 
         row = next(csv.reader([text], delimiter=layout.separator or ","))
         if len(row) not in allowed:
             raise WrongFile(source.path, index + 1, f"{width} values", f"{len(row)}")
-        rows.append([_quoted(source, index + 1, layout.header[c], row[c]) for c in columns])
+        rows.append([row[c].strip() for c in columns])
         lines.append(index + 1)
     if not rows:
         raise WrongFile(source.path, len(source.lines), "lines of numbers", "the end of the file")
-    return NumberTable(source.path, np.array(rows, dtype=np.float64), np.array(lines))
+    with_points = layout.separator == "," or any("." in cell for row in rows for cell in row)
+    names = [layout.header[c] for c in columns]
+    values = [
+        [
+            _quoted(source, line, name, cell if with_points else cell.replace(",", "."))
+            for name, cell in zip(names, row, strict=True)
+        ]
+        for line, row in zip(lines, rows, strict=True)
+    ]
+    return NumberTable(source.path, np.array(values, dtype=np.float64), np.array(lines))
 
 
 def _quoted(source: Source, line: int, name: str, text: str) -> float:
-    text = text.strip()
     if "," not in text:
         return number(source.path, line, name, text)
     if _THOUSANDS.fullmatch(text):

@@ -67,7 +67,7 @@ def read_numbers(source: Source, layout: Layout, columns: list[int]) -> NumberTa
             source.path, len(source.lines) or None, "lines of numbers", "the end of the file"
         )
     _check_widths(source.path, layout, body, lines)
-    body = _with_points(source.path, layout, body, lines)
+    body = _with_points(source.path, layout, body, lines, columns)
     values = _numbers(source.path, layout, body, lines, columns)
     values[np.isinf(values)] = np.nan  # neither is a measurement
     return NumberTable(source.path, values, lines)
@@ -91,13 +91,21 @@ def _check_widths(path: Path, layout: Layout, body: list[str], lines: IntArray) 
     raise WrongFile(path, int(lines[row]), expected, f"{widths[row]}")
 
 
-def _with_points(path: Path, layout: Layout, body: list[str], lines: IntArray) -> list[str]:
-    """Decimal commas become points where the cells are not separated by commas."""
+def _with_points(
+    path: Path, layout: Layout, body: list[str], lines: IntArray, columns: list[int]
+) -> list[str]:
+    """Decimal commas become points where the cells are not separated by commas.
+
+    `columns` are those of numbers; where some have points, commas may stand for thousands.
+    """
     if layout.separator == "," or not any("," in line for line in body):
         return body
     for row, line in enumerate(body):
-        for cell in cells(line, layout.separator):
-            if cell.count(",") > 1 or ("," in cell and "." in cell):
+        parts = cells(line, layout.separator)
+        numbers = [parts[column] for column in columns if column < len(parts)]
+        for cell in parts:
+            has_point = "." in cell and cell in numbers and _NUMBER.fullmatch(cell) is not None
+            if cell.count(",") > 1 or ("," in cell and "." in cell) or has_point:
                 expected = "numbers with a decimal comma and no mark of thousands"
                 raise WrongFile(path, int(lines[row]), expected, shown(cell))
     return [line.replace(",", ".") for line in body]

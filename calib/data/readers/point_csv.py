@@ -29,6 +29,7 @@ from calib.data.readers.source import Source
 from calib.data.readers.tagged_head import head_lines, read_head, whole_number
 from calib.data.readers.units import LARGEST
 from calib.data.readers.wrong_file import WrongFile, shown
+from fe.atomic_file import replacing
 
 NAME = "softcal points csv"
 MARK = "# softcal points 1"
@@ -63,7 +64,8 @@ def write_points(path: Path | str, frame: PointFrame) -> None:
     for row in rows:
         row[6] = int(row[6])
         lines.append(",".join(map(repr, row)))
-    Path(path).write_text("\n".join(lines) + "\n", encoding="utf-8")
+    with replacing(Path(path)) as temporary:
+        temporary.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
 def _exact(value: float | None) -> str | None:
