@@ -140,7 +140,9 @@ def equilibrate(
         near = potential.has_friction and norm <= options.near * assembly.force_scale
         along = None
         if negative == 0 and not potential.has_friction and not settled:
-            enough = min(options.lagged, norm / assembly.force_scale)  # else the end is slow
+            enough = options.lagged  # less near the end, which is slow else
+            if norm < enough * assembly.force_scale:
+                enough = norm / assembly.force_scale
             along = solver.solve_positive(assembly.data, -assembly.gradient, enough)
         lagged = along is not None
         if along is None and not (near and negative == 0):  # else it was 0 at the iterate before

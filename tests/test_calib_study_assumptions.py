@@ -64,3 +64,13 @@ def test_a_measured_covariance_takes_the_place_of_the_assumed_correlation(study)
     assert ("covariance of the mean force", "measured between the samples", "-") in known
     gone = assumed - {name for name, _, _ in known}
     assert "correlation of one sample's deviation between neighbouring increments" in gone
+
+
+def test_lengths_of_a_fields_mesh_error_are_told_where_there_is_a_field(study):
+    dataset = measured(study).dataset
+    length = "correlation length of the field's mesh error"
+
+    def told(used: Dataset) -> set[str]:
+        return {name for name, _, _ in assumptions_table(study, used).rows}
+
+    assert length in told(with_field(dataset, 0.0)) and length not in told(dataset)

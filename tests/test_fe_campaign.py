@@ -197,7 +197,7 @@ def test_a_fingerprint_that_is_not_json_is_refused(tmp_path: Path, value: object
 
 def test_a_model_with_forces_asked_is_refused_before_anything_runs(tmp_path: Path) -> None:
     model = UniaxialModel(Bar(), force=(0.5, 1.0))
-    with pytest.raises(ValueError, match="expected a model with travels asked, .* found forces"):
+    with pytest.raises(ValueError, match=r"expected a model with travels asked, .* found forces"):
         run_campaign(model, np.array([[0.3, 0.1]]), tmp_path / "store")
     assert not (tmp_path / "store").exists()
 

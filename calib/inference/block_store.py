@@ -28,13 +28,16 @@ class BlockStore:
     key: str
 
     def load(self) -> list[Arrays]:
-        """The blocks of this run in their order, up to the first that is missing."""
+        """The blocks of this run in their order, up to the first that is missing or damaged."""
         found: list[Arrays] = []
         while (path := self._path(len(found))).exists():
-            with h5py.File(path, "r") as file:
-                if file.attrs.get("key") != self.key:
-                    break
-                found.append({name: np.array(values) for name, values in file.items()})
+            try:
+                with h5py.File(path, "r") as file:
+                    if file.attrs.get("key") != self.key:
+                        break
+                    found.append({name: np.array(values) for name, values in file.items()})
+            except OSError:  # of HDF5 at what is no whole file of its own: made again
+                break
         self._forget(len(found))
         return found
 

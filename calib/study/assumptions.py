@@ -48,7 +48,9 @@ def assumptions_table(study: Study, dataset: Dataset) -> Table:
         ("samples independent of each other, their SDs taken as known", "", "-"),
     ]
     if study.virtual is not None:
-        rows += _field_rows(study.virtual)
+        rows += _field_noise_rows(study.virtual)
+    if dataset.field is not None:
+        rows += _FIELD_MESH_ROWS
     return Table(
         "What the study assumes",
         ("assumption", "value", "unit"),
@@ -196,28 +198,32 @@ def _force_rows(study: Study, dataset: Dataset) -> list[tuple[str, str, str]]:
     ]
 
 
-def _field_rows(virtual: Virtual) -> list[tuple[str, str, str]]:
+def _field_noise_rows(virtual: Virtual) -> list[tuple[str, str, str]]:
     noise = ", ".join(f"{sd:g}" for sd in virtual.field_noise_std)
     return [
         ("noise of the field, SD of x, y, z", noise, "mm"),
         ("its correlation length over the points", f"{virtual.field_correlation_length:g}", "mm"),
         ("its share common to all increments", f"{virtual.field_reference_share:g}", "-"),
-        (
-            "correlation length of the field's mesh error",
-            f"{FLOOR_LENGTH:g}; {FLOOR_NUGGET:g} of it uncorrelated",
-            "mm",
-        ),
-        (
-            "length over which its size on the face is averaged from the difference of the meshes",
-            f"{PROFILE_LENGTH:g}; at least {PROFILE_LEAST:g} of its RMS",
-            "mm",
-        ),
-        (
-            "length over which its parts that look like other constants are correlated in travel",
-            f"{TRAVEL_LENGTH:g}",
-            "mm",
-        ),
     ]
+
+
+_FIELD_MESH_ROWS = [
+    (
+        "correlation length of the field's mesh error",
+        f"{FLOOR_LENGTH:g}; {FLOOR_NUGGET:g} of it uncorrelated",
+        "mm",
+    ),
+    (
+        "length over which its size on the face is averaged from the difference of the meshes",
+        f"{PROFILE_LENGTH:g}; at least {PROFILE_LEAST:g} of its RMS",
+        "mm",
+    ),
+    (
+        "length over which its parts that look like other constants are correlated in travel",
+        f"{TRAVEL_LENGTH:g}",
+        "mm",
+    ),
+]
 
 
 def _prior(prior: ParameterPrior) -> str:
