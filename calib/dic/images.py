@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import cast
 
 import imageio.v3
 import numpy as np
@@ -63,7 +64,8 @@ def _check_one_picture(path: Path) -> None:
         return  # of others the numbers read are colours
     try:
         with imageio.v3.imopen(path, "r", plugin="pillow") as file:
-            n_page = file.properties(index=...).n_images or 1
+            every = cast("int", ...)  # as imageio documents and its types do not say
+            n_page = file.properties(index=every).n_images or 1
             sizes = [file.properties(index=page).shape[:2] for page in range(n_page)]
             mode = file.metadata(index=0, exclude_applied=False)["mode"]
     except Exception:  # what Pillow does not read has been read otherwise
