@@ -15,7 +15,13 @@ POINTS = 0.03
 """by which coverage may differ from what is stated"""
 SLIDING = 0.035
 """the same, of one emulator over the whole box: r in its 80 % interval is 3.3 points off"""
-FINER = ("sbc_finer", "sbc_finer_stuck", "sbc_finer_stuck_new", "sbc_fresh_stuck_new")
+FINER = (
+    "sbc_finer",
+    "sbc_finer_stuck",
+    "sbc_finer_stuck_new",
+    "sbc_fresh",
+    "sbc_fresh_stuck_new",
+)
 """truths of finer meshes"""
 
 
