@@ -148,12 +148,14 @@ def equilibrate(
         if along is None and not (near and negative == 0):  # else it was 0 at the iterate before
             negative = solver.factorise(assembly.data)
         if near and negative == 0:
-            nearer = _nearer(potential, solver, u, p, assembly, travel, memory, options)
+            whole, nearer = _nearer(potential, solver, u, p, assembly, travel, memory, options)
             if nearer is not None:
                 u, p, assembly = nearer
                 recent.clear()
                 continue
             negative = solver.factorise(assembly.data)
+            if negative == 0 and assembly.gradient @ whole < 0.0:
+                along = whole
         if along is None:
             along = descent_direction(potential, solver, assembly.gradient, options, negative)
         here = u, p, assembly
@@ -238,23 +240,24 @@ def _nearer(
     travel: float,
     memory: Memory,
     options: NewtonOptions,
-) -> tuple[Array, Array, Assembly] | None:
-    """Full Newton step with friction, if it reduces the residual: (u, p, assembly) there, or None.
+) -> tuple[Array, tuple[Array, Array, Assembly] | None]:
+    """Full Newton step with friction: (n_free,) mm and, if the residual falls, (u, p, assembly).
 
     Friction has no energy that decides, and where the frozen one has a maximum along the step, its
     descent and the thaw after it go round in circles.
     """
     b = -assembly.gradient
-    du = potential.expand(solver.solve_near(potential.coupled_tangent(), b, options.inexact))
+    along = solver.solve_near(potential.coupled_tangent(), b, options.inexact)
+    du = potential.expand(along)
     if not np.abs(du).max() < options.max_move:  # so is NaN
-        return None
+        return along, None
     dp = potential.pressure_step(du)
     trial = potential.assemble(u + du, p + dp, travel, memory)
     reduced = np.linalg.norm(trial.gradient) < options.reduction * np.linalg.norm(b)
     if trial.smallest_J > 0.0 and np.isfinite(trial.energy) and reduced:
-        return u + du, p + dp, trial
+        return along, (u + du, p + dp, trial)
     potential.assemble(u, p, travel, memory)  # what the solves below are of
-    return None
+    return along, None
 
 
 def _line_search(

@@ -96,6 +96,26 @@ def test_fisher_information_is_the_curvature_of_the_likelihood_of_clean_data(par
     assert np.linalg.eigvalsh(observed).min() > -1e-9 * scale
 
 
+def test_curvature_next_to_a_wall_across_the_coordinates_is_taken_inside_of_it() -> None:
+    """Priors of the constants end along curves in kappa and r, not at bounds."""
+    curvature, at = np.array([[4.0, 1.0], [1.0, 9.0]]), np.array([0.5, 0.5])
+
+    def prior(x: np.ndarray) -> np.ndarray:
+        return np.where(x.sum(axis=1) < 1.01, 0.0, -np.inf)
+
+    def log_prob(x: np.ndarray) -> np.ndarray:
+        return prior(x) - 0.5 * np.einsum("ni,ij,nj->n", x - 0.4, curvature, x - 0.4)
+
+    bounds = np.array([[0.0, 1.0], [0.0, 1.0]])
+    walled: Any = SimpleNamespace(
+        prior=SimpleNamespace(bounds=bounds, log_prob=prior), log_prob=log_prob
+    )
+    sd = np.array([0.5, 0.3])
+    assert observed_information(walled, at, sd) == pytest.approx(curvature, rel=1e-6)
+    with pytest.raises(ValueError, match="expected a point inside of the prior's support"):
+        observed_information(walled, at + 0.3, sd)
+
+
 def test_shared_zero_takes_information_away_exactly_as_by_the_dense_covariance() -> None:
     like = posterior(True, 0.01).likelihood
     x = x_of(THETA)[0]

@@ -23,6 +23,8 @@ from fe.response import Array
 
 CURVATURE_STEP = 0.2
 """posterior SDs between the points of second differences: emulator means carry rounding"""
+HALVINGS = 8
+"""of these steps, where they leave what the prior allows"""
 FLAT = 1e-3
 """least curvature along a direction, per posterior SD squared, for a maximum to be one"""
 
@@ -87,8 +89,11 @@ def observed_information(posterior: Posterior, x: Array, sd: Array) -> Array:
 
     For any coordinates and any likelihood; negative eigenvalues, which a point off the maximum may
     have, are set to zero. Next to a bound of the prior the differences are taken inside of it.
+    Raises ValueError where the likelihood is not finite about x.
     """
     hessian = _second_differences(lambda at: log_likelihood(posterior, at), posterior, x, sd)
+    if not np.isfinite(hessian).all():
+        raise ValueError(f"x: expected a point inside of the prior's support, found {x}")
     values, vectors = np.linalg.eigh(hessian)
     information: Array = (vectors * np.maximum(values, 0.0)) @ vectors.T
     return information
@@ -112,11 +117,24 @@ def laplace_covariance(posterior: Posterior, x: Array, sd: Array) -> Array | Non
 def _second_differences(
     function: Callable[[Array], Array], posterior: Posterior, x: Array, sd: Array
 ) -> Array:
-    """(d, d) second derivatives of minus a function of x, over `CURVATURE_STEP` SDs."""
+    """(d, d) second derivatives of minus a function of x, over `CURVATURE_STEP` SDs.
+
+    Over less where that leaves what the prior allows within its bounds, as priors of the constants
+    do; NaN where no step stays there.
+    """
     low, high = posterior.prior.bounds.T
     step = np.minimum(CURVATURE_STEP * sd, 0.2 * (high - low))
-    centre = np.clip(x, low + 1.01 * step, high - 1.01 * step)
-    d = x.size
+    for _ in range(HALVINGS):
+        hessian = _over_step(function, np.clip(x, low + 1.01 * step, high - 1.01 * step), step)
+        if np.isfinite(hessian).all():
+            break
+        step = 0.5 * step
+    return hessian
+
+
+def _over_step(function: Callable[[Array], Array], centre: Array, step: Array) -> Array:
+    """(d, d) second differences of minus a function over `step` (d,) about `centre` (d,)."""
+    d = centre.size
     signs = np.array([(1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0)])
     hessian = np.empty((d, d))
     for i in range(d):
@@ -124,7 +142,8 @@ def _second_differences(
             points = np.tile(centre, (4, 1))
             points[:, i] += 0.5 * signs[:, 0] * step[i]
             points[:, j] += 0.5 * signs[:, 1] * step[j]
-            mixed = float(function(points) @ np.array([1.0, -1.0, -1.0, 1.0]))
+            with np.errstate(invalid="ignore"):  # -inf less -inf where the prior is zero
+                mixed = float(function(points) @ np.array([1.0, -1.0, -1.0, 1.0]))
             hessian[i, j] = hessian[j, i] = -mixed / (step[i] * step[j])
     return hessian
 
