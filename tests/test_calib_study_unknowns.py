@@ -20,6 +20,7 @@ from calib.study.config import Study, StudyError, load_study, read_study
 from calib.study.context import block_pin_model
 from calib.study.design_next import design_next
 from calib.study.finished import check_constants
+from calib.study.prior_sections import ParameterPrior
 from calib.study.sections import Cells, Hypothesis
 from calib.study.stages import run_study
 from calib.study.study_file import study_text
@@ -210,6 +211,26 @@ def test_the_varied_block_is_the_block_where_nothing_varies() -> None:
     assert found.force == pytest.approx(expected.force, rel=1e-12)
     assert found.displacement == pytest.approx(expected.displacement, abs=1e-13)
     assert found.force_gradient == pytest.approx(expected.force_gradient, rel=1e-8)
+
+
+def test_limits_of_a_pin_of_unknown_width_and_fillet_are_those_of_both_priors() -> None:
+    """Not of the numbers that the priors take the place of."""
+    study = load_study("thesis-forces")
+    fillet = study.geometry.pin_fillet
+
+    def with_priors(**limits: tuple[float, float]) -> Study:
+        own = {
+            name: ParameterPrior(distribution="uniform", low=low, high=high)
+            for name, (low, high) in limits.items()
+        }
+        return replace(study, prior=replace(study.prior, **own))
+
+    narrow = (1.9 * fillet, 4.2)
+    with pytest.raises(ValueError, match=r"prior\.pin_width\.low: found 0\.57, expected 0\.6 or"):
+        with_priors(pin_width=narrow)
+    assert with_priors(pin_width=narrow, fillet=(0.06, 0.9 * fillet))
+    with pytest.raises(ValueError, match=r"prior\.fillet\.high: found 0\.3, expected"):
+        with_priors(pin_width=narrow, fillet=(0.06, fillet))
 
 
 @pytest.mark.parametrize(

@@ -225,13 +225,23 @@ def _limits(study: Study, hypothesis: Hypothesis, name: str) -> tuple[float, flo
         why = f": beyond the last increment and within a factor 3 of {geometry.height:g} mm"
         return last, 3.0 * geometry.height, why
     if name == "fillet":
-        narrow = given(study, hypothesis, "pin_width")
-        widest = (geometry.pin_width if narrow is None else narrow.low) / 2 * (1 - 1e-9)
+        widest = _least(study, hypothesis, "pin_width") / 2 * (1 - 1e-9)
         return SHARPEST, widest, ": no sharp edge, and less than half of the pin's width"
     if name == "pin_width":
         prior = given(study, hypothesis, "pin_shift")
         shifts = [geometry.pin_shift] if prior is None else [prior.low, prior.high]
         room = geometry.width - 2.0 * max(map(abs, shifts))
-        return 2.0 * geometry.pin_fillet * (1 + 1e-9), room, ": the pin stands on the sample"
-    room = 0.5 * (geometry.width - geometry.pin_width)
+        least = 2.0 * _least(study, hypothesis, "fillet") * (1 + 1e-9)
+        return least, room, ": the pin stands on the sample"
+    room = 0.5 * (geometry.width - _least(study, hypothesis, "pin_width"))
     return -room, room, ": the pin stands on the sample"
+
+
+def _least(study: Study, hypothesis: Hypothesis, name: str) -> float:
+    """Least value of the pin's width or fillet: the number given, or that of its prior.
+
+    Of two priors that bound each other, the check of the other one takes the greatest value.
+    """
+    prior = given(study, hypothesis, name)
+    numbers = {"pin_width": study.geometry.pin_width, "fillet": study.geometry.pin_fillet}
+    return numbers[name] if prior is None else prior.low
