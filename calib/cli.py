@@ -50,7 +50,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         sys.stdout.flush()
         return code
     except KeyboardInterrupt:
-        print("\nstopped; run the same command again to go on", file=sys.stderr)
+        goes_on = getattr(arguments, "goes_on", True)
+        way = "run the same command again to go on" if goes_on else "it begins anew when run again"
+        print(f"\nstopped; {way}", file=sys.stderr)
         return STOPPED
     except BrokenPipeError:  # the reader of a pipe, e.g. head, has had enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -58,8 +60,15 @@ def main(argv: Sequence[str] | None = None) -> int:
     except (ValueError, OSError) as error:
         if arguments.traceback:
             raise
-        print(f"calib: {error}", file=sys.stderr)
+        print(f"calib: {_sentence(error)}", file=sys.stderr)
         return WRONG_INPUT
+
+
+def _sentence(error: ValueError | OSError) -> str:
+    """What was wrong, in one sentence."""
+    if not isinstance(error, OSError) or error.strerror is None or error.filename is None:
+        return str(error)
+    return f"{error.filename}: {error.strerror}; expected a place that can be read and written"
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -146,7 +155,7 @@ def _add_lens(verbs: _Verbs) -> None:
         help="what is at hand and needed (default: the thesis' tables again, and a 4 mm sample)",
     )
     lens.add_argument("--figure", type=Path, metavar="PNG", help="field and depth over distance")
-    lens.set_defaults(verb=lens_verb)
+    lens.set_defaults(verb=lens_verb, goes_on=False)
 
 
 def _add_questions(verbs: _Verbs) -> None:
@@ -158,7 +167,7 @@ def _add_questions(verbs: _Verbs) -> None:
     ):
         verb = verbs.add_parser(name, help=text)
         verb.add_argument("folder", type=Path, metavar="RUN", help="folder of a finished study")
-        verb.set_defaults(verb=ask_verb, question=name)
+        verb.set_defaults(verb=ask_verb, question=name, goes_on=False)
     _add_hypothesis(verb)
     verb.add_argument(
         "--truth",
@@ -187,7 +196,7 @@ def _add_predictions(verbs: _Verbs) -> None:
     validate = verbs.add_parser("validate", help=text)
     validate.add_argument("folder", type=Path, metavar="RUNDIR", help="folder of a finished study")
     validate.add_argument("second", metavar="SECOND", help="file of the test, or notched-plate")
-    validate.set_defaults(verb=validate_verb)
+    validate.set_defaults(verb=validate_verb, goes_on=False)
 
     text = "rank what to measure next by the information it is expected to give"
     following = verbs.add_parser("design-next", help=text)

@@ -6,6 +6,7 @@ Heavy modules are imported by the verb that needs them, so that `calib --help` a
 from __future__ import annotations
 
 import argparse
+import os
 import shlex
 import sys
 from collections.abc import Sequence
@@ -47,17 +48,32 @@ def _make_folder(option: str, path: Path) -> None:
         raise ValueError(
             f"{option}: {path} cannot be made ({error.strerror}), expected a folder or a new name"
         ) from error
+    _check_writable(option, path)
 
 
-def _check_own_file(out: Path) -> None:
-    """Raise ValueError where the run would write its copy of the study over a file of the user."""
-    from calib.study.study_file import OWN, STUDY_FILE
+def _check_writable(option: str, path: Path) -> None:
+    """Raise ValueError where a folder cannot be written to, before the work for it is done."""
+    if path.is_dir() and not os.access(path, os.W_OK | os.X_OK):
+        raise ValueError(f"{option}: found {path}, expected a folder that can be written to")
+
+
+def _check_own_file(out: Path, name: str) -> None:
+    """Raise ValueError where a run would write over a file of the user or over another study."""
+    from calib.study.study_file import OWN, STUDY_FILE, name_in
 
     copy = out / STUDY_FILE
-    if copy.is_file() and not copy.read_bytes().startswith(OWN.encode()):
+    if not copy.is_file():
+        return
+    if not copy.read_bytes().startswith(OWN.encode()):
         raise ValueError(
             f"--out: found {out}, whose {STUDY_FILE} no run has written and this one would write "
             "over, expected another folder"
+        )
+    other = name_in(copy)
+    if other not in (None, name):
+        raise ValueError(
+            f"--out: found {out} of the study {other}, whose results this one would write over, "
+            f"expected a new folder or one of {name}"
         )
 
 
@@ -70,7 +86,8 @@ def run_verb(arguments: argparse.Namespace) -> int:
     out = arguments.out or Path("runs") / study.name
 
     _check_folder("--out", out)
-    _check_own_file(out)
+    _check_own_file(out, study.name)
+    _make_folder("--out", out)
 
     from calib.study.stages import HowToRun, run_part, run_study
     from calib.study.train_report import EmulatorRefused
@@ -120,6 +137,7 @@ def qc_verb(arguments: argparse.Namespace) -> int:
 
 def ask_verb(arguments: argparse.Namespace) -> int:
     """Ask a finished study."""
+    _check_writable("FOLDER", arguments.folder)
     if arguments.question == "baseline":
         from calib.study.baseline import baseline
 
@@ -153,6 +171,7 @@ def _say_answer(folder: Path, lines: Sequence[str], paths: Sequence[Path]) -> No
 
 def direct_chain_verb(arguments: argparse.Namespace) -> int:
     """Sample a posterior by the FE model itself."""
+    _check_writable("FOLDER", arguments.folder)
     from calib.study.direct_chain import direct_chain
 
     table, paths = direct_chain(
@@ -172,6 +191,7 @@ def dic_verb(arguments: argparse.Namespace) -> int:
 
     if arguments.out is not None:
         _check_folder("--out", arguments.out)
+        _check_writable("--out", arguments.out)
     bars = partial(progress_bar, unit="point", shown=sys.stderr.isatty(), leave=False)
     run(arguments.study, arguments.out, _say, bars)
     return 0
@@ -198,9 +218,29 @@ def summary_verb(arguments: argparse.Namespace) -> int:
     if not path.is_file():
         raise ValueError(f"{path}: found no such file, expected the posterior of a finished study")
     summaries = load_summary(path)
+    if changed := _changed_since(path):
+        print(f"calib: {changed}", file=sys.stderr)
     style = to_json if arguments.json else to_csv if arguments.csv else format_table
     print(style(summaries).rstrip("\n"))
     return _verdict(summaries)
+
+
+def _changed_since(path: Path) -> str:
+    """What the study file beside a posterior says otherwise; empty where it is that of it."""
+    from calib.study.config import StudyError, load_study
+    from calib.study.finished import check_unchanged
+    from calib.study.study_file import STUDY_FILE
+
+    file = path.parent / STUDY_FILE
+    if not file.is_file():
+        return ""
+    try:
+        check_unchanged(load_study(file), path.parent)
+    except StudyError:  # not a study of today
+        return ""
+    except ValueError as error:
+        return str(error)
+    return ""
 
 
 def _verdict(summaries: Sequence[Summary]) -> int:
@@ -276,8 +316,8 @@ def laboratory_verb(arguments: argparse.Namespace) -> int:
     # before minutes of simulations
     _make_folder("DIR", arguments.folder)
     _make_folder("--runs", arguments.runs)
-    _say("the simulations of the truth take minutes unless they are in " + str(arguments.runs))
-    truth = solve_truth(BlockTruth(), arguments.runs)
+    _say(f"each simulation of the truth takes minutes, and is then kept in {arguments.runs}")
+    truth = solve_truth(BlockTruth(), arguments.runs, _say)
     make_laboratory(arguments.folder, truth, settings, arguments.seed, _say)
     _say(f"wrote {arguments.folder}, synthetic; what is true of it stands in truth.json")
     return 0
@@ -285,6 +325,7 @@ def laboratory_verb(arguments: argparse.Namespace) -> int:
 
 def validate_verb(arguments: argparse.Namespace) -> int:
     """Hold a finished study against a second test."""
+    _check_writable("FOLDER", arguments.folder)
     from calib.study.second_test import load_second_test
     from calib.study.validate import validate
     from calib.study.validation_tables import validation_tables, verdicts
@@ -294,7 +335,8 @@ def validate_verb(arguments: argparse.Namespace) -> int:
         from calib.study.finished import finished
 
         finished(arguments.folder)  # refuses what no report could be drawn of, before the solves
-    found, paths = validate(arguments.folder, test, data_folder, _say)
+    shown = sys.stderr.isatty()
+    found, paths = validate(arguments.folder, test, data_folder, _say, show_progress=shown)
     tables = [f"\n{table.text()}" for table in validation_tables(found)]
     _say_answer(arguments.folder, [*tables, "", *verdicts(found)], paths)
     posteriors = [one for one in found["predictions"].values() if one["n_draws"] > 1]
@@ -303,6 +345,7 @@ def validate_verb(arguments: argparse.Namespace) -> int:
 
 def design_next_verb(arguments: argparse.Namespace) -> int:
     """Rank what to measure next."""
+    _check_writable("FOLDER", arguments.folder)
     from calib.study.design_next import design_next, gains_table
 
     found, paths = design_next(

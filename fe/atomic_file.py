@@ -19,12 +19,14 @@ def replacing(path: Path) -> Iterator[Path]:
     # In the same folder, so that the rename cannot cross file systems; with a random name, so
     # that two writers do not meet. tempfile would keep everyone but the owner from reading.
     temporary = path.with_name(f".{secrets.token_hex(8)}.tmp")
-    os.close(os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))
     try:
+        os.close(os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))
         yield temporary
         with temporary.open("rb") as stream:
             os.fsync(stream.fileno())
         os.replace(temporary, path)
-    except BaseException:
+    except BaseException as error:
         temporary.unlink(missing_ok=True)
+        if isinstance(error, OSError) and error.filename in (None, str(temporary), temporary):
+            error.filename = str(path)  # as a full disk tells none, and this one means nothing
         raise

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import json
 from collections.abc import Callable, Generator, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -104,12 +105,25 @@ def _local_cluster(n_workers: int) -> Any:
 
 
 def _connected(connect: Callable[..., Client], scheduler: str) -> Client:
-    is_file = Path(scheduler).is_file()  # Dask would wait for one that is not there
-    place = {"scheduler_file": scheduler} if is_file else {"address": scheduler}
+    address = _address(scheduler)
     try:
-        return connect(**place, timeout=CONNECT_SECONDS, set_as_default=False)
+        return connect(address=address, timeout=CONNECT_SECONDS, set_as_default=False)
     except (OSError, ValueError) as error:  # TimeoutError is an OSError
         raise ValueError(
             f"scheduler: found none that answers at {scheduler!r}, expected its address "
             "(tcp://HOST:PORT) or scheduler file"
+        ) from error
+
+
+def _address(scheduler: str) -> str:
+    """The address itself, or that in a scheduler's file; Dask would wait for one that is none."""
+    path = Path(scheduler)
+    if "://" in scheduler or (not path.is_file() and ":" in scheduler):
+        return scheduler
+    try:
+        return str(json.loads(path.read_text(encoding="utf-8"))["address"])
+    except (OSError, ValueError, TypeError, KeyError) as error:
+        raise ValueError(
+            f"scheduler: found {scheduler!r}, expected an address (tcp://HOST:PORT) or the file "
+            "that a scheduler wrote"
         ) from error

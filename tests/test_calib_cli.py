@@ -285,6 +285,52 @@ def test_a_study_of_the_user_is_not_written_over(run_study, tmp_path, capsys):
     assert len(recorder.calls) == 1
 
 
+def test_results_of_another_study_are_not_written_over(run_study, tmp_path, capsys):
+    recorder = run_study()
+    text = (resources.files("calib.study") / "embedded" / "virtual.toml").read_text()
+    (tmp_path / "study.toml").write_text(f"# Written by calib run\n{text}".replace("virtual", "x"))
+    kept = (tmp_path / "study.toml").read_text()
+    assert cli.main(["run", "virtual", "--out", str(tmp_path)]) == cli.WRONG_INPUT
+    assert recorder.calls == [] and (tmp_path / "study.toml").read_text() == kept
+    said = f"--out: found {tmp_path} of the study x, whose results this one would write over, "
+    assert said in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("verb", ["run", "identify", "validate", "design-next", "direct-chain"])
+def test_folders_that_cannot_be_written_are_told_before_the_work(
+    verb, run_study, tmp_path, monkeypatch, capsys
+):
+    recorder = run_study()
+    monkeypatch.setattr("calib.verbs.os.access", lambda *_: False)  # as for users other than root
+    (tmp_path / "plate.toml").write_text("")
+    words = {"run": ["virtual", "--out", str(tmp_path)]}.get(verb, [str(tmp_path)])
+    words += ["plate.toml"] if verb == "validate" else []
+    assert cli.main([verb, *words]) == cli.WRONG_INPUT
+    assert recorder.calls == []
+    error = capsys.readouterr().err
+    assert f"found {tmp_path}, expected a folder that can be written to" in error
+
+
+def test_errors_of_files_name_the_file_and_no_number(monkeypatch, tmp_path, capsys):
+    def fails(_):
+        raise PermissionError(13, "Permission denied", str(tmp_path / "a.csv"))
+
+    monkeypatch.setattr("calib.cli.studies_verb", fails)
+    assert cli.main(["studies"]) == cli.WRONG_INPUT
+    expected = "Permission denied; expected a place that can be read and written"
+    assert capsys.readouterr().err == f"calib: {tmp_path / 'a.csv'}: {expected}\n"
+
+
+@pytest.mark.parametrize(("verb", "way"), [("studies", "to go on"), ("lens", "begins anew")])
+def test_what_was_stopped_is_said_to_go_on_only_where_it_does(verb, way, monkeypatch, capsys):
+    def stops(_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(f"calib.cli.{verb}_verb", stops)
+    assert cli.main([verb]) == cli.STOPPED
+    assert way in capsys.readouterr().err
+
+
 def test_studies_lists_every_embedded_study(capsys):
     assert cli.main(["studies"]) == 0
     lines = capsys.readouterr().out.splitlines()

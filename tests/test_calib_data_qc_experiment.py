@@ -632,6 +632,29 @@ def test_frames_that_are_named_come_in_the_order_of_their_times(some, result):
         analyse(folder)
 
 
+def test_a_folder_with_frames_and_no_machine_record_is_not_left_out_in_silence(some):
+    folder = some("S1", "S2")
+    (folder / "S1" / "machine.csv").rename(folder / "S1" / "Machine.csv")
+    with pytest.raises(WrongFile, match=r"S1/machine.csv: expected a file of this sample, found"):
+        analyse(folder)
+
+
+def test_one_frame_of_one_camera_is_enough_to_refuse_a_sample(some):
+    folder = some("S1", "S2")
+    path = folder / "S1" / "dic" / "B002.csv"
+    write_points(path, replace(read_dic(path).frames[0], is_planar=True))
+    with pytest.raises(WrongFile, match=r"found frames of one camera \(planar\), B002"):
+        analyse(folder)
+
+
+def test_static_frames_in_which_things_move_are_refused(some):
+    folder = some("S1", "S2")
+    for path in sorted((folder / "S1" / "dic").iterdir()):
+        shutil.copy(path, folder / "static" / path.name)
+    with pytest.raises(WrongFile, match=r"frames in which nothing moves, found an SD of 0\.\d+ mm"):
+        analyse(folder)
+
+
 def test_numbers_do_not_take_a_reference_that_sorts_last_for_the_last_frame(some):
     folder = some("S1", "S2")
     place = folder / "S1" / "dic"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -259,6 +260,13 @@ def test_sample_forces_are_read_in_any_order_and_kept_by_the_study(tmp_path: Pat
         ("S2,0.6,", "S1,0.6,", "again, expected once"),
         ("S1,0.8,", "S1,0.8,-", "expected a positive number"),
         ("S1,1.0,", "S1,1.0,x,", "found 4 values"),
+        ("S2,0.6,", ",0.6,", ":8: sample: found an empty cell, expected a name"),
+        ("S1,0.8,", f"S1,0.8,{'9' * 200_000}", "found a cell of more than 131072 characters"),
+        (
+            "S1,0.8,",
+            f"S1,0.8,{'x' * 9_000}",
+            "x'... , expected a positive number".replace(" ,", ","),
+        ),
     ],
 )
 def test_damaged_sample_forces_are_refused(
@@ -268,11 +276,22 @@ def test_damaged_sample_forces_are_refused(
     path.write_text(csv_of(ANY).replace(old, new, 1))
     with pytest.raises(ValueError, match=expected) as error:
         read_sample_forces(path)
-    assert str(path) in str(error.value)
+    assert str(path) in str(error.value) and len(str(error.value)) < 500
+
+
+def test_samples_that_are_copies_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "forces.csv"
+    path.write_text(csv_of(np.tile(ANY[:1], (4, 1))))
+    with pytest.raises(ValueError, match=r"force_N: found .* N in all samples at 0\.6 mm"):
+        read_sample_forces(path)
 
 
 def test_a_mesh_error_may_be_mistaken_for_the_zero_of_single_samples() -> None:
     own = SampleErrors(travel_zero_sd=0.015)
-    assert with_own_zero(NoiseSettings(travel_zero_sd=0.0), own).travel_zero_sd == 0.015
-    both = with_own_zero(NoiseSettings(travel_zero_sd=0.02), own).travel_zero_sd
+    data = measured_dataset(DataSource(source="thesis-table-5.1"))
+    none, some = (NoiseSettings(travel_zero_sd=sd) for sd in (0.0, 0.02))
+    assert with_own_zero(data, none, own).travel_zero_sd == 0.015
+    stated = replace(data, travel_zero_sd=0.02)  # by the data where that is more
+    assert with_own_zero(stated, none, own) == with_own_zero(data, some, own)
+    both = with_own_zero(data, some, own).travel_zero_sd
     assert both == pytest.approx(0.025)

@@ -18,7 +18,7 @@ from calib.inference import EmulatorForward
 from calib.inference.coordinates import CONSTANTS, theta_of
 from calib.inference.likelihood import Likelihood
 from calib.inference.validation import judge
-from calib.study.answers import keep_answer
+from calib.study.answers import keep_answer, names_of, sampled
 from calib.study.artifacts import write_json
 from calib.study.config import Study, StudyError, load_study
 from calib.study.context import Context, stream
@@ -482,6 +482,7 @@ def test_a_validation_appears_in_the_report(
         "n_samples": 10,
         "requirement": {"max_error": 0.1, "min_r2": 0.95},
         "predictions": {"sliding": quantities | {"passed": True}},
+        "posterior": sampled(out, names_of(thesis.study)),
     }
     write_json(out / "validation" / "plate" / "validation.json", facts)
     shutil.copy(out / "figures" / "forces.png", out / "validation" / "plate" / "validation.png")
@@ -489,9 +490,12 @@ def test_a_validation_appears_in_the_report(
     report_again(context)
     after = (out / "report.html").read_text()
     assert "Validation: plate" in after and "Validation: plate" not in before
-    assert "PASS  sliding: answer 1.0 %" in after
+    assert "PASS  sliding: answer 1.0 %" in after and "makes them anew" not in after
     # What a run would draw is what is there.
     assert run_stages(context) == ()
+    shutil.copy(out / "samples_stuck.npz", out / "samples_sliding.npz")
+    report_again(context)
+    assert "`calib validate` makes them anew" in (out / "report.html").read_text()
 
 
 @pytest.mark.lasting

@@ -31,6 +31,16 @@ def test_an_error_leaves_the_old_file_and_nothing_else(tmp_path: Path) -> None:
     assert (tmp_path / "a").read_bytes() == b"old"
 
 
+def test_an_error_of_the_disk_names_the_file_that_was_to_be_written(tmp_path: Path) -> None:
+    with pytest.raises(OSError, match="No space") as full, replacing(tmp_path / "a"):
+        raise OSError(28, "No space left on device")
+    assert full.value.filename == str(tmp_path / "a")
+    with pytest.raises(FileNotFoundError) as lacking, replacing(tmp_path / "none" / "a"):
+        pass
+    assert lacking.value.filename == str(tmp_path / "none" / "a")
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_two_writers_of_one_file_do_not_meet(tmp_path: Path) -> None:
     with replacing(tmp_path / "a") as first, replacing(tmp_path / "a") as second:
         first.write_bytes(b"first")

@@ -165,7 +165,7 @@ def test_a_running_scheduler_is_used_by_its_address(client: Any) -> None:
     assert client.run(os.getpid), "the cluster of others goes on"
 
 
-@pytest.mark.parametrize("scheduler", ["tcp://127.0.0.1:9", "nonsense://x", "none.json"])
+@pytest.mark.parametrize("scheduler", ["tcp://127.0.0.1:9", "nonsense://x"])
 def test_a_scheduler_that_does_not_answer_is_named(
     scheduler: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -174,6 +174,17 @@ def test_a_scheduler_that_does_not_answer_is_named(
         pytest.raises(ValueError, match=f"scheduler: found none that answers at '{scheduler}'"),
         dask_workers(scheduler),
     ):
+        pass
+
+
+@pytest.mark.parametrize("content", [None, "no JSON", "[1]", '{"id": 3}'])
+def test_a_scheduler_file_that_is_none_is_refused_at_once(
+    content: str | None, tmp_path: Path
+) -> None:
+    path = tmp_path / "scheduler.json"
+    if content is not None:
+        path.write_text(content)
+    with pytest.raises(ValueError, match="expected an address"), dask_workers(str(path)):
         pass
 
 

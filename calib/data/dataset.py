@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import csv
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
+from calib.data.csv_cells import csv_cells, csv_text
+from calib.data.readers.wrong_file import shown
 from fe.response import Array
 
 COLUMNS = ("travel_mm", "force_mean_N", "force_sd_N", "n_samples")
@@ -218,10 +219,10 @@ def _rows(path: Path) -> list[tuple[float, float, float, float]]:
     """Checked values of every line; at least one."""
     rows: list[tuple[float, float, float, float]] = []
     header: list[str] | None = None
-    for number, line in enumerate(_text(path).splitlines(), start=1):
+    for number, line in enumerate(csv_text(path).splitlines(), start=1):
         if not line.strip() or line.lstrip().startswith("#"):
             continue
-        cells = [cell.strip() for cell in next(csv.reader([line]))]
+        cells = csv_cells(path, number, line)
         if header is None:
             header = _header(path, number, cells)
             continue
@@ -233,18 +234,12 @@ def _rows(path: Path) -> list[tuple[float, float, float, float]]:
     return rows
 
 
-def _text(path: Path) -> str:
-    try:
-        return path.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        raise ValueError(f"{path}: not a readable text file ({error})") from error
-
-
 def _header(path: Path, number: int, cells: list[str]) -> list[str]:
     missing = [name for name in COLUMNS if name not in cells]
     if missing or len(cells) != len(COLUMNS):
         raise ValueError(
-            f"{path}:{number}: found columns {', '.join(cells)}, expected {', '.join(COLUMNS)}"
+            f"{path}:{number}: found columns {shown(', '.join(cells))}, expected "
+            f"{', '.join(COLUMNS)}"
         )
     return cells
 
@@ -270,7 +265,7 @@ def _number(path: Path, number: int, column: str, cell: str) -> float:
     except ValueError:
         value = np.nan
     if not (np.isfinite(value) and value > 0) or (whole and (value < 2 or value != int(value))):
-        raise ValueError(f"{path}:{number}: {column}: found {cell!r}, expected {expected}")
+        raise ValueError(f"{path}:{number}: {column}: found {shown(cell)}, expected {expected}")
     return value
 
 

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import csv
 from pathlib import Path
 
 import numpy as np
 
+from calib.data.csv_cells import csv_cells, csv_text
 from calib.data.dataset import Dataset, SampleData
+from calib.data.readers.wrong_file import shown
 from fe.response import Array
 
 COLUMNS = ("sample", "travel_mm", "force_N")
@@ -15,11 +16,12 @@ COLUMNS = ("sample", "travel_mm", "force_N")
 
 def has_samples(path: Path | str) -> bool:
     """Whether the first line of a csv file that is no remark names these columns."""
+    path = Path(path)
     try:
-        lines = _lines(Path(path))
+        lines = _lines(path)
+        return bool(lines) and csv_cells(path, *lines[0]) == list(COLUMNS)
     except ValueError:
         return False
-    return bool(lines) and _cells(lines[0][1]) == list(COLUMNS)
 
 
 def read_sample_forces(path: Path | str) -> Dataset:
@@ -33,11 +35,12 @@ def read_sample_forces(path: Path | str) -> Dataset:
     path = Path(path)
     forces: dict[str, dict[float, float]] = {}
     lines = _lines(path)
-    if not lines or _cells(lines[0][1]) != list(COLUMNS):
-        found = ", ".join(_cells(lines[0][1])) if lines else "nothing"
-        raise ValueError(f"{path}: found columns {found}, expected {', '.join(COLUMNS)}")
+    header = csv_cells(path, *lines[0]) if lines else []
+    if header != list(COLUMNS):
+        found = f"columns {shown(', '.join(header))}" if lines else "no line"
+        raise ValueError(f"{path}: found {found}, expected {', '.join(COLUMNS)}")
     for number, line in lines[1:]:
-        name, travel, force = _row(path, number, _cells(line))
+        name, travel, force = _row(path, number, csv_cells(path, number, line))
         own = forces.setdefault(name, {})
         if travel in own:
             raise ValueError(f"{path}:{number}: found {name} at {travel:g} mm again, expected once")
@@ -49,11 +52,22 @@ def read_sample_forces(path: Path | str) -> Dataset:
         if sorted(own) != travels:
             known = ", ".join(f"{value:g}" for value in travels)
             raise ValueError(f"{path}: {name}: found other travels, expected {known} mm as before")
+    _check_different(path, forces)
     array = np.array([[own[travel] for travel in travels] for own in forces.values()])
     try:
         return _dataset(path.stem, tuple(forces), np.array(travels), array)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
+
+
+def _check_different(path: Path, forces: dict[str, dict[float, float]]) -> None:
+    """Raise ValueError where all samples have one force: they are copies, or of one sample."""
+    for travel in next(iter(forces.values())):
+        if len({own[travel] for own in forces.values()}) == 1:
+            found = f"{next(iter(forces.values()))[travel]:g} N in all samples"
+            raise ValueError(
+                f"{path}: force_N: found {found} at {travel:g} mm, expected forces that differ"
+            )
 
 
 def _dataset(name: str, names: tuple[str, ...], travel: Array, force: Array) -> Dataset:
@@ -74,16 +88,8 @@ def _dataset(name: str, names: tuple[str, ...], travel: Array, force: Array) -> 
 
 def _lines(path: Path) -> list[tuple[int, str]]:
     """Numbers and texts of the lines that say something."""
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        raise ValueError(f"{path}: not a readable text file ({error})") from error
-    numbered = enumerate(text.splitlines(), start=1)
+    numbered = enumerate(csv_text(path).splitlines(), start=1)
     return [(n, line) for n, line in numbered if line.strip() and not line.lstrip().startswith("#")]
-
-
-def _cells(line: str) -> list[str]:
-    return [cell.strip() for cell in next(csv.reader([line]))]
 
 
 def _row(path: Path, number: int, cells: list[str]) -> tuple[str, float, float]:
@@ -91,6 +97,8 @@ def _row(path: Path, number: int, cells: list[str]) -> tuple[str, float, float]:
         raise ValueError(
             f"{path}:{number}: found {len(cells)} values, expected {', '.join(COLUMNS)}"
         )
+    if not cells[0]:
+        raise ValueError(f"{path}:{number}: sample: found an empty cell, expected a name")
     values = []
     for column, cell in zip(COLUMNS[1:], cells[1:], strict=True):
         try:
@@ -99,7 +107,7 @@ def _row(path: Path, number: int, cells: list[str]) -> tuple[str, float, float]:
             value = np.nan
         if not (np.isfinite(value) and value > 0):
             raise ValueError(
-                f"{path}:{number}: {column}: found {cell!r}, expected a positive number"
+                f"{path}:{number}: {column}: found {shown(cell)}, expected a positive number"
             )
         values.append(value)
     return cells[0], values[0], values[1]

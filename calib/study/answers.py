@@ -45,7 +45,7 @@ def keep_answer(
 ) -> None:
     """Keep what a verb found for the report; `figure` is a PNG below the study's folder."""
     answer = {
-        "posterior": _posterior(context.out, context.study),
+        "posterior": sampled(context.out, names_of(context.study)),
         "remarks": remarks,
         "tables": tables,
         "figure": figure.relative_to(context.out).as_posix(),
@@ -78,9 +78,8 @@ def _section(path: Path, out: Path, study: Study) -> Section:
         raise ValueError(
             f"{path}: found no answer of `calib {question}` in it; delete it and ask again"
         ) from error
-    if asked_of != _posterior(out, study):
-        off = "These numbers are of another posterior than that of this report"
-        remarks.insert(0, f"{off}: `calib {question}` makes them anew.")
+    if asked_of != sampled(out, names_of(study)):
+        remarks.insert(0, of_another(question))
     pictures = [Picture(figure, caption)] if figure.is_file() else []
     return Section(title, remarks, tables, pictures)
 
@@ -90,7 +89,18 @@ def _table(stored: dict[str, Any]) -> Table:
     return Table(stored["title"], tuple(stored["columns"]), rows, stored["note"])
 
 
-def _posterior(out: Path, study: Study) -> dict[str, str]:
-    """Hash of the chains of every hypothesis that was sampled."""
-    paths = {hypothesis.name: samples_path(out, hypothesis) for hypothesis in study.hypotheses}
+def of_another(verb: str) -> str:
+    """What a report says of numbers that its posterior has not given."""
+    off = "These numbers are of another posterior than that of this report"
+    return f"{off}: `calib {verb}` makes them anew."
+
+
+def names_of(study: Study) -> list[str]:
+    """The hypotheses of a study."""
+    return [hypothesis.name for hypothesis in study.hypotheses]
+
+
+def sampled(out: Path, hypotheses: Sequence[str]) -> dict[str, str]:
+    """Hash of the chains of every one of these hypotheses that was sampled."""
+    paths = {name: samples_path(out, name) for name in hypotheses}
     return {name: hash_of_file(path) for name, path in paths.items() if path.is_file()}

@@ -75,16 +75,23 @@ def write_npz(path: Path, arrays: Mapping[str, npt.NDArray[np.generic]]) -> None
     write_bytes(path, stream.getvalue())
 
 
-def read_json(path: Path) -> Any:
-    """Read a JSON file; raises ValueError naming the file, and the line when it is damaged."""
+def read_json(path: Path, expected: Sequence[str] = ()) -> Any:
+    """Read a JSON file, an object with the `expected` keys.
+
+    Raises ValueError naming the file, and the line when it is damaged.
+    """
     try:
-        return json.loads(path.read_text(encoding="utf-8"))
+        found = json.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError as error:
         raise not_made(path) from error
     except (json.JSONDecodeError, UnicodeDecodeError) as error:
         raise ValueError(
             f"{path}: not a readable JSON file ({error}); delete it and rerun"
         ) from error
+    lacking = [key for key in expected if not (isinstance(found, dict) and key in found)]
+    if lacking:
+        raise ValueError(f"{path}: found no {', '.join(lacking)} in it; delete it and rerun")
+    return found
 
 
 def read_npz(path: Path, expected: Sequence[str] = ()) -> dict[str, npt.NDArray[Any]]:

@@ -128,6 +128,11 @@ def _run(
 
 def _check_known(constants: Array, box: RatioBox) -> None:
     """Raise ValueError for a synthetic truth (3,) that the emulator does not know."""
+    if not (np.isfinite(constants).all() and constants[0] + constants[1] > 0):
+        found = " ".join(f"{value:g}" for value in constants)
+        raise ValueError(
+            f"--truth: expected C10, C01 and C11 in MPa with C10 + C01 above 0, found {found}"
+        )
     theta = theta_of_constants(*constants)
     if not is_known(theta, box):
         (r_low, r_high), (s_low, s_high) = box
@@ -170,7 +175,7 @@ def synthetic_field(
 
 def _draws(context: Context, hypothesis: Hypothesis) -> Array | None:
     """(n, 4) constants of the study's posterior, MPa; None where it was not sampled."""
-    if not samples_path(context.out, hypothesis).is_file():
+    if not samples_path(context.out, hypothesis.name).is_file():
         return None
     draws: Array = constants_of(theta_of(load_samples(context.out, hypothesis).result.draws))
     return draws

@@ -19,6 +19,8 @@ from fe.response import Array
 
 DATA = "data"
 """data.npz holds the arrays, data.json the rest"""
+MOST_SHOWN = 20
+"""travels that a refusal names"""
 
 
 @dataclass(frozen=True)
@@ -57,7 +59,9 @@ def at_increments(dataset: Dataset, increments: tuple[float, ...]) -> Dataset:
     for travel in increments:
         nearest = int(np.argmin(np.abs(dataset.travel - travel)))
         if abs(dataset.travel[nearest] - travel) > SAME_TRAVEL:
-            known = ", ".join(f"{value:g}" for value in dataset.travel)
+            near = np.sort(dataset.travel[np.argsort(np.abs(dataset.travel - travel))[:MOST_SHOWN]])
+            known = ", ".join(f"{value:g}" for value in near)
+            known += "" if len(near) == len(dataset.travel) else ", ... (those nearest)"
             raise StudyError(
                 f"increments: found {travel:g} mm, expected a travel that was measured: {known} mm"
             )
@@ -99,7 +103,7 @@ def save_data(out: Path, data: StudyData) -> list[Path]:
 
 def load_data(out: Path) -> StudyData:
     """Read what `save_data` wrote; raises ValueError naming a damaged file."""
-    facts = read_json(out / f"{DATA}.json")
+    facts = read_json(out / f"{DATA}.json", ("published", "truth", "truth_hypothesis"))
     arrays: dict[str, Array] = read_npz(out / f"{DATA}.npz", ("travel", "force_mean", "force_sd"))
     facts_of_old = ("name", "synthetic", "n_samples", "correlation_length", "reference_share")
     known = {name: np.asarray(facts[name]) for name in facts_of_old if name in facts}

@@ -126,7 +126,7 @@ def _direct(
 def _made_from(out: Path, hypothesis: Hypothesis, n_inner: int) -> str:
     """Hash of what a chain depends on; another one does not go on."""
     folder = out if kept_box(out, hypothesis) is None else out / LOCAL
-    paths = (emulator_path(folder, hypothesis), samples_path(out, hypothesis), out / MAP)
+    paths = (emulator_path(folder, hypothesis), samples_path(out, hypothesis.name), out / MAP)
     return hash_of([n_inner, *(hash_of_file(path) for path in paths)])
 
 

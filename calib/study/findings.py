@@ -9,7 +9,7 @@ from typing import Any
 
 from calib.data import Dataset
 from calib.inference.coordinates import CONSTANTS
-from calib.study.answers import read_answers
+from calib.study.answers import names_of, of_another, read_answers, sampled
 from calib.study.artifacts import read_json
 from calib.study.assumptions import assumptions_table
 from calib.study.config import Study
@@ -80,6 +80,8 @@ class Findings:
     """of verification.json, hypothesis -> what was found and added"""
     validations: dict[str, dict[str, Any]]
     """second test -> validation.json of `calib validate`"""
+    valid: frozenset[str]
+    """second tests that were predicted by this posterior"""
     answers: tuple[Section, ...]
     """to questions that were put to the study"""
     summaries: tuple[Summary, ...]
@@ -97,6 +99,8 @@ class Findings:
 
 def read_findings(out: Path, study: Study, summaries: Sequence[Summary]) -> Findings:
     """Read the artifacts of a finished study; raises ValueError naming a damaged one."""
+    validations = {path.parent.name: read_json(path) for path in validation_files(out)}
+    chains = sampled(out, names_of(study))
     return Findings(
         data=read_json(out / "data.json"),
         dataset=load_data(out).dataset,
@@ -112,7 +116,8 @@ def read_findings(out: Path, study: Study, summaries: Sequence[Summary]) -> Find
         predictive=read_json(out / CHECKS),
         prior=read_json(out / FACTS),
         rounds=load_rounds(out),
-        validations={path.parent.name: read_json(path) for path in validation_files(out)},
+        validations=validations,
+        valid=frozenset(k for k, found in validations.items() if found.get("posterior") == chains),
         answers=tuple(read_answers(out, study)),
         summaries=tuple(summaries),
     )
@@ -215,7 +220,7 @@ def sections(findings: Findings, pictures: dict[str, Picture], study: Study) -> 
             checks,
             [pictures[name] for name in pictures if name.startswith("predictive_")],
         ),
-        *_validations(findings, pictures),
+        *_validations(findings, pictures, study),
         *findings.answers,
         Section("Before the data", (), tables["prior"], (pictures["prior"],)),
         Section("Hypotheses", (), [*tables["comparison"], *tables["starts"], *tables["published"]]),
@@ -233,12 +238,12 @@ def sections(findings: Findings, pictures: dict[str, Picture], study: Study) -> 
     ]
 
 
-def _validations(findings: Findings, pictures: dict[str, Picture]) -> list[Section]:
+def _validations(findings: Findings, pictures: dict[str, Picture], study: Study) -> list[Section]:
     """One heading for each second test on which the calibration was validated."""
     return [
         Section(
             f"Validation: {name}",
-            tuple(verdicts(found)),
+            (*([] if name in findings.valid else [of_another("validate")]), *verdicts(found)),
             validation_tables(found),
             (pictures[f"validation_{name}"],),
         )

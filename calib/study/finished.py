@@ -32,7 +32,7 @@ def finished(out: Path) -> Context:
     if not file.is_file() or not (out / "data.json").is_file():
         raise ValueError(f"{out}: found no study with data, expected the folder of a finished run")
     study: Study = load_study(file)
-    _check_unchanged(study, out)
+    check_unchanged(study, out)
     return Context(
         study=study,
         out=out,
@@ -43,7 +43,7 @@ def finished(out: Path) -> Context:
     )
 
 
-def _check_unchanged(study: Study, out: Path) -> None:
+def check_unchanged(study: Study, out: Path) -> None:
     """Raise ValueError where the posterior in the folder is that of another study file.
 
     A run writes its file first, so that it may have been stopped, or asked for a part only.

@@ -123,7 +123,7 @@ def _mesh_remark(out: Path, study: Study, hypothesis: Hypothesis) -> str:
 def _hashes(out: Path, study: Study) -> dict[str, str]:
     paths = [out / "data.npz", out / "data.json", out / "map.json"]
     for hypothesis in study.hypotheses:
-        paths += [emulator_path(out, hypothesis), samples_path(out, hypothesis)]
+        paths += [emulator_path(out, hypothesis), samples_path(out, hypothesis.name)]
         if kept_box(out, hypothesis) is not None:
             paths.append(emulator_path(out / LOCAL, hypothesis))
     return {path.relative_to(out).as_posix(): hash_of_file(path) for path in paths}

@@ -106,7 +106,8 @@ def save_samples(out: Path, hypothesis: Hypothesis, stored: StoredSamples) -> li
         "status": str(result.status),
         "message": result.message,
     }
-    paths = [samples_path(out, hypothesis), samples_path(out, hypothesis).with_suffix(".json")]
+    path = samples_path(out, hypothesis.name)
+    paths = [path, path.with_suffix(".json")]
     write_npz(paths[0], arrays)
     write_json(paths[1], facts)
     return paths
@@ -117,12 +118,12 @@ def load_samples(out: Path, hypothesis: Hypothesis) -> StoredSamples:
 
     Raises ValueError naming the file where the hypothesis was not sampled or a file is damaged.
     """
-    path = samples_path(out, hypothesis)
+    path = samples_path(out, hypothesis.name)
     if not path.is_file():
         raise ValueError(
             f"{path}: found no such file, the study is not sampled yet: run `calib run` on it"
         )
-    facts = read_json(path.with_suffix(".json"))
+    facts = read_json(path.with_suffix(".json"), ("space", "n_burn", "status", "message"))
     arrays = read_npz(path, ("chains", "log_prob", "predictive"))
     predictive = arrays.pop("predictive")
     result = SamplingResult(
@@ -142,9 +143,9 @@ def space_of(facts: dict[str, Any]) -> Space:
     return Space(LawCoordinates(**facts["law"]), inputs, errors)
 
 
-def samples_path(out: Path, hypothesis: Hypothesis) -> Path:
-    """File of a hypothesis' chains."""
-    return out / f"samples_{hypothesis.name}.npz"
+def samples_path(out: Path, hypothesis: str) -> Path:
+    """File of the chains of the hypothesis of this name."""
+    return out / f"samples_{hypothesis}.npz"
 
 
 def chains_folder(out: Path, hypothesis: Hypothesis) -> Path:

@@ -32,6 +32,8 @@ class Study:
     hypothesis has one"""
     correlation: float
     """of one sample's deviation between neighbouring levels, `noise.sample_correlation`"""
+    hypotheses: tuple[str, ...] = ()
+    """that its posterior is under"""
 
 
 @dataclass(frozen=True)

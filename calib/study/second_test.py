@@ -10,6 +10,8 @@ from pydantic import Field
 from pydantic.dataclasses import dataclass
 
 from calib.study.sections import (
+    LARGEST,
+    SMALLEST,
     STRICT,
     VIRTUAL,
     Cells,
@@ -83,6 +85,10 @@ class PlateSection:
     """depth of the notches, less than their radius and half the width, mm"""
 
     def __post_init__(self) -> None:
+        for name in ("width", "length", "thickness", "notch_radius"):
+            if not SMALLEST <= getattr(self, name) <= LARGEST:
+                expected = f"{SMALLEST:g} to {LARGEST:g}: lengths are in mm"
+                raise Contradiction(name, getattr(self, name), expected)
         try:
             self.specimen()
         except ValueError as error:

@@ -62,6 +62,8 @@ Interface = SkipValidation[Literal["stick", "slide"] | float]
 """checked by `Hypothesis` as a whole, whose message names all that is possible"""
 PinShape = Literal["bar", "round"]
 
+SMALLEST, LARGEST = 0.1, 1000.0
+"""mm, of samples and pins: a study in micrometres or metres is told so"""
 SHARPEST = 0.05  # mm; the strain at a sharp edge is singular, so that no mesh resolves it
 
 
@@ -124,6 +126,10 @@ class Geometry:
     """distance of the pin's axis from the sample's centre along x, mm"""
 
     def __post_init__(self) -> None:
+        for name in ("width", "depth", "height", "pin_width"):
+            if not SMALLEST <= getattr(self, name) <= LARGEST:
+                expected = f"{SMALLEST:g} to {LARGEST:g}: lengths are in mm"
+                raise Contradiction(name, getattr(self, name), expected)
         if self.pin_width >= self.width:
             expected = f"less than geometry.width ({self.width:g} mm)"
             raise Contradiction("pin_width", self.pin_width, expected)
@@ -219,7 +225,7 @@ class Hypothesis:
 
 def _is_contact(value: object) -> bool:
     if isinstance(value, int | float) and not isinstance(value, bool):
-        return value >= 0.0 and math.isfinite(value)
+        return 0.0 <= value < math.inf  # of whole numbers of any length, too
     return value in ("stick", "slide")
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import tomllib
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict
 from pathlib import Path
@@ -19,6 +20,15 @@ OWN = "# Written by calib run"
 def write_study(path: Path, study: Study) -> None:
     """Write `study` as TOML; `calib.study.load_study` reads the same study from it."""
     write_bytes(path, study_text(study).encode())
+
+
+def name_in(path: Path) -> str | None:
+    """The name in a study's file; None where it holds none that can be read."""
+    try:
+        name = tomllib.loads(path.read_text(encoding="utf-8")).get("name")
+    except (OSError, ValueError):
+        return None
+    return name if isinstance(name, str) else None
 
 
 def study_text(study: Study) -> str:

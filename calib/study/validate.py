@@ -12,6 +12,7 @@ import numpy as np
 from calib.data.dataset import FieldData
 from calib.inference.laws import LawCoordinates
 from calib.inference.validation import Prediction, Requirement, Samples, judge
+from calib.study.answers import sampled
 from calib.study.artifacts import plain, write_json
 from calib.study.figure_style import save_png
 from calib.study.findings import VALIDATIONS
@@ -26,13 +27,14 @@ from calib.study.second_prediction import (
 )
 from calib.study.second_test import SecondTest
 from calib.study.validation_figures import Shown, validation_figure
+from fe.progress_bar import Progress, progress_bar
 
 COMPONENTS = ("x", "y", "z")
 Echo = Callable[[str], None]
 
 
 def validate(
-    out: Path, test: SecondTest, folder: Path, echo: Echo
+    out: Path, test: SecondTest, folder: Path, echo: Echo, *, show_progress: bool = False
 ) -> tuple[dict[str, Any], list[Path]]:
     """Predict the second test by the study in `out`; returns what was found and the files written.
 
@@ -49,9 +51,11 @@ def validate(
     shown = []
     points = {given.name: stated(given, study) for given in test.constants}
     for order, (name, rubbers) in enumerate([*draws.items(), *points.items()]):
-        found[name], picture = _against(test, data, name, rubbers, order, echo)
+        echo(f"predict    {name}: {len(rubbers.bulk)} solves")
+        with progress_bar(f"predict {name}", "solve", shown=show_progress) as progress:
+            found[name], picture = _against(test, data, name, rubbers, order, progress)
         shown.append(picture)
-    facts = _facts(test, data, found)
+    facts = _facts(test, data, found) | {"posterior": sampled(out, study.hypotheses)}
     target = out / VALIDATIONS / test.name
     write_json(target / "validation.json", facts)
     save_png(validation_figure(data, shown, test.max_error), target / "validation.png")
@@ -68,9 +72,13 @@ def posterior_draws(out: Path, test: SecondTest) -> tuple[dict[str, Rubbers], St
     stored = load_inference_data(path)
     provenance: Any = provenance_of(stored)
     file = provenance["study_file"]
-    study = Study(float(file["material"]["bulk_ratio"]), float(file["noise"]["sample_correlation"]))
     posterior = stored["posterior"]
     names = [str(name) for name in posterior["hypothesis"].values]
+    study = Study(
+        float(file["material"]["bulk_ratio"]),
+        float(file["noise"]["sample_correlation"]),
+        tuple(names),
+    )
     if test.hypothesis is not None and test.hypothesis not in names:
         known = ", ".join(names)
         raise ValueError(f"hypothesis: found {test.hypothesis}, expected one of {known}")
@@ -115,12 +123,12 @@ def _against(
     name: str,
     rubbers: Rubbers,
     order: int,
-    echo: Echo,
+    progress: Progress,
 ) -> tuple[dict[str, Any], Shown]:
     """Quantity -> how well it is predicted by draws of the material, and what the figure shows."""
-    echo(f"predict    {name}: {len(rubbers.bulk)} solves")
     difference = mesh_difference(test, data, rubbers.mean)
-    predicted = corrected(predict(test, data, rubbers), difference)
+    n = len(rubbers.bulk)
+    predicted = corrected(predict(test, data, rubbers, lambda done: progress(done, n)), difference)
     rng = np.random.default_rng(np.random.SeedSequence(test.seed, spawn_key=(3, order)))
     again = replicates(test, data, predicted, difference, rng)
     single = None if data.samples is None else Samples(data.samples, again.sample)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -166,13 +167,19 @@ def pin_shifted(x: Array, shift: float, half: float) -> Array:
     return shifted
 
 
-def solve_truth(truth: BlockTruth, folder: Path | None = None) -> TruthResponse:
+def solve_truth(
+    truth: BlockTruth, folder: Path | None = None, say: Callable[[str], None] | None = None
+) -> TruthResponse:
     """Run the models of the truth, or take what an equal truth of this code has left in `folder`.
 
-    Raises ValueError when a simulation does not reach every travel.
+    `say` is told which one begins. Raises ValueError when a simulation does not reach every travel.
     """
     models = (truth.model(), *truth.shift_models())
-    solved = (_solved(model, truth.ratios, folder) for model in models)
+    solved = []
+    for number, model in enumerate(models, start=1):
+        if say is not None:
+            say(f"simulation {number} of {len(models)} of the truth")
+        solved.append(_solved(model, truth.ratios, folder))
     fine, *others = (smoothed(found) if truth.smooth else found for found in solved)
     if not others:
         return TruthResponse(truth, fine)

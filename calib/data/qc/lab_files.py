@@ -5,7 +5,6 @@ LAB/experiment.toml  LAB/static/  LAB/S01/machine.csv  LAB/S01/dic/  LAB/S01/fra
 
 from __future__ import annotations
 
-import csv
 import hashlib
 import re
 from dataclasses import dataclass
@@ -13,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from calib.data.csv_cells import csv_cells
 from calib.data.qc.experiment_file import FILE, Experiment
 from calib.data.readers import DicSeries, PointFrame, WrongFile
 from calib.data.readers.natural_order import natural_order
@@ -39,18 +39,23 @@ class SampleFiles:
 
 
 def sample_files(folder: Path, experiment: Experiment) -> tuple[SampleFiles, ...]:
-    """The samples in their order: as listed, else all folders with a test-machine record.
+    """The samples in their order: as listed, else all folders with a file of a sample.
 
     Raises WrongFile where there is none or a file is missing.
     """
     if experiment.samples is not None:
         names = list(experiment.samples)
     else:
-        held = (path for path in folder.iterdir() if path.is_dir() and path.name != STATIC)
-        names = sorted((p.name for p in held if (p / MACHINE).exists()), key=natural_order)
+        held = [path for path in folder.iterdir() if path.is_dir() and path.name != STATIC]
+        names = sorted((p.name for p in held if _is_sample(p)), key=natural_order)
     if not names:
         raise WrongFile(folder, None, f"folders of samples with {MACHINE}", "none")
     return tuple(_sample(folder, name) for name in names)
+
+
+def _is_sample(place: Path) -> bool:
+    """Whether a folder holds a test-machine record, or frames with their times."""
+    return (place / MACHINE).exists() or ((place / FRAMES).exists() and any(place.glob(f"{DIC}*")))
 
 
 def _sample(folder: Path, name: str) -> SampleFiles:
@@ -155,7 +160,7 @@ def _rows(path: Path) -> list[tuple[int, str, float]]:
     for number, line in enumerate(text.splitlines(), start=1):
         if not line.strip() or line.lstrip().startswith("#"):
             continue
-        cells = [cell.strip() for cell in next(csv.reader([line]))]
+        cells = csv_cells(path, number, line)
         if not header_seen:
             if cells != COLUMNS:
                 raise WrongFile(path, number, f"columns {','.join(COLUMNS)}", ",".join(cells)[:80])

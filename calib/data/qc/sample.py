@@ -95,8 +95,9 @@ def read_sample(files: SampleFiles, experiment: Experiment) -> Sample:
     record = read_machine(files.machine)
     series = read_dic(files.dic)
     frames, times = frames_in_time(files.frames, series)
-    if frames[0].is_planar:
-        raise WrongFile(files.dic, None, STEREO, "frames of one camera (planar)")
+    for frame in frames:
+        if frame.is_planar:
+            raise WrongFile(files.dic, None, STEREO, f"frames of one camera (planar), {frame.name}")
     if record.travel is None:
         raise WrongFile(files.machine, None, "the travel with the force", "a force alone")
     if len(frames) < 2:

@@ -19,6 +19,9 @@ from calib.data.readers import WrongFile, read_dic
 from calib.data.readers.frames import STATIC
 from fe.response import Array
 
+MOST_NOISE = 0.25
+"""of an increment: frames that differ by more are those of a test, or of no use"""
+
 
 class StaticNoise(NamedTuple):
     """What frames in which nothing moves tell."""
@@ -48,6 +51,10 @@ def static_noise(folder: Path, experiment: Experiment, points: Array) -> StaticN
         )
         present = lattice.present()
         raw = noise_floor(cleaned.displacement[:, present], lattice.position[present][:, :2])
+        if (largest := float(np.max(raw.std))) > MOST_NOISE * experiment.protocol.increment_mm:
+            raise ValueError(
+                f"expected frames in which nothing moves, found an SD of {largest:.2g} mm"
+            )
         steps = np.arange(1.0, len(lattice.displacement) + 1)
         face = FaceField(lattice, steps, _centred(lattice), cleaned)
         options = experiment.field
