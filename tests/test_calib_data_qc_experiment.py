@@ -647,6 +647,16 @@ def test_one_frame_of_one_camera_is_enough_to_refuse_a_sample(some):
         analyse(folder)
 
 
+def test_a_specimen_narrower_than_its_points_are_apart_rejects_all_samples(some):
+    folder = some("S1", "S2", text=f"{EXPERIMENT}\n[specimen]\nwidth_mm = 8.0\n")
+    rejections = analyse(folder).rejections
+    assert {rejection.sample for rejection in rejections} == {"S1", "S2"}
+    for rejection in rejections:
+        assert rejection.threshold == "specimen.width_mm, 8, at most"
+        assert 9.0 < float(rejection.value) <= 10.0
+        assert "mm between points: found 9." in rejection.text()
+
+
 def test_static_frames_in_which_things_move_are_refused(some):
     folder = some("S1", "S2")
     for path in sorted((folder / "S1" / "dic").iterdir()):

@@ -22,7 +22,7 @@ LEAST_LOCAL = 4
 class Design:
     """[design] FE runs over ratios and further unknowns within the bounds of their priors."""
 
-    n_runs: Annotated[int, Field(ge=8)] = 20
+    n_runs: Annotated[int, Field(ge=8, le=100_000)] = 20
     """number of runs that train the emulator"""
     n_held_out: Annotated[int, Field(ge=2)] = 4
     """number of further runs that only judge the emulator"""

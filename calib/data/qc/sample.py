@@ -28,6 +28,8 @@ STEREO = (
 )
 REACH = 0.6
 """of an increment that a hold may lie from the nominal travel"""
+WIDER = 0.05
+"""than the specimen is said to be: points that far apart are not of such a one"""
 HOLDS_OF_FORCE = 5
 """whose polynomial brings the force to the nominal travel: with three a stiffening block's force
 errs by more than the mean of sixteen samples does"""
@@ -144,6 +146,9 @@ def _face(
     loaded = [*range(1, len(picked))][-2:]
     options, width = experiment.field, experiment.specimen.width_mm
     placement = place(clean, loaded, width, options.edge_mm, options.base_mm)
+    if placement.width > (1.0 + WIDER) * width:
+        seen = float(f"{placement.width:.4g}")
+        raise NotAsPlanned("mm between points", seen, f"specimen.width_mm, {width:g}, at most")
     pin = experiment.mask.pin_rectangle_mm
     on_pin = None if pin is None else np.array([_pin_travel(f, axes, pin) for f in picked[1:]])
     scale = max((f.scale_sd or 0.0 for f in picked), default=0.0)
