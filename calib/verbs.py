@@ -6,12 +6,13 @@ Heavy modules are imported by the verb that needs them, so that `calib --help` a
 from __future__ import annotations
 
 import argparse
-import os
 import shlex
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
+
+from calib.folders import check_folder, check_own_file, check_writable, make_folder
 
 if TYPE_CHECKING:
     from calib.study.summary import Summary
@@ -24,59 +25,6 @@ def _say(line: str) -> None:
     print(line, flush=True)
 
 
-def _check_folder(option: str, path: Path) -> None:
-    """Raise ValueError where a file stands in place of the folder of an option, or of one above."""
-    nearest = next((place for place in (path, *path.parents) if _exists(place)), None)
-    if nearest is not None and not nearest.is_dir():
-        raise ValueError(f"{option}: found the file {nearest}, expected a folder or a new name")
-
-
-def _exists(path: Path) -> bool:
-    """Whether there is something; where that cannot be asked, making it will say why."""
-    try:
-        return path.exists()
-    except OSError:
-        return False
-
-
-def _make_folder(option: str, path: Path) -> None:
-    """Make the folder of an option. Raises ValueError of one sentence where that cannot be."""
-    _check_folder(option, path)
-    try:
-        path.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise ValueError(
-            f"{option}: {path} cannot be made ({error.strerror}), expected a folder or a new name"
-        ) from error
-    _check_writable(option, path)
-
-
-def _check_writable(option: str, path: Path) -> None:
-    """Raise ValueError where a folder cannot be written to, before the work for it is done."""
-    if path.is_dir() and not os.access(path, os.W_OK | os.X_OK):
-        raise ValueError(f"{option}: found {path}, expected a folder that can be written to")
-
-
-def _check_own_file(out: Path, name: str) -> None:
-    """Raise ValueError where a run would write over a file of the user or over another study."""
-    from calib.study.study_file import OWN, STUDY_FILE, name_in
-
-    copy = out / STUDY_FILE
-    if not copy.is_file():
-        return
-    if not copy.read_bytes().startswith(OWN.encode()):
-        raise ValueError(
-            f"--out: found {out}, whose {STUDY_FILE} no run has written and this one would write "
-            "over, expected another folder"
-        )
-    other = name_in(copy)
-    if other not in (None, name):
-        raise ValueError(
-            f"--out: found {out} of the study {other}, whose results this one would write over, "
-            f"expected a new folder or one of {name}"
-        )
-
-
 def run_verb(arguments: argparse.Namespace) -> int:
     """Carry out a study, whole or up to a stage."""
     from calib.study.config import load_study, refused
@@ -85,9 +33,9 @@ def run_verb(arguments: argparse.Namespace) -> int:
     study = load_study(arguments.study)
     out = arguments.out or Path("runs") / study.name
 
-    _check_folder("--out", out)
-    _check_own_file(out, study.name)
-    _make_folder("--out", out)
+    check_folder("--out", out)
+    check_own_file(out, study.name)
+    make_folder("--out", out)
 
     from calib.study.stages import HowToRun, run_part, run_study
     from calib.study.train_report import EmulatorRefused
@@ -125,7 +73,7 @@ def qc_verb(arguments: argparse.Namespace) -> int:
     folder = experiment_folder(arguments.study)
     rules = study_rules(arguments.study)
     out = arguments.out or folder / QC_FOLDER
-    _make_folder("--out", out)
+    make_folder("--out", out)
     bar = sys.stderr.isatty()
     result, paths = make_dataset(folder, out, with_figures=True, rules=rules, show_progress=bar)
     for line in qc_lines(result, paths):
@@ -137,7 +85,7 @@ def qc_verb(arguments: argparse.Namespace) -> int:
 
 def ask_verb(arguments: argparse.Namespace) -> int:
     """Ask a finished study."""
-    _check_writable("FOLDER", arguments.folder)
+    check_writable("FOLDER", arguments.folder)
     if arguments.question == "baseline":
         from calib.study.baseline import baseline
 
@@ -171,7 +119,7 @@ def _say_answer(folder: Path, lines: Sequence[str], paths: Sequence[Path]) -> No
 
 def direct_chain_verb(arguments: argparse.Namespace) -> int:
     """Sample a posterior by the FE model itself."""
-    _check_writable("FOLDER", arguments.folder)
+    check_writable("FOLDER", arguments.folder)
     from calib.study.direct_chain import direct_chain
 
     table, paths = direct_chain(
@@ -190,8 +138,8 @@ def dic_verb(arguments: argparse.Namespace) -> int:
     from fe.progress_bar import progress_bar
 
     if arguments.out is not None:
-        _check_folder("--out", arguments.out)
-        _check_writable("--out", arguments.out)
+        check_folder("--out", arguments.out)
+        check_writable("--out", arguments.out)
     bars = partial(progress_bar, unit="point", shown=sys.stderr.isatty(), leave=False)
     run(arguments.study, arguments.out, _say, bars)
     return 0
@@ -211,6 +159,7 @@ def _check_executor(arguments: argparse.Namespace) -> None:
 
 def summary_verb(arguments: argparse.Namespace) -> int:
     """Print the constants of a finished study."""
+    from calib.study.finished import changed_since
     from calib.study.summary import format_table, load_summary
     from calib.study.summary_files import to_csv, to_json
 
@@ -218,29 +167,11 @@ def summary_verb(arguments: argparse.Namespace) -> int:
     if not path.is_file():
         raise ValueError(f"{path}: found no such file, expected the posterior of a finished study")
     summaries = load_summary(path)
-    if changed := _changed_since(path):
+    if changed := changed_since(path):
         print(f"calib: {changed}", file=sys.stderr)
     style = to_json if arguments.json else to_csv if arguments.csv else format_table
     print(style(summaries).rstrip("\n"))
     return _verdict(summaries)
-
-
-def _changed_since(path: Path) -> str:
-    """What the study file beside a posterior says otherwise; empty where it is that of it."""
-    from calib.study.config import StudyError, load_study
-    from calib.study.finished import check_unchanged
-    from calib.study.study_file import STUDY_FILE
-
-    file = path.parent / STUDY_FILE
-    if not file.is_file():
-        return ""
-    try:
-        check_unchanged(load_study(file), path.parent)
-    except StudyError:  # not a study of today
-        return ""
-    except ValueError as error:
-        return str(error)
-    return ""
 
 
 def _verdict(summaries: Sequence[Summary]) -> int:
@@ -259,7 +190,7 @@ def init_verb(arguments: argparse.Namespace) -> int:
     """Write a study to start from."""
     from calib.study.template import write_template
 
-    _make_folder("DIR", arguments.folder)
+    make_folder("DIR", arguments.folder)
     for path in write_template(arguments.folder):
         print(f"wrote {path}")
     study = shlex.quote(str(arguments.folder / "study.toml"))
@@ -286,7 +217,7 @@ def lens_verb(arguments: argparse.Namespace) -> int:
     if figure is not None and figure.suffix.lower() != ".png":
         raise ValueError(f"--figure: found {figure}, expected a file name that ends in .png")
     if figure is not None:
-        _make_folder("--figure", figure.parent)
+        make_folder("--figure", figure.parent)
     found = search(load_design(arguments.design or "sample-4mm"))
     remarks = list(tables.verdicts(found))
     if arguments.design is None:
@@ -314,8 +245,8 @@ def laboratory_verb(arguments: argparse.Namespace) -> int:
     settings = chosen(arguments.samples, arguments.format, arguments.machine_format)
     check_new(arguments.folder)
     # before minutes of simulations
-    _make_folder("DIR", arguments.folder)
-    _make_folder("--runs", arguments.runs)
+    make_folder("DIR", arguments.folder)
+    make_folder("--runs", arguments.runs)
     _say(f"each simulation of the truth takes minutes, and is then kept in {arguments.runs}")
     truth = solve_truth(BlockTruth(), arguments.runs, _say)
     make_laboratory(arguments.folder, truth, settings, arguments.seed, _say)
@@ -325,7 +256,7 @@ def laboratory_verb(arguments: argparse.Namespace) -> int:
 
 def validate_verb(arguments: argparse.Namespace) -> int:
     """Hold a finished study against a second test."""
-    _check_writable("FOLDER", arguments.folder)
+    check_writable("FOLDER", arguments.folder)
     from calib.study.second_test import load_second_test
     from calib.study.validate import validate
     from calib.study.validation_tables import validation_tables, verdicts
@@ -345,7 +276,7 @@ def validate_verb(arguments: argparse.Namespace) -> int:
 
 def design_next_verb(arguments: argparse.Namespace) -> int:
     """Rank what to measure next."""
-    _check_writable("FOLDER", arguments.folder)
+    check_writable("FOLDER", arguments.folder)
     from calib.study.design_next import design_next, gains_table
 
     found, paths = design_next(

@@ -301,7 +301,7 @@ def test_folders_that_cannot_be_written_are_told_before_the_work(
     verb, run_study, tmp_path, monkeypatch, capsys
 ):
     recorder = run_study()
-    monkeypatch.setattr("calib.verbs.os.access", lambda *_: False)  # as for users other than root
+    monkeypatch.setattr("calib.folders.os.access", lambda *_: False)  # as for users other than root
     (tmp_path / "plate.toml").write_text("")
     words = {"run": ["virtual", "--out", str(tmp_path)]}.get(verb, [str(tmp_path)])
     words += ["plate.toml"] if verb == "validate" else []

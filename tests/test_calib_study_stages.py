@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from analytic_block import AnalyticBlock, analytic_block
 
+from calib.cli import main
 from calib.data.dataset import Dataset
 from calib.inference import EmulatorForward
 from calib.inference.coordinates import CONSTANTS, theta_of
@@ -33,6 +34,7 @@ from calib.study.posterior_stage import provenance
 from calib.study.sections import Cells, Hypothesis, ParameterPrior, Virtual
 from calib.study.stage_list import stages_of
 from calib.study.stages import StudyResult, report_again, run_stages, run_study
+from calib.study.study_file import write_study
 from calib.study.summary import load_summary
 from calib.study.summary_files import to_json
 from calib.study.tables import Table
@@ -520,6 +522,22 @@ def test_an_answer_stands_in_every_report_after_it_and_tells_when_the_posterior_
     shutil.copy(out / "samples_stuck.npz", out / "samples_sliding.npz")
     report_again(context)
     assert "`calib identify` makes them anew" in (out / "report.html").read_text()
+
+
+def test_a_summary_says_where_the_study_has_changed_since_its_posterior(
+    thesis: Run, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name in ("posterior.nc", "study.toml"):
+        shutil.copy(thesis.out / name, tmp_path / name)
+    main(["summary", str(tmp_path)])
+    before = capsys.readouterr()
+    assert "changed since" not in before.err
+    changed = replace(thesis.study, noise=replace(thesis.study.noise, travel_zero_sd=0.03))
+    write_study(tmp_path / "study.toml", changed)
+    main(["summary", str(tmp_path)])
+    after = capsys.readouterr()
+    assert "study.toml: found noise changed since posterior.nc was made" in after.err
+    assert after.out == before.out
 
 
 def test_a_chain_by_the_model_itself_goes_on_where_it_was_stopped(

@@ -9,7 +9,7 @@ from calib.inference.inference_data import stated_provenance
 from calib.inference.laws import DEFAULT_LAW
 from calib.inference.posterior import Posterior
 from calib.study.artifacts import plain
-from calib.study.config import Study, load_study
+from calib.study.config import Study, StudyError, load_study
 from calib.study.context import Context, block_pin_model
 from calib.study.posterior_setup import emulator_posterior
 from calib.study.sections import Hypothesis
@@ -62,6 +62,20 @@ def check_unchanged(study: Study, out: Path) -> None:
             f"{out / STUDY_FILE}: found {names} changed since {POSTERIOR} was made, expected the "
             f"study of these results; `calib run {out / STUDY_FILE} --out {out}` makes them anew"
         )
+
+
+def changed_since(path: Path) -> str:
+    """What the study file beside the posterior at `path` says otherwise; empty where nothing."""
+    file = path.parent / STUDY_FILE
+    if not file.is_file():
+        return ""
+    try:
+        check_unchanged(load_study(file), path.parent)
+    except StudyError:  # not a study of today
+        return ""
+    except ValueError as error:
+        return str(error)
+    return ""
 
 
 def _stated(section: Any) -> Any:

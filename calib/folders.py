@@ -1,0 +1,59 @@
+"""What is asked of folders that a verb is given, before the work for them is done."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+
+def check_folder(option: str, path: Path) -> None:
+    """Raise ValueError where a file stands in place of the folder of an option, or of one above."""
+    nearest = next((place for place in (path, *path.parents) if _exists(place)), None)
+    if nearest is not None and not nearest.is_dir():
+        raise ValueError(f"{option}: found the file {nearest}, expected a folder or a new name")
+
+
+def _exists(path: Path) -> bool:
+    """Whether there is something; where that cannot be asked, making it will say why."""
+    try:
+        return path.exists()
+    except OSError:
+        return False
+
+
+def make_folder(option: str, path: Path) -> None:
+    """Make the folder of an option. Raises ValueError of one sentence where that cannot be."""
+    check_folder(option, path)
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ValueError(
+            f"{option}: {path} cannot be made ({error.strerror}), expected a folder or a new name"
+        ) from error
+    check_writable(option, path)
+
+
+def check_writable(option: str, path: Path) -> None:
+    """Raise ValueError where a folder cannot be written to, before the work for it is done."""
+    if path.is_dir() and not os.access(path, os.W_OK | os.X_OK):
+        raise ValueError(f"{option}: found {path}, expected a folder that can be written to")
+
+
+def check_own_file(out: Path, name: str) -> None:
+    """Raise ValueError where a run would write over a file of the user or over another study."""
+    from calib.study.study_file import OWN, STUDY_FILE, name_in
+
+    copy = out / STUDY_FILE
+    if not copy.is_file():
+        return
+    if not copy.read_bytes().startswith(OWN.encode()):
+        raise ValueError(
+            f"--out: found {out}, whose {STUDY_FILE} no run has written and this one would write "
+            "over, expected another folder"
+        )
+    other = name_in(copy)
+    if other not in (None, name):
+        raise ValueError(
+            f"--out: found {out} of the study {other}, whose results this one would write over, "
+            f"expected a new folder or one of {name}"
+        )
