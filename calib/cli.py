@@ -50,9 +50,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         sys.stdout.flush()
         return code
     except KeyboardInterrupt:
-        goes_on = getattr(arguments, "goes_on", True)
-        way = "run the same command again to go on" if goes_on else "it begins anew when run again"
-        print(f"\nstopped; {way}", file=sys.stderr)
+        way = "; run the same command again to go on" if arguments.goes_on else ""
+        print(f"\nstopped{way}", file=sys.stderr)
         return STOPPED
     except BrokenPipeError:  # the reader of a pipe, e.g. head, has had enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -80,6 +79,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--traceback", action="store_true", help="show where in the code wrong input was refused"
     )
+    parser.set_defaults(goes_on=False)
     verbs = parser.add_subparsers(required=True, metavar="VERB")
 
     _add_running(verbs)
@@ -103,7 +103,7 @@ def _add_running(verbs: _Verbs) -> None:
     ):
         verb = verbs.add_parser(name, help=text)
         _add_study(verb)
-        verb.set_defaults(verb=run_verb, until=name)
+        verb.set_defaults(verb=run_verb, until=name, goes_on=True)
 
 
 def _add_measured(verbs: _Verbs) -> None:
@@ -124,7 +124,7 @@ def _add_measured(verbs: _Verbs) -> None:
     )
     dic.add_argument("study", type=Path, metavar="STUDY.toml", help="images, region and scale")
     dic.add_argument("--out", type=Path, metavar="DIR", help="results (default: STUDY-dic)")
-    dic.set_defaults(verb=dic_verb)
+    dic.set_defaults(verb=dic_verb, goes_on=True)
 
 
 def _add_beginnings(verbs: _Verbs) -> None:
@@ -155,7 +155,7 @@ def _add_lens(verbs: _Verbs) -> None:
         help="what is at hand and needed (default: the thesis' tables again, and a 4 mm sample)",
     )
     lens.add_argument("--figure", type=Path, metavar="PNG", help="field and depth over distance")
-    lens.set_defaults(verb=lens_verb, goes_on=False)
+    lens.set_defaults(verb=lens_verb)
 
 
 def _add_questions(verbs: _Verbs) -> None:
@@ -167,7 +167,7 @@ def _add_questions(verbs: _Verbs) -> None:
     ):
         verb = verbs.add_parser(name, help=text)
         verb.add_argument("folder", type=Path, metavar="RUN", help="folder of a finished study")
-        verb.set_defaults(verb=ask_verb, question=name, goes_on=False)
+        verb.set_defaults(verb=ask_verb, question=name)
     _add_hypothesis(verb)
     verb.add_argument(
         "--truth",
@@ -188,7 +188,7 @@ def _add_direct_chain(verbs: _Verbs) -> None:
     verb.add_argument(
         "--inner", type=_some, default=20, metavar="N", help="by the emulator between them (20)"
     )
-    verb.set_defaults(verb=direct_chain_verb)
+    verb.set_defaults(verb=direct_chain_verb, goes_on=True)
 
 
 def _add_predictions(verbs: _Verbs) -> None:
@@ -196,7 +196,7 @@ def _add_predictions(verbs: _Verbs) -> None:
     validate = verbs.add_parser("validate", help=text)
     validate.add_argument("folder", type=Path, metavar="RUNDIR", help="folder of a finished study")
     validate.add_argument("second", metavar="SECOND", help="file of the test, or notched-plate")
-    validate.set_defaults(verb=validate_verb, goes_on=False)
+    validate.set_defaults(verb=validate_verb)
 
     text = "rank what to measure next by the information it is expected to give"
     following = verbs.add_parser("design-next", help=text)
@@ -205,7 +205,7 @@ def _add_predictions(verbs: _Verbs) -> None:
     following.add_argument(
         "--no-runs", action="store_true", help="increments and instruments only, without FE runs"
     )
-    following.set_defaults(verb=design_next_verb)
+    following.set_defaults(verb=design_next_verb, goes_on=True)
 
 
 def _add_laboratory(verbs: _Verbs) -> None:
@@ -238,7 +238,7 @@ def _add_laboratory(verbs: _Verbs) -> None:
         metavar="DIR",
         help="where the simulations of the truth are kept (default: runs/laboratory)",
     )
-    laboratory.set_defaults(verb=laboratory_verb)
+    laboratory.set_defaults(verb=laboratory_verb, goes_on=True)
 
 
 def _add_hypothesis(verb: argparse.ArgumentParser) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import secrets
 from collections.abc import Iterator
@@ -26,7 +27,15 @@ def replacing(path: Path) -> Iterator[Path]:
             os.fsync(stream.fileno())
         os.replace(temporary, path)
     except BaseException as error:
-        temporary.unlink(missing_ok=True)
-        if isinstance(error, OSError) and error.filename in (None, str(temporary), temporary):
-            error.filename = str(path)  # as a full disk tells none, and this one means nothing
+        with contextlib.suppress(OSError):
+            temporary.unlink(missing_ok=True)
+        if isinstance(error, OSError):
+            _name(error, temporary, path)
         raise
+
+
+def _name(error: OSError, temporary: Path, path: Path) -> None:
+    """Have an error name `path`: a full disk names no file, and a temporary one means nothing."""
+    # Libraries raise errors without a number, whose words a name would take the place of.
+    if error.errno is not None and error.filename in (None, str(temporary), temporary):
+        error.filename = str(path)

@@ -321,14 +321,15 @@ def test_errors_of_files_name_the_file_and_no_number(monkeypatch, tmp_path, caps
     assert capsys.readouterr().err == f"calib: {tmp_path / 'a.csv'}: {expected}\n"
 
 
-@pytest.mark.parametrize(("verb", "way"), [("studies", "to go on"), ("lens", "begins anew")])
-def test_what_was_stopped_is_said_to_go_on_only_where_it_does(verb, way, monkeypatch, capsys):
+@pytest.mark.parametrize(("verb", "goes_on"), [("dic", True), ("lens", False), ("studies", False)])
+def test_what_was_stopped_is_said_to_go_on_only_where_it_does(verb, goes_on, monkeypatch, capsys):
     def stops(_):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(f"calib.cli.{verb}_verb", stops)
-    assert cli.main([verb]) == cli.STOPPED
-    assert way in capsys.readouterr().err
+    assert cli.main([verb, *(["a.toml"] if verb == "dic" else [])]) == cli.STOPPED
+    words = "stopped; run the same command again to go on" if goes_on else "stopped"
+    assert capsys.readouterr().err == f"\n{words}\n"
 
 
 def test_studies_lists_every_embedded_study(capsys):

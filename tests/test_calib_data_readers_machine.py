@@ -93,12 +93,32 @@ def test_load_files_give_the_number_of_the_image(put):
 
 
 @pytest.mark.parametrize(
-    ("name", "number"),
-    [("a_0012_0.tif", 12), ("sample12_0003.tif", 3), ("a_3.tif", 3), ("B7.tif", 7)],
+    ("names", "numbers"),
+    [
+        (["a_0012_0.tif", "a_0013_0.tif"], [12, 13]),
+        (["sample12_0003.tif", "sample12_0004.tif"], [3, 4]),
+        (["S1_1.tif", "S1_2.tif", "S1_10.tif"], [1, 2, 10]),
+        (["S1_8.tif", "S1_9.tif"], [8, 9]),
+        (["a_3.tif"], [3]),
+        (["B7.tif"], [7]),
+    ],
 )
-def test_the_number_of_an_image_is_its_last_but_for_that_of_a_camera(name, number, put):
-    record = read_machine(put(f"File;TimeStamp;Force [N]\n{name};1;72,5\n"))
-    assert record.frame.tolist() == [number] and record.force.tolist() == [72.5]
+def test_the_number_of_an_image_is_its_last_but_for_that_of_a_camera(names, numbers, put):
+    lines = [f"{name};{time};72,5" for time, name in enumerate(names)]
+    record = read_machine(put("\n".join(["File;TimeStamp;Force [N]", *lines, ""])))
+    assert record.frame.tolist() == numbers and record.force.tolist() == [72.5] * len(names)
+
+
+def test_commas_in_remarks_and_in_other_columns_say_nothing_of_points(put):
+    text = "Time (s);Extension (mm);Load (N);Note\n0.5;0.1;1.5;\n1.5;0.2;2.5;a, b, slowly\n"
+    assert read_machine(put(text)).force.tolist() == [1.5, 2.5]
+    mixed = read_machine(put("File;TimeStamp;Force [N]\na_0001.tif;0.5;72,5\n"))
+    assert (mixed.time[0], mixed.force[0]) == (0.5, 72.5)
+
+
+def test_kilonewtons_may_be_as_many_as_volts(put):
+    text = "File;TimeStamp;Force [V];Force [kN]\na_1_0.tif;1;0.2818;0.2818\n"
+    assert read_machine(put(text)).force.tolist() == [281.8]
 
 
 def test_decimal_commas_in_quotes_are_read_where_no_number_has_a_point(put):
@@ -125,9 +145,6 @@ REFUSED_MACHINE_FILES = {
     ),
     "volts named N": (
         "File;TimeStamp;Force [V];Force [N]\na_1_0.tif;1;0.2818;0.2818\n", 1, "a force", "volts",
-    ),
-    "volts named kN": (
-        "File;TimeStamp;Force [V];Force [kN]\na_1_0.tif;1;0.2818;0.2818\n", 1, "a force", "volts",
     ),
     "points in some cells": (
         "File;TimeStamp;Force [N]\na;1;0.9\na;2;1,234\n", 2, "decimal comma", "'0.9'",

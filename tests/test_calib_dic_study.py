@@ -294,7 +294,11 @@ def test_tiff_files_that_are_not_one_picture_of_levels_are_refused(tmp_path):
     tifffile.imwrite(path, pages, photometric="minisblack")  # read as three colours otherwise
     with pytest.raises(ValueError, match="found 3 pages of one size"):
         read_image(path)
-    Image.fromarray(pages[0]).convert("P").save(path)
+    Image.fromarray(pages[0]).convert("P").save(path)  # greys in their order
+    np.testing.assert_array_equal(read_image(path).grey, pages[0])
+    turned = Image.fromarray(pages[0]).convert("P")
+    turned.putpalette([level for grey in range(255, -1, -1) for level in (grey, grey, grey)])
+    turned.save(path)
     with pytest.raises(ValueError, match="expected grey levels or RGB colours, found a palette"):
         read_image(path)
     Image.fromarray(np.moveaxis(pages, 0, 2)).convert("CMYK").save(path)

@@ -166,7 +166,7 @@ WRONG = {
     "infinite length": ("width = 10.0", "width = inf", "geometry.width", "Infinity", "finite"),
     "micrometres": ("width = 10.0", "width = 10000.0", "geometry.width", "10000.0", "in mm"),
     "metres": ("height = 2.5", "height = 0.0025", "geometry.height", "0.0025", "0.1 to 1000"),
-    "a friction of many digits": ('pin = "slide"', f"pin = -{'9' * 400}", "hypothesis[1].pin",
+    "a friction of many digits": ('pin = "slide"', f"pin = {'9' * 400}", "hypothesis[1].pin",
                                   "9", "friction"),
     "no number": ("width = 10.0", "width = nan", "geometry.width", "NaN", "finite"),
     "wide pin": ("pin_width = 4.0", "pin_width = 12.0", "geometry.pin_width", "12.0", "10 mm"),

@@ -86,7 +86,7 @@ def test_stages_are_stale_after_a_change_of_the_code_that_they_run(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """FE runs are of the FE code alone, which the settings count."""
-    study = small()
+    study = small("virtual")
     context = Context(study, tmp_path, analytic_block, serial_map, lambda _: None, False)  # type: ignore[arg-type]
 
     def inputs(package: str) -> dict[str, dict[str, str]]:
@@ -99,10 +99,16 @@ def test_stages_are_stale_after_a_change_of_the_code_that_they_run(
             }
 
     before = inputs("none")
-    for package, later in (("surrogate", True), ("calib.inference", True), ("fe", False)):
+    virtual = {"virtual"} & {*before}
+    for package, later, alone in (
+        ("surrogate", True, {"data"} | virtual),
+        ("calib.inference", True, {"data"}),
+        ("calib.study", True, set[str]()),
+        ("fe", False, set[str]()),
+    ):
         after = inputs(package)
         moved = {name for name in before if before[name] != after[name]}
-        assert moved == ({*before} - {"data", "simulate"} if later else set())
+        assert moved == ({*before} - {"simulate"} - alone if later else set())
 
 
 def test_data_that_are_moved_are_the_same_data(tmp_path: Path) -> None:

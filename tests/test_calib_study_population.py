@@ -265,7 +265,7 @@ def test_sample_forces_are_read_in_any_order_and_kept_by_the_study(tmp_path: Pat
         (
             "S1,0.8,",
             f"S1,0.8,{'x' * 9_000}",
-            "x'... , expected a positive number".replace(" ,", ","),
+            r"x'\.\.\., expected a positive number",
         ),
     ],
 )

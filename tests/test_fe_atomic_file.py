@@ -38,7 +38,16 @@ def test_an_error_of_the_disk_names_the_file_that_was_to_be_written(tmp_path: Pa
     with pytest.raises(FileNotFoundError) as lacking, replacing(tmp_path / "none" / "a"):
         pass
     assert lacking.value.filename == str(tmp_path / "none" / "a")
-    assert list(tmp_path.iterdir()) == []
+    (tmp_path / "file").touch()
+    with pytest.raises(NotADirectoryError) as misplaced, replacing(tmp_path / "file" / "a"):
+        pass
+    assert misplaced.value.filename == str(tmp_path / "file" / "a")
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
+def test_errors_of_libraries_keep_their_words(tmp_path: Path) -> None:
+    with pytest.raises(OSError, match=r"^unable to make a set$"), replacing(tmp_path / "a"):
+        raise OSError("unable to make a set")
 
 
 def test_two_writers_of_one_file_do_not_meet(tmp_path: Path) -> None:

@@ -43,7 +43,7 @@ def read_image(path: Path | str) -> GreyImage:
         found = "a folder" if path.is_dir() else "no such file"
         raise ValueError(f"{path}: found {found}, expected an image (TIFF, PNG or BMP)")
     values = _values(path)
-    _check_one_picture(path)
+    _check_one_picture(path, values)
     if values.dtype == np.bool_ or values.dtype.kind not in "u" or values.dtype.itemsize > 2:
         raise ValueError(f"{path}: expected 8 to 16 bit grey levels, found {values.dtype}")
     is_byte = values.dtype.itemsize == 1
@@ -58,7 +58,7 @@ def read_image(path: Path | str) -> GreyImage:
     return GreyImage(path.name, np.ascontiguousarray(grey), _full_scale(values, is_byte))
 
 
-def _check_one_picture(path: Path) -> None:
+def _check_one_picture(path: Path, values: np.ndarray) -> None:
     """Refuse TIFF files whose numbers are not the grey levels or colours of one picture."""
     if path.suffix.lower() not in (".tif", ".tiff"):
         return  # of others the numbers read are colours
@@ -73,6 +73,10 @@ def _check_one_picture(path: Path) -> None:
     alike = sizes.count(sizes[0])  # a thumbnail beside the image is none
     if alike > 1:
         raise ValueError(f"{path}: expected a file of one image, found {alike} pages of one size")
+    if mode == "P" and np.array_equal(
+        imageio.v3.imread(path, index=0, plugin="pillow", mode="L"), values
+    ):
+        return  # a palette of greys in their order
     if mode in NOT_LEVELS:
         raise ValueError(f"{path}: expected grey levels or RGB colours, found {NOT_LEVELS[mode]}")
 

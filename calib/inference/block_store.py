@@ -6,6 +6,7 @@ unreadable. Here a block is one HDF5 file that appears whole or not at all.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -36,7 +37,9 @@ class BlockStore:
                     if file.attrs.get("key") != self.key:
                         break
                     found.append({name: np.array(values) for name, values in file.items()})
-            except OSError:  # of HDF5 at what is no whole file of its own: made again
+            except (OSError, RuntimeError, KeyError):  # of HDF5 at what is no whole file of its own
+                if not os.access(path, os.R_OK):
+                    raise
                 break
         self._forget(len(found))
         return found

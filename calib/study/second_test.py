@@ -86,8 +86,9 @@ class PlateSection:
 
     def __post_init__(self) -> None:
         for name in ("width", "length", "thickness", "notch_radius"):
-            if not SMALLEST <= getattr(self, name) <= LARGEST:
-                expected = f"{SMALLEST:g} to {LARGEST:g}: lengths are in mm"
+            least = SMALLEST if name in ("width", "length") else 0.0
+            if not least <= getattr(self, name) <= LARGEST:
+                expected = f"{least:g} to {LARGEST:g}: lengths are in mm"
                 raise Contradiction(name, getattr(self, name), expected)
         try:
             self.specimen()

@@ -5,7 +5,7 @@ Units are mm, N and MPa. The text under a field is also what a refusal says it e
 
 from __future__ import annotations
 
-import math
+import sys
 from typing import Annotated, Literal
 
 from pydantic import Field, SkipValidation
@@ -225,7 +225,7 @@ class Hypothesis:
 
 def _is_contact(value: object) -> bool:
     if isinstance(value, int | float) and not isinstance(value, bool):
-        return 0.0 <= value < math.inf  # of whole numbers of any length, too
+        return 0.0 <= value <= sys.float_info.max  # whole numbers may be larger
     return value in ("stick", "slide")
 
 

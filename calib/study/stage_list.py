@@ -174,9 +174,16 @@ STAGES = (
         (),
         _models("virtual", "noise", "seed"),
         virtual_stage.run,
-        ("calib.virtual",),
+        ("calib.virtual", "calib.inference", "calib.study"),
     ),
-    Stage("data", "read the data", ("virtual",), _data, virtual_stage.run_data, ("calib.data",)),
+    Stage(
+        "data",
+        "read the data",
+        ("virtual",),
+        _data,
+        virtual_stage.run_data,
+        ("calib.data", "calib.study"),
+    ),
     Stage("simulate", "run the FE model", (), _design, simulate_stage.run_design, ()),
     Stage(
         "train",

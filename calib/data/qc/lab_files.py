@@ -131,7 +131,9 @@ def _frame_times(path: Path, series: DicSeries) -> Array:
     if np.any(np.diff(times) <= 0):
         row = int(np.argmax(np.diff(times) <= 0)) + 1
         raise WrongFile(path, rows[row][0], "times that increase", f"{times[row]:g}")
-    still = [not np.any(frame.displacement[frame.valid]) for frame in series.frames]
+    still = [
+        frame.valid.any() and not np.any(frame.displacement[frame.valid]) for frame in series.frames
+    ]
     if any(still) and not still[0]:
         expected = f"names of frames: {names[still.index(True)]} has not moved, {names[0]} has"
         raise WrongFile(path, rows[0][0], expected, repr(rows[0][1]))

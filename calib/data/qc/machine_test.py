@@ -25,6 +25,8 @@ from fe.response import Array
 
 ENOUGH = 30
 """readings of a way down that show where the pin touches"""
+SURE = 2.0
+"""SDs of the contact that noise is allowed"""
 NEAR = 0.25
 """of an increment: readings that far beyond the first hold are beyond contact for certain"""
 LARGEST_GAP = 2e7
@@ -122,18 +124,27 @@ def _contact_by_force(
     about = row[0].position - 0.5 * protocol.increment_mm  # to an increment: first hold may be 0
     loading = _loading(time, position, row[0].start, about)
     beyond = position[loading] > row[0].position + NEAR * protocol.increment_mm
-    if np.count_nonzero(beyond) < ENOUGH:  # a way down to where the steps begin shows no contact
+    found = []
+    if np.count_nonzero(loading) >= ENOUGH:
+        found.append(find_contact(position[loading], force[loading]))
+    if np.count_nonzero(beyond) < ENOUGH:  # the way down may end where the steps begin
         loading = (time <= row[min(4, len(row) - 1)].end) & (time > row[0].start - 30.0)
-    return find_contact(position[loading], force[loading])
+        found.append(find_contact(position[loading], force[loading]))
+    return min(found, key=lambda contact: contact.by_force_sd)
 
 
 def _check_contact(by_force: Contact, by_hand: float, protocol: Protocol) -> None:
-    """Raise NotAsPlanned where it is not known which increment the first hold belongs to."""
-    most = 0.5 * protocol.increment_mm
+    """Raise NotAsPlanned where the first hold is not where the steps begin by the force.
+
+    That is, by more than half an increment and what noise may be.
+    """
+    most = 0.5 * protocol.increment_mm + SURE * by_force.by_force_sd
+    if not np.isfinite(most):
+        raise NotAsPlanned("contact by the force", "none", "a force that begins to rise")
     apart = abs(by_force.by_force - by_hand)
     if not apart <= most:
         what = "mm between contact by the force and where the steps begin"
-        raise NotAsPlanned(what, float(f"{apart:.3g}"), f"{most:g} or less")
+        raise NotAsPlanned(what, float(f"{apart:.3g}"), f"{most:.3g} or less")
 
 
 def _loading(time: Array, position: Array, before: float, contact: float) -> BoolArray:

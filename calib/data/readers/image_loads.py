@@ -17,8 +17,9 @@ from calib.data.readers.machine_record import MachineRecord
 from calib.data.readers.machine_table import Channels, Said, read_machine_numbers, read_record
 from calib.data.readers.number_table import Layout, cells
 from calib.data.readers.source import Source
-from calib.data.readers.units import FORCE
+from calib.data.readers.units import FORCE, factor
 from calib.data.readers.wrong_file import WrongFile, shown
+from fe.response import Array
 
 NAME_DAVIS = "DaVis load csv"
 NAME_MATCHID = "MatchID load csv"
@@ -26,8 +27,8 @@ NO_TRAVEL = "the file has no travel of the machine"
 NO_SIGN = "the file does not say whether positive is tension or compression"
 SECONDS = "TimeStamp has no unit; s is taken"
 _LONGEST_NAME = 260
-_IMAGE = re.compile(r"(\d+)(?:_\d)?\.\w+$", re.ASCII)
-"""number of an image, perhaps with that of its camera"""
+_IMAGE = re.compile(r"(\d+)\.\w+$", re.ASCII)
+_OF_CAMERA = re.compile(r"(\d+)_(\d)\.\w+$", re.ASCII)
 
 
 def recognises_davis(source: Source) -> bool:
@@ -97,8 +98,10 @@ def _check_volts(source: Source, layout: Layout, columns: list[Column], force: C
     if not volts:
         return
     values = read_machine_numbers(source, layout, [force.index, *(c.index for c in volts)]).values
+    by = factor(source.path, 1, force.text, "force", force.unit)
+    newton = values[:, 0] * by  # a cell of 10 kN may well give 1 V a kN
     for column, volt in zip(volts, values[:, 1:].T, strict=True):
-        if np.any(volt != 0) and np.allclose(values[:, 0], volt, rtol=1e-4, atol=0):
+        if np.any(newton != 0) and np.allclose(newton, volt, rtol=1e-4, atol=0):
             expected = f"a force in {force.text!r}"
             raise WrongFile(source.path, 1, expected, f"the volts of {column.text!r} again")
 
@@ -110,9 +113,21 @@ def _with_images(
     image = next((column for column in columns if column.name.lower() == "file"), None)
     if image is None:
         return record
-    numbers = []
-    for line in source.lines[layout.start :]:
-        if line.strip():
-            match = _IMAGE.search(cells(line, ";")[image.index][-_LONGEST_NAME:])
-            numbers.append(float(match.group(1)) if match else np.nan)
-    return replace(record, frame=np.array(numbers))
+    names = [
+        cells(line, ";")[image.index][-_LONGEST_NAME:]
+        for line in source.lines[layout.start :]
+        if line.strip()
+    ]
+    return replace(record, frame=_numbers_of(names))
+
+
+def _numbers_of(names: list[str]) -> Array:
+    """(n,) numbers of images by the last number in their names, NaN where there is none.
+
+    A single digit that all have alike after it is that of the camera.
+    """
+    by_camera = [_OF_CAMERA.search(name) for name in names]
+    if len({match[2] if match else None for match in by_camera} - {None}) == 1 and all(by_camera):
+        return np.array([float(match[1]) for match in by_camera if match])
+    matches = [_IMAGE.search(name) for name in names]
+    return np.array([float(match[1]) if match else np.nan for match in matches])

@@ -14,6 +14,7 @@ from fe.response import Array, IntArray
 
 _NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eEdD][+-]?\d+)?", re.ASCII)
 _NOT_FINITE = re.compile(r"[+-]?(nan|inf(inity)?|1\.#(ind|qnan|inf)0*)", re.IGNORECASE | re.ASCII)
+_ONE_MARK = "numbers with a decimal comma and no mark of thousands"
 _ABSENT = {"", "n/a", "na", "nan", "-", "--"}
 
 
@@ -96,19 +97,25 @@ def _with_points(
 ) -> list[str]:
     """Decimal commas become points where the cells are not separated by commas.
 
-    `columns` are those of numbers; where some have points, commas may stand for thousands.
+    `columns` are those of numbers; where one of them has points too, its commas may be thousands'.
     """
     if layout.separator == "," or not any("," in line for line in body):
         return body
+    commas: set[int] = set()
+    points: dict[int, tuple[int, str]] = {}
     for row, line in enumerate(body):
         parts = cells(line, layout.separator)
-        numbers = [parts[column] for column in columns if column < len(parts)]
-        for cell in parts:
-            has_point = "." in cell and cell in numbers and _NUMBER.fullmatch(cell) is not None
-            if cell.count(",") > 1 or ("," in cell and "." in cell) or has_point:
-                expected = "numbers with a decimal comma and no mark of thousands"
-                raise WrongFile(path, int(lines[row]), expected, shown(cell))
-    return [line.replace(",", ".") for line in body]
+        for column in columns:
+            cell = parts[column] if column < len(parts) else ""
+            if "," in cell:
+                commas.add(column)
+                if cell.count(",") > 1 or "." in cell:
+                    raise WrongFile(path, int(lines[row]), _ONE_MARK, shown(cell))
+            elif "." in cell and _NUMBER.fullmatch(cell):
+                points.setdefault(column, (int(lines[row]), cell))
+    for column in commas & points.keys():
+        raise WrongFile(path, points[column][0], _ONE_MARK, shown(points[column][1]))
+    return [line.replace(",", ".") for line in body] if commas else body
 
 
 def _numbers(
