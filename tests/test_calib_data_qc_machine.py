@@ -107,7 +107,15 @@ def test_a_clock_that_jumps_far_ahead_is_not_as_planned():
 
 
 def stepped_record(
-    seed=0, *, cycles=0, at_contact=20.0, first_hold=20.0, approach=3.0, noise=0.005, contact=0.5
+    seed=0,
+    *,
+    cycles=0,
+    at_contact=20.0,
+    first_hold=20.0,
+    approach=3.0,
+    noise=0.005,
+    contact=0.5,
+    hard=1.0,
 ):
     """Steps of 0.2 mm of 1 s, held for 20 s, from a hold at contact on; 20 readings a second."""
     times, places = [0.0, 2.0], [0.0, 0.0]
@@ -128,7 +136,7 @@ def stepped_record(
     time = np.arange(0.0, times[-1], 0.05)
     travel = np.interp(time, times, places)
     depth = np.maximum(travel - contact, 0.0)
-    force = depth + 0.6 * depth**2 + 0.8 * depth**3
+    force = hard * depth + 0.6 * depth**2 + 0.8 * depth**3
     force = force + np.random.default_rng(seed).normal(0.0, noise, force.size)
     return MachineRecord("steps", time, force, travel, "compression")
 
@@ -152,6 +160,24 @@ def test_a_noisy_load_cell_alone_rejects_no_sample(cycles, at_contact):
         test = machine_test(record, protocol, Machine())
         assert test.contact.travel == pytest.approx(0.5, abs=0.06)
         assert test.holds[0].number == 1
+
+
+def test_a_protocol_that_says_where_holds_begin_numbers_those_of_soft_samples_right():
+    """Of which the force begins to rise too gently for a noisy load cell."""
+    numbers: dict[bool | None, list[int]] = {None: [], False: []}
+    for known, found in numbers.items():
+        protocol = Protocol(hold_at_contact=known)
+        for seed in range(16):
+            record = stepped_record(seed, cycles=5, at_contact=0.0, noise=0.07, hard=0.05)
+            try:
+                test = machine_test(record, protocol, Machine())
+            except NotAsPlanned:  # as the force may contradict the protocol
+                continue
+            found.append(test.holds[0].number)
+            if known is not None:
+                assert test.contact.travel == pytest.approx(0.5, abs=0.1)
+    assert numbers[None].count(0) > 0
+    assert set(numbers[False]) == {1} and len(numbers[False]) > 12
 
 
 @pytest.mark.parametrize("by_hand_sd", [0.0, 0.02])
@@ -232,6 +258,10 @@ def test_a_hold_at_contact_is_number_zero():
     assert [h.number for h in step_holds(early, four, 0.53)] == [0, 1, 2, 3, 4]
     assert [h.number for h in step_holds(holds, four, 0.5)] == [0, 1, 2, 3, 4]
     assert [h.number for h in step_holds(holds[1:], four, 0.5)] == [1, 2, 3, 4]
+    for stated, numbers in ((True, [0, 1, 2, 3, 4]), (False, [1, 2, 3, 4, 5])):
+        known = replace(four, hold_at_contact=stated)
+        for contact in (0.38, 0.5):  # by the force, which is not asked then
+            assert [h.number for h in step_holds(holds, known, contact)] == numbers
 
 
 def test_cycles_have_the_peaks_of_the_record_and_their_convergence_is_counted():

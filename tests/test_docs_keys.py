@@ -27,6 +27,7 @@ NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
 WORDS: dict[str, object] = {
     "none": None,
     "off": None,
+    "by the force": None,
     "false": False,
     "folder's name": "",
     "all folders with a machine.csv": None,

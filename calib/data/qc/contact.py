@@ -15,6 +15,8 @@ FIT_DEPTH = 0.6
 """mm beyond contact over which the force is a polynomial of the travel"""
 CLEAR = 0.03
 """mm before contact at which the pin is surely free"""
+MOST_ROUNDS = 100
+"""of choosing which of three coefficients are positive; a few are enough"""
 MOST_POINTS = 1000
 """of a fit; ramps may hold many more readings"""
 SMALLEST_SD = 0.01
@@ -88,10 +90,11 @@ def find_contact(travel: Array, force: Array) -> Contact:
 
 def _misfit(place: float, travel: Array, force: Array) -> float:
     depth = np.maximum(travel - place, 0.0)
-    columns = np.column_stack(
-        [np.ones_like(depth), -np.ones_like(depth), depth, depth**2, depth**3]
-    )
-    return float(nnls(columns, force)[1] ** 2)
+    columns = np.column_stack([depth, depth**2, depth**3])
+    # f0 may have either sign: what it does not explain is what differs from the means
+    columns -= columns.mean(axis=0)
+    columns /= np.maximum(np.linalg.norm(columns, axis=0), np.finfo(np.float64).tiny)
+    return float(nnls(columns, force - force.mean(), maxiter=MOST_ROUNDS)[1] ** 2)
 
 
 def _best(travel: Array, force: Array, low: float, high: float) -> float:

@@ -52,6 +52,9 @@ class Protocol:
     """number of steps, each followed by a hold"""
     hold_s: Positive = 20.0
     """duration of one hold, s"""
+    hold_at_contact: bool | None = None
+    """whether there is a hold where the pin touches, before the first step; without it the force
+    says so, which noise may mislead in soft samples"""
     preconditioning_cycles: Annotated[int, Field(ge=0, le=1000)] = 5
     """number of cycles before the steps, 0 or more"""
     preconditioning_travel_mm: Positive = 1.0

@@ -99,8 +99,8 @@ def step_holds(holds: list[Hold], protocol: Protocol, contact: float) -> list[Ho
     """The holds of the step protocol, numbered; 0 is a hold before the first step.
 
     They are those of `step_row`. The first has number 0 when it lies less than half an increment
-    beyond `contact`, the position [mm] at which the pin touches; holds on the way there are left
-    out.
+    beyond `contact`, the position [mm] at which the pin touches, or where the protocol says that
+    there is such a hold; holds on the way there are left out.
     """
     best = step_row(holds, protocol)
     if not best:
@@ -108,6 +108,8 @@ def step_holds(holds: list[Hold], protocol: Protocol, contact: float) -> list[Ho
     ahead = (best[0].position - contact) / protocol.increment_mm
     # where the pin touches is known to less than half an increment; further steps are as planned
     first = min(round(ahead), 1)
+    if first >= 0 and protocol.hold_at_contact is not None:
+        first = 0 if protocol.hold_at_contact else 1
     return [hold._replace(number=first + i) for i, hold in enumerate(best) if first + i >= 0]
 
 
