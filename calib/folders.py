@@ -37,23 +37,3 @@ def check_writable(option: str, path: Path) -> None:
     """Raise ValueError where a folder cannot be written to, before the work for it is done."""
     if path.is_dir() and not os.access(path, os.W_OK | os.X_OK):
         raise ValueError(f"{option}: found {path}, expected a folder that can be written to")
-
-
-def check_own_file(out: Path, name: str) -> None:
-    """Raise ValueError where a run would write over a file of the user or over another study."""
-    from calib.study.study_file import OWN, STUDY_FILE, name_in
-
-    copy = out / STUDY_FILE
-    if not copy.is_file():
-        return
-    if not copy.read_bytes().startswith(OWN.encode()):
-        raise ValueError(
-            f"--out: found {out}, whose {STUDY_FILE} no run has written and this one would write "
-            "over, expected another folder"
-        )
-    other = name_in(copy)
-    if other not in (None, name):
-        raise ValueError(
-            f"--out: found {out} of the study {other}, whose results this one would write over, "
-            f"expected a new folder or one of {name}"
-        )

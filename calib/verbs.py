@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from calib.folders import check_folder, check_own_file, check_writable, make_folder
+from calib.folders import check_folder, check_writable, make_folder
 
 if TYPE_CHECKING:
     from calib.study.summary import Summary
@@ -25,6 +25,26 @@ def _say(line: str) -> None:
     print(line, flush=True)
 
 
+def _check_own_file(out: Path, name: str) -> None:
+    """Raise ValueError where a run would write over a file of the user or over another study."""
+    from calib.study.study_file import OWN, STUDY_FILE, name_in
+
+    copy = out / STUDY_FILE
+    if not copy.is_file():
+        return
+    if not copy.read_bytes().startswith(OWN.encode()):
+        raise ValueError(
+            f"--out: found {out}, whose {STUDY_FILE} no run has written and this one would write "
+            "over, expected another folder"
+        )
+    other = name_in(copy)
+    if other not in (None, name):
+        raise ValueError(
+            f"--out: found {out} of the study {other}, whose results this one would write over, "
+            f"expected a new folder or one of {name}"
+        )
+
+
 def run_verb(arguments: argparse.Namespace) -> int:
     """Carry out a study, whole or up to a stage."""
     from calib.study.config import load_study, refused
@@ -34,7 +54,7 @@ def run_verb(arguments: argparse.Namespace) -> int:
     out = arguments.out or Path("runs") / study.name
 
     check_folder("--out", out)
-    check_own_file(out, study.name)
+    _check_own_file(out, study.name)
     make_folder("--out", out)
 
     from calib.study.stages import HowToRun, run_part, run_study

@@ -106,7 +106,7 @@ def test_a_study_of_the_files_reads_them_again_by_other_code_and_says_so(
     assert run_stages(context, "data") == ()
     made_by(monkeypatch, OTHER)
     assert run_stages(context, "data") == ("data",)
-    assert lines[-1].startswith("data") and "changed: code of quality control" in lines[-1]
+    assert lines[-1].startswith("data") and "changed: code of calib.data" in lines[-1]
 
 
 def test_the_hash_is_that_of_every_module_and_of_nothing_else(tmp_path):

@@ -95,7 +95,6 @@ def _data(context: Context) -> dict[str, object]:
         folder = Path(data.folder)
         known["folder"] = folder.name
         settings["content"] = input_hash(folder, sample_files(folder, read_experiment(folder)))
-        settings["code of quality control"] = code_hash("calib.data")
     return settings | {"data": known}
 
 
@@ -191,6 +190,7 @@ STAGES = (
         ("simulate",),
         _training,
         train_stage.run,
+        (*CODE, "calib.data"),
     ),
     Stage(
         "prior",
