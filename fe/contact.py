@@ -81,7 +81,10 @@ class PenaltyLaw:
         Penetration and what it takes off the force are `times` smaller, and so is the give of the
         springs of points that stick, which hold what they hold at the same pressure; 1 is this law.
         The slip over which friction grows is not a compliance of the surface, and stays.
+        Raises ValueError for `times` that is not a finite number above 0.
         """
+        if not 0.0 < times < np.inf:
+            raise ValueError(f"times: expected a finite number above 0, found {times}")
         return replace(
             self,
             stiffness=times * self.stiffness,

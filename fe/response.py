@@ -100,7 +100,13 @@ class Response:
 
 
 def save_response(path: Path, response: Response, **extra: npt.NDArray[np.generic]) -> None:
-    """Write one self-contained npz file, atomically; `extra` arrays go beside the fields."""
+    """Write one self-contained npz file, atomically; `extra` arrays go beside the fields.
+
+    Raises ValueError for an extra array with the name of a field.
+    """
+    path = Path(path)
+    if own := {f.name for f in fields(Response)} & extra.keys():
+        raise ValueError(f"extra: expected names beside the fields', found {', '.join(own)}")
     values = {f.name: np.asarray(getattr(response, f.name)) for f in fields(Response)}
     values["status"] = np.asarray(str(response.status))
     with replacing(path) as temporary, temporary.open("wb") as stream:
@@ -112,12 +118,21 @@ def load_response(path: Path) -> Response:
 
     Raises ValueError naming the file when it is damaged or is not a response.
     """
+    path = Path(path)
     try:
         with path.open("rb") as stream, np.load(stream, allow_pickle=False) as stored:
             values = {name: stored[name] for name in _stored_names(stored.files)}
-    # RuntimeError: a damaged zip may claim to be encrypted or of an unknown compression.
-    except (OSError, ValueError, KeyError, EOFError, RuntimeError, BadZipFile, zlib.error) as error:
+        return _response_of(values)
+    # RuntimeError: a damaged zip may claim to be encrypted or of an unknown compression;
+    # TypeError: one array of another format, or with another number of values.
+    except (
+        OSError, ValueError, TypeError, KeyError, EOFError, RuntimeError, BadZipFile, zlib.error
+    ) as error:  # fmt: skip
         raise ValueError(f"{path}: not a readable simulation result ({error})") from error
+
+
+def _response_of(values: dict[str, npt.NDArray[Any]]) -> Response:
+    """The response whose fields are stored under their names."""
     labels: dict[str, Any] = {}
     for name in ("points", "travel_gradient"):
         if name in values:

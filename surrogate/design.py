@@ -82,7 +82,7 @@ def _inside(n: int, d: int, seed: int, sequence: Sequence) -> Array:
         return latin_hypercube(n, d, seed)
     sobol = qmc.Sobol(d, scramble=True, seed=np.random.default_rng(seed))
     # A whole power of two, cut: the same sequence without a warning about its balance.
-    points: Array = sobol.random_base2((n - 1).bit_length())[:n]
+    points: Array = sobol.random_base2(int(n - 1).bit_length())[:n]
     return points
 
 

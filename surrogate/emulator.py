@@ -69,8 +69,10 @@ class Emulator:
         Derivatives that the training set holds are used; `training_set.without_gradients` fits to
         the values alone. `field_tolerance` is the share of the fields' scatter that their modes may
         leave out. See `fit_processes` for the other arguments.
-        Raises ValueError for fewer than 3 runs or runs that do not vary.
+        Raises ValueError for fewer than 3 runs, runs that do not vary, or a tolerance below 0.
         """
+        if not field_tolerance >= 0.0:
+            raise ValueError(f"field_tolerance: expected 0 or more, found {field_tolerance}")
         x, displacement = training_set.ratios, training_set.displacement
         # One thread: sums in another order would change last bits, and the matrices are small.
         with threadpool_limits(limits=1):

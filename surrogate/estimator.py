@@ -48,7 +48,7 @@ class GaussianProcessModes(MultiOutputMixin, RegressorMixin, BaseEstimator):  # 
         outputs = np.asarray(y, dtype=np.float64).reshape(len(y), -1)
         self._flat = np.ndim(y) == 1
         self.used_inputs_ = np.ptp(X, axis=0) > 0.0
-        self.used_outputs_ = outputs.std(axis=0) > 0.0
+        self.used_outputs_ = np.ptp(outputs, axis=0) > 0.0  # an SD is one of rounding
         self.constant_ = outputs.mean(axis=0)
         self.processes_: GaussianProcesses | None = None
         if self.used_inputs_.any() and self.used_outputs_.any():

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Literal, NamedTuple
+from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -146,6 +146,9 @@ def _groups(k: int, usable: npt.NDArray[np.bool_], sharing: Sharing) -> list[npt
     By default all with derivatives (few rows are parted further, see `_parted`); without, each has
     its own until there are many runs.
     """
+    if sharing not in get_args(Sharing):
+        known = ", ".join(get_args(Sharing))
+        raise ValueError(f"sharing: expected one of {known}, found {sharing!r}")
     if sharing == "auto":
         few: Sharing = "none" if len(usable) <= _MANY_RUNS else "leading"
         sharing = "all" if usable.any() else few
@@ -163,8 +166,9 @@ def scale_runs(
     offset, scale = outputs.mean(axis=1), outputs.std(axis=1)
     if len(x) < 3 or not (span > 0.0).all():
         raise ValueError(f"x: need at least 3 runs that vary in every input, got {x.shape}")
-    if not (scale > 0.0).all():
-        raise ValueError(f"y: column {int(np.argmin(scale))} is constant; leave it out")
+    varies = (np.ptp(outputs, axis=1) > 0.0) & (scale > 0.0)
+    if not varies.all():
+        raise ValueError(f"y: column {int(np.argmin(varies))} is constant; leave it out")
     targets = (outputs - offset[:, None]) / scale[:, None]
     strength = np.zeros(x.shape[1]) if strength is None else strength
     unit = (x - low) / span

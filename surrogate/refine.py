@@ -41,8 +41,12 @@ def propose(
     weights over `field_noise` [mm] squared: what matters against measurement noise. Of a few
     hundred draws each point is the one whose run, derivatives included, takes most of the mean
     variance over draws away. It is then counted as made, so a batch spreads by itself.
-    Raises ValueError for a sample of another shape, fewer distinct draws than points, or n < 1.
+    Raises ValueError for a sample of another shape, fewer distinct draws than points, n < 1, or a
+    noise that is not above 0.
     """
+    for name, noise in (("force_noise", force_noise), ("field_noise", field_noise)):
+        if not 0.0 < noise < np.inf:
+            raise ValueError(f"{name}: expected a finite number above 0, found {noise}")
     sample = _checked(emulator, posterior_sample)
     candidates = np.unique(sample, axis=0)
     if not 1 <= n <= len(candidates):

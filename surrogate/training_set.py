@@ -178,7 +178,7 @@ class TrainingSet:
 
     @property
     def fingerprint(self) -> str:
-        """SHA-256 (hex) of all numbers and shapes: equal sets, and only they, agree."""
+        """SHA-256 (hex) of all numbers and shapes trained on: equal ones, and only they, agree."""
         digest = hashlib.sha256()
         for value in (self.ratios, self.force, self.displacement):
             _update(digest, value)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -97,6 +98,20 @@ def test_missing_and_binary_csv_are_refused_by_name(tmp_path: Path) -> None:
     for path in (binary, tmp_path / "absent.csv"):
         with pytest.raises(ValueError, match=path.name):
             read_force_csv(path)
+
+
+@pytest.mark.parametrize("n", [0, 1.5, np.nan])
+def test_dataset_refuses_numbers_of_samples_that_are_none(n: float) -> None:
+    with pytest.raises(ValueError, match="n_samples: expected a whole number from 1"):
+        replace(thesis_forces(), n_samples=n)  # type: ignore[arg-type]
+
+
+def test_dataset_refuses_a_covariance_that_is_not_symmetric() -> None:
+    data = thesis_forces()
+    covariance = np.diag(data.force_sd**2)
+    covariance[0, 1] = 0.5 * data.force_sd[0] * data.force_sd[1]
+    with pytest.raises(ValueError, match="force_covariance: expected a symmetric matrix"):
+        replace(data, force_covariance=covariance)
 
 
 @pytest.mark.parametrize("name", ["travel", "force_mean", "force_sd"])

@@ -370,3 +370,15 @@ def test_the_deformed_image_may_be_smaller_than_the_reference(pattern, spread, c
     assert found.displacement[inside] == pytest.approx(
         np.array([[1.5, 0.0]] * inside.sum()), abs=0.1
     )
+
+
+def test_strains_and_grids_that_are_none_are_refused():
+    points = np.stack(np.meshgrid(np.arange(6.0), np.arange(6.0)), axis=-1).reshape(-1, 2)
+    with pytest.raises(ValueError, match="measure: expected one of green, log, engineering"):
+        strain(points, points, 2.5, measure="Green")
+    with pytest.raises(ValueError, match="order: expected 1 or 2, found 3"):
+        strain(points, points, 2.5, order=3)
+    with pytest.raises(ValueError, match="mask: expected one pixel or more"):
+        grid_points(np.zeros((4, 4), dtype=bool), 2)
+    with pytest.raises(ValueError, match="step: expected 1 px or more, found -3"):
+        grid_points(np.ones((4, 4), dtype=bool), -3)

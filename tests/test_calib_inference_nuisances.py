@@ -303,3 +303,17 @@ def test_no_rigid_motion_is_no_pattern() -> None:
 def test_an_unknown_name_of_a_size_is_refused() -> None:
     with pytest.raises(ValueError, match="unknown: expected some of"):
         build(NOISE, {"size": (1.0, 2.0)}, 0.0)
+
+
+@pytest.mark.parametrize("value", [0.0, -1.0, np.nan, np.inf])
+@pytest.mark.parametrize("name", ["discrepancy_length", "discrepancy_travel_length"])
+def test_lengths_that_are_none_are_refused(name: str, value: float) -> None:
+    with pytest.raises(ValueError, match=f"{name}: expected a length in mm"):
+        NoiseSettings(discrepancy=0.05, **{name: value})
+
+
+@pytest.mark.parametrize("value", [0.0, np.nan, np.inf])
+@pytest.mark.parametrize("name", ["force_freedom", "field_freedom"])
+def test_degrees_of_freedom_that_are_none_are_refused(name: str, value: float) -> None:
+    with pytest.raises(ValueError, match=f"{name}: expected 1 or more"):
+        NoiseSettings(**{name: value})

@@ -77,6 +77,8 @@ def test_bounds_themselves_are_inside_and_beyond_them_the_density_is_zero() -> N
         (("normal", 0.0, 1.0), "needs both"),
         (("uniform", 0.0, 1.0, 0.5, 0.1), "takes neither"),
         (("normal", 0.0, 1.0, 50.0, 0.1), "almost no probability"),
+        (("half_cauchy", 0.0, 1.0, None, None, np.inf), "expected a positive median"),
+        (("half_cauchy", 1e6, 2e6, None, None, 1e-12), "almost no probability of half_cauchy"),
     ],
 )
 def test_impossible_marginals_are_refused(arguments: tuple[float, ...], part: str) -> None:

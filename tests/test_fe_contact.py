@@ -157,3 +157,9 @@ def test_two_stiffer_pins_foretell_the_same_rigid_one(interface):
     ]
     assert np.min(missed) > 0.004
     np.testing.assert_allclose(missed[0], missed[1], rtol=0.1)
+
+
+@pytest.mark.parametrize("times", [0.0, -1.0, np.nan, np.inf])
+def test_a_law_is_not_stiffened_by_what_is_no_number_above_zero(times):
+    with pytest.raises(ValueError, match="times: expected a finite number above 0"):
+        PenaltyLaw().stiffened(times)

@@ -92,6 +92,34 @@ def test_an_npz_without_the_fields_of_a_response_is_refused_by_name(tmp_path: Pa
         load_response(tmp_path / "other.npz")
 
 
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("status", np.array("bogus")), ("force", np.ones(2)), ("reached", np.ones(2))],
+)
+def test_fields_that_no_response_has_are_refused_by_name(
+    name: str, value: np.ndarray, tmp_path: Path
+) -> None:
+    path = tmp_path / "run.npz"
+    save_response(path, _response())
+    with np.load(path) as stored:
+        values = dict(stored) | {name: value}
+    np.savez(path, **values)
+    with pytest.raises(ValueError, match=r"run\.npz: not a readable simulation result"):
+        load_response(path)
+
+
+def test_one_array_alone_is_no_response(tmp_path: Path) -> None:
+    np.save(tmp_path / "a.npy", np.ones(3))
+    with pytest.raises(ValueError, match=r"a\.npy: not a readable simulation result"):
+        load_response(tmp_path / "a.npy")
+
+
+def test_extra_arrays_do_not_take_the_place_of_fields(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="extra: expected names beside the fields', found force"):
+        save_response(tmp_path / "run.npz", _response(), force=np.ones(3))
+    assert not (tmp_path / "run.npz").exists()
+
+
 def test_pickled_content_is_never_loaded(tmp_path: Path) -> None:
     path = tmp_path / "run.npz"
     save_response(path, _response())

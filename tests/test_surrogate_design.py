@@ -61,3 +61,8 @@ def test_three_dimensions_have_eight_corners() -> None:
 def test_a_box_that_is_none_is_refused(n: int, bounds: np.ndarray, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         sobol_design(n, bounds, seed=0)
+
+
+def test_numbers_of_points_may_be_numpys() -> None:
+    box = np.array([[0.0, 1.0]])
+    assert np.array_equal(sobol_design(np.int64(5), box, 0), sobol_design(5, box, 0))  # type: ignore[arg-type]

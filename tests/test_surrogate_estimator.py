@@ -33,6 +33,18 @@ def test_standard_deviation_and_covariance_agree() -> None:
         model.predict(NEW, return_std=True, return_cov=True)
 
 
+@pytest.mark.parametrize("constant", [0.1, 0.7, 1.1, 2.3])
+@pytest.mark.parametrize("n", [5, 8, 14])
+def test_an_output_that_does_not_vary_is_predicted_as_it_is(n: int, constant: float) -> None:
+    """Also where the sum of its values, over their number, is not the constant to the last bit."""
+    x = sobol_design(n, np.array([[0.0, 1.0], [0.0, 1.0]]), seed=1)
+    y = np.stack([np.sin(3 * x[:, 0]) + x[:, 1], np.full(n, constant)], axis=1)
+    model = GaussianProcessModes(n_restarts=0).fit(x, y)
+    assert model.used_outputs_.tolist() == [True, False]
+    mean, std = model.predict(NEW, return_std=True)
+    assert mean[:, 1] == pytest.approx(constant, rel=1e-15) and not std[:, 1].any()
+
+
 def test_derivatives_are_accepted_and_make_it_better() -> None:
     by_first = np.stack([3 * np.cos(3 * X[:, 0]), X[:, 1] * Y[:, 1]], axis=1)
     by_second = np.stack([np.ones(12), X[:, 0] * Y[:, 1]], axis=1)

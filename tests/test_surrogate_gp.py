@@ -470,6 +470,8 @@ def test_slopes_of_another_shape_and_unknown_families_are_refused() -> None:
         fit_processes(x, y, 0, slopes=np.zeros((20, 2)))
     with pytest.raises(ValueError, match="families: expected some of"):
         fit_processes(x, y, 0, families=("cubic",))
+    with pytest.raises(ValueError, match="sharing: expected one of auto, all, leading, none"):
+        fit_processes(x, y, 0, sharing="some")  # type: ignore[arg-type]
 
 
 def test_arrays_of_another_shape_are_refused() -> None:

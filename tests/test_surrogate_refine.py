@@ -147,6 +147,13 @@ def test_samples_that_are_none_are_refused(sample: np.ndarray, n: int, message: 
         propose(_emulator(), sample, n, np.random.default_rng(0))
 
 
+@pytest.mark.parametrize("noise", [0.0, -1.0, np.nan])
+@pytest.mark.parametrize("name", ["force_noise", "field_noise"])
+def test_noises_that_are_none_are_refused(name: str, noise: float) -> None:
+    with pytest.raises(ValueError, match=f"{name}: expected a finite number above 0"):
+        propose(_emulator(), _sample(20), 1, np.random.default_rng(0), **{name: noise})
+
+
 def test_the_shift_of_other_quantities_of_the_draws_is_that_of_the_draws() -> None:
     """In SDs: scaled and moved inputs shift as the inputs do."""
     arguments = (_emulator(), _sample(100), _log_likelihood, 8)

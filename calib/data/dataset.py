@@ -155,8 +155,8 @@ class Dataset:
                 raise ValueError(f"{name}: expected positive finite values, got {values}")
         if np.any(np.diff(self.travel) <= 0):
             raise ValueError(f"travel: expected increasing values in mm, got {self.travel}")
-        if self.n_samples < 1:
-            raise ValueError(f"n_samples: expected at least 1, got {self.n_samples}")
+        if not (self.n_samples >= 1 and self.n_samples == int(self.n_samples)):
+            raise ValueError(f"n_samples: expected a whole number from 1, got {self.n_samples}")
         if not 0 <= self.travel_zero_sd < np.inf:
             raise ValueError(f"travel_zero_sd: expected 0 mm or more, got {self.travel_zero_sd}")
         if self.field is not None and self.field.displacement.shape[0] != self.travel.size:
@@ -179,6 +179,8 @@ class Dataset:
             raise ValueError(f"force_covariance: expected ({n}, {n}), found {covariance.shape}")
         if not np.allclose(np.diag(covariance), self.force_sd**2, rtol=1e-6):
             raise ValueError("force_covariance: expected the squares of force_sd on its diagonal")
+        if not np.allclose(covariance, covariance.T, rtol=1e-9, atol=0.0):
+            raise ValueError("force_covariance: expected a symmetric matrix, found one that is not")
         if not np.linalg.eigvalsh(covariance).min() > 0:
             raise ValueError(
                 "force_covariance: expected a positive definite matrix, which takes more samples "

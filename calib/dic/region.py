@@ -45,7 +45,12 @@ def grid_points(mask: BoolArray, step: int) -> tuple[Array, tuple[int, int]]:
 
     Returns points (n, 2), x and y, and the grid's (rows, columns). Points outside the mask are in
     it, so that the grid is whole; `correlate` names them as outside the region.
+    Raises ValueError for a mask without a pixel, or a step that is not 1 or more.
     """
+    if not mask.any():
+        raise ValueError("mask: expected one pixel or more, found none")
+    if step < 1:
+        raise ValueError(f"step: expected 1 px or more, found {step}")
     rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
     # half of what is left over on either side
     ys, xs = (

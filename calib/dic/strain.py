@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -38,10 +38,15 @@ def strain(
     NaN displacements are left out. A point needs half as many neighbours again as the polynomial
     has terms (3 or 6). green: (F'F - 1)/2, log: half the logarithm of F'F, engineering: the
     symmetric part of the gradient.
-    Raises ValueError for a radius that is not positive.
+    Raises ValueError for a radius that is not positive, another order or another measure.
     """
     if not radius > 0:
         raise ValueError(f"radius: expected a positive length, found {radius}")
+    if order not in (1, 2):
+        raise ValueError(f"order: expected 1 or 2, found {order!r}")
+    if measure not in get_args(Measure):
+        known = ", ".join(get_args(Measure))
+        raise ValueError(f"measure: expected one of {known}, found {measure!r}")
     n = len(points)
     gradient = np.full((n, 2, 2), np.nan)
     good = np.flatnonzero(np.isfinite(displacement).all(axis=1))

@@ -40,15 +40,22 @@ class Marginal:
             raise ValueError(f"low: must be positive for {self.distribution}, got {self.low}")
         if (self.distribution == "half_cauchy") != (self.median is not None):
             raise ValueError(f"median: {self.distribution} with median {self.median}")
-        if self.median is not None and not (self.median > 0 and self.low >= 0):
-            raise ValueError(
-                "median, low: expected a positive median and low >= 0, got "
-                f"{self.median}, {self.low}"
-            )
+        if self.median is not None:
+            self._check_half_cauchy(self.median)
         if self.is_normal:
             self._check_normal()
         elif self.mean is not None or self.sd is not None:
             raise ValueError(f"mean, sd: {self.distribution} takes neither; leave them out")
+
+    def _check_half_cauchy(self, median: float) -> None:
+        if not (0 < median < np.inf and self.low >= 0):
+            got = f"{median}, {self.low}"
+            raise ValueError(f"median, low: expected a positive median and low >= 0, got {got}")
+        if not self._mass >= 1e-10:
+            raise ValueError(
+                f"low, high: [{self.low}, {self.high}] holds almost no probability of "
+                f"half_cauchy with median {median}; widen the bounds"
+            )
 
     def _check_normal(self) -> None:
         if self.mean is None or self.sd is None or not self.sd > 0:

@@ -95,8 +95,13 @@ class NoiseSettings:
             value = getattr(self, name)
             if not (np.isfinite(value) and value >= 0):
                 raise ValueError(f"{name}: expected zero or a positive number, got {value}")
-        if self.force_freedom is not None and not 1 <= self.force_freedom < np.inf:
-            raise ValueError(f"force_freedom: expected 1 or more, got {self.force_freedom}")
+        for name in ("discrepancy_length", "discrepancy_travel_length"):
+            if not 0 < getattr(self, name) < np.inf:
+                raise ValueError(f"{name}: expected a length in mm, got {getattr(self, name)}")
+        for name in ("force_freedom", "field_freedom"):
+            freedom = getattr(self, name)
+            if freedom is not None and not 1 <= freedom < np.inf:
+                raise ValueError(f"{name}: expected 1 or more, got {freedom}")
         if self.force_freedom is not None and self.discrepancy > 0:
             raise ValueError(
                 "discrepancy: expected none with Student-t forces: both explain forces that are off"
