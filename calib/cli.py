@@ -194,13 +194,13 @@ def _add_direct_chain(verbs: _Verbs) -> None:
 def _add_predictions(verbs: _Verbs) -> None:
     text = "hold a finished study against a second test: other geometry, other loading"
     validate = verbs.add_parser("validate", help=text)
-    validate.add_argument("folder", type=Path, metavar="RUNDIR", help="folder of a finished study")
+    validate.add_argument("folder", type=Path, metavar="RUN", help="folder of a finished study")
     validate.add_argument("second", metavar="SECOND", help="file of the test, or notched-plate")
     validate.set_defaults(verb=validate_verb)
 
     text = "rank what to measure next by the information it is expected to give"
     following = verbs.add_parser("design-next", help=text)
-    following.add_argument("folder", type=Path, metavar="RUNDIR", help="folder of a finished study")
+    following.add_argument("folder", type=Path, metavar="RUN", help="folder of a finished study")
     _add_hypothesis(following)
     following.add_argument(
         "--no-runs", action="store_true", help="increments and instruments only, without FE runs"

@@ -53,7 +53,6 @@ def run_verb(arguments: argparse.Namespace) -> int:
     study = load_study(arguments.study)
     out = arguments.out or Path("runs") / study.name
 
-    check_folder("--out", out)
     _check_own_file(out, study.name)
     make_folder("--out", out)
 
@@ -105,7 +104,7 @@ def qc_verb(arguments: argparse.Namespace) -> int:
 
 def ask_verb(arguments: argparse.Namespace) -> int:
     """Ask a finished study."""
-    check_writable("FOLDER", arguments.folder)
+    check_writable("RUN", arguments.folder)
     if arguments.question == "baseline":
         from calib.study.baseline import baseline
 
@@ -139,7 +138,7 @@ def _say_answer(folder: Path, lines: Sequence[str], paths: Sequence[Path]) -> No
 
 def direct_chain_verb(arguments: argparse.Namespace) -> int:
     """Sample a posterior by the FE model itself."""
-    check_writable("FOLDER", arguments.folder)
+    check_writable("RUN", arguments.folder)
     from calib.study.direct_chain import direct_chain
 
     table, paths = direct_chain(
@@ -276,7 +275,7 @@ def laboratory_verb(arguments: argparse.Namespace) -> int:
 
 def validate_verb(arguments: argparse.Namespace) -> int:
     """Hold a finished study against a second test."""
-    check_writable("FOLDER", arguments.folder)
+    check_writable("RUN", arguments.folder)
     from calib.study.second_test import load_second_test
     from calib.study.validate import validate
     from calib.study.validation_tables import validation_tables, verdicts
@@ -296,7 +295,7 @@ def validate_verb(arguments: argparse.Namespace) -> int:
 
 def design_next_verb(arguments: argparse.Namespace) -> int:
     """Rank what to measure next."""
-    check_writable("FOLDER", arguments.folder)
+    check_writable("RUN", arguments.folder)
     from calib.study.design_next import design_next, gains_table
 
     found, paths = design_next(

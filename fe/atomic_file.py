@@ -34,6 +34,12 @@ def replacing(path: Path) -> Iterator[Path]:
         raise
 
 
+def write_text(path: Path, text: str) -> None:
+    """Replace `path` by a text in UTF-8; raises OSError naming it when it cannot be written."""
+    with replacing(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+
+
 def _name(error: OSError, temporary: Path, path: Path) -> None:
     """Have an error name `path`: a full disk names no file, and a temporary one means nothing."""
     # Libraries raise errors without a number, whose words a name would take the place of.

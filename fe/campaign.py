@@ -63,7 +63,8 @@ class CampaignPlan:
             raise ValueError(
                 f"max_failure_rate: expected a share from 0 to 1, found {self.max_failure_rate}"
             )
-        if getattr(self.simulate, "force", ()):
+        forces = getattr(self.simulate, "force", None)
+        if isinstance(forces, tuple) and forces:
             raise ValueError(
                 "simulate: expected a model with travels asked, which all runs share, found forces"
             )

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from fe.atomic_file import replacing
+from fe.atomic_file import write_text
 from fe.campaign_parameters import Parameter, as_json
 from fe.campaign_result import good_steps, is_reached
 from fe.run_files import RUN_FORMAT, KeptRun, software_versions
@@ -45,8 +45,7 @@ def write_manifest(
         ],
         "unused": [path.name for path in unused],
     }
-    with replacing(store / MANIFEST) as temporary:
-        temporary.write_text(json.dumps(content, indent=1))
+    write_text(store / MANIFEST, json.dumps(content, indent=1))
 
 
 def _entry(run: tuple[Path, KeptRun] | None) -> dict[str, object]:

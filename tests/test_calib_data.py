@@ -112,6 +112,8 @@ def test_dataset_refuses_a_covariance_that_is_not_symmetric() -> None:
     covariance[0, 1] = 0.5 * data.force_sd[0] * data.force_sd[1]
     with pytest.raises(ValueError, match="force_covariance: expected a symmetric matrix"):
         replace(data, force_covariance=covariance)
+    covariance[0, 1] = 1e-12 * data.force_sd[0] ** 2  # what rounding leaves of nothing
+    assert replace(data, force_covariance=covariance).force_covariance is covariance
 
 
 @pytest.mark.parametrize("name", ["travel", "force_mean", "force_sd"])

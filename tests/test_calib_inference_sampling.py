@@ -232,3 +232,9 @@ def test_no_walker_stays_in_a_mode_without_weight():
     result = sample_posterior(TwoModes(), settings, np.random.default_rng(1))
     assert result.log_prob.min() > -40.0
     assert result.status is SamplingStatus.CONVERGED
+
+
+def test_starts_of_as_many_walkers_as_a_study_allows_are_found() -> None:
+    starts = dispersed_starts(POSTERIOR, 1024, np.random.default_rng(0))
+    assert starts.shape == (1024, POSTERIOR.prior.bounds.shape[0])
+    assert np.isfinite(POSTERIOR.log_prob(starts)).all()

@@ -179,7 +179,8 @@ class Dataset:
             raise ValueError(f"force_covariance: expected ({n}, {n}), found {covariance.shape}")
         if not np.allclose(np.diag(covariance), self.force_sd**2, rtol=1e-6):
             raise ValueError("force_covariance: expected the squares of force_sd on its diagonal")
-        if not np.allclose(covariance, covariance.T, rtol=1e-9, atol=0.0):
+        rounding = 1e-9 * float(covariance.diagonal().max())
+        if not np.allclose(covariance, covariance.T, rtol=0.0, atol=rounding):
             raise ValueError("force_covariance: expected a symmetric matrix, found one that is not")
         if not np.linalg.eigvalsh(covariance).min() > 0:
             raise ValueError(

@@ -20,7 +20,7 @@ from scipy.spatial.transform import Rotation
 from calib.dic.calibration import Calibration
 from calib.dic.camera import Camera, Intrinsics, StereoRig
 from calib.dic.distortion import BROWN, Array, Distortion
-from fe.atomic_file import replacing
+from fe.atomic_file import write_text
 
 MARK = "softcal stereo calibration 1"
 LARGEST = 10_000_000
@@ -58,8 +58,7 @@ def write_calibration(path: Path | str, calibration: Calibration) -> None:
     }  # fmt: skip
     if calibration.covariance is not None:
         content["covariance"] = calibration.covariance.tolist()
-    with replacing(Path(path)) as temporary:
-        temporary.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+    write_text(Path(path), json.dumps(content, indent=1) + "\n")
 
 
 def read_calibration(path: Path | str) -> Calibration:

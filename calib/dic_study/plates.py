@@ -19,7 +19,6 @@ from calib.dic.plate_view import LEAST_POINTS, PlateView
 from calib.dic_study.named_files import named_files
 from calib.dic_study.stereo_config import Plates, StereoStudy
 from calib.toml_file import Contradiction
-from fe.atomic_file import replacing
 
 Say = Callable[[str], None]
 VERSION = 1
@@ -67,8 +66,7 @@ def _of_plates(plates: Plates, folder: Path, store: Path, say: Say) -> tuple[Cal
     store.mkdir(parents=True, exist_ok=True)
     for old in store.glob(KEPT.format("*")):
         old.unlink()
-    with replacing(kept) as temporary:
-        write_calibration(temporary, found)
+    write_calibration(kept, found)
     return found, True
 
 

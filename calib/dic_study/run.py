@@ -47,7 +47,7 @@ from calib.dic_study.stale_frames import finite, remove_stale
 from calib.dic_study.stereo_config import StereoStudy, has_stereo
 from calib.dic_study.stereo_run import run_stereo
 from calib.toml_file import Contradiction
-from fe.atomic_file import replacing
+from fe.atomic_file import replacing, write_text
 from fe.response import Array
 
 Say = Callable[[str], None]
@@ -198,8 +198,7 @@ def _write(
         point_frame(stem, ready.points, found, study.scale, ready.grid, time),
         correlation_length=length,
     )
-    with replacing(out / POINTS / f"{stem}.csv") as temporary:
-        write_points(temporary, frame)
+    write_points(out / POINTS / f"{stem}.csv", frame)
     overall, lost = (out / PICTURES / f"{stem}{end}.png" for end in ("", "-lost"))
     if again or not overall.exists():
         save_png(overlay(image, ready.points, found), overall)
@@ -230,5 +229,4 @@ def _report(out: Path, study: DicStudy, ready: Prepared, frames: list[dict[str, 
         "reasons": {reason.name.lower(): reason.text for reason in Reason},
         "frames": frames,
     }
-    with replacing(out / "dic.json") as temporary:
-        temporary.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+    write_text(out / "dic.json", json.dumps(content, indent=1) + "\n")

@@ -47,7 +47,7 @@ from calib.dic_study.stereo_pictures import stereo_overlay
 from calib.dic_study.stereo_summary import sentence, summary
 from calib.stereo_points import error_length, point_frame, reference_frame
 from calib.toml_file import Contradiction
-from fe.atomic_file import replacing
+from fe.atomic_file import replacing, write_text
 from fe.response import Array
 
 Say = Callable[[str], None]
@@ -244,8 +244,7 @@ def _write(out: Path, stem: str, frame: PointFrame, ready: Prepared, again: bool
 
     Returns False where a strain was wanted and there is none at any point.
     """
-    with replacing(out / POINTS / f"{stem}.csv") as temporary:
-        write_points(temporary, frame)
+    write_points(out / POINTS / f"{stem}.csv", frame)
     picture = out / PICTURES / f"{stem}.png"
     if again or not picture.exists():
         save_png(stereo_overlay(ready.left, ready.reference.left, frame.displacement), picture)
@@ -286,5 +285,4 @@ def _report(
         "reasons": {reason.name.lower(): reason.text for reason in StereoReason},
         "frames": frames,
     }
-    with replacing(out / "dic.json") as temporary:
-        temporary.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+    write_text(out / "dic.json", json.dumps(content, indent=1) + "\n")

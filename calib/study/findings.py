@@ -220,7 +220,7 @@ def sections(findings: Findings, pictures: dict[str, Picture], study: Study) -> 
             checks,
             [pictures[name] for name in pictures if name.startswith("predictive_")],
         ),
-        *_validations(findings, pictures, study),
+        *_validations(findings, pictures),
         *findings.answers,
         Section("Before the data", (), tables["prior"], (pictures["prior"],)),
         Section("Hypotheses", (), [*tables["comparison"], *tables["starts"], *tables["published"]]),
@@ -238,7 +238,7 @@ def sections(findings: Findings, pictures: dict[str, Picture], study: Study) -> 
     ]
 
 
-def _validations(findings: Findings, pictures: dict[str, Picture], study: Study) -> list[Section]:
+def _validations(findings: Findings, pictures: dict[str, Picture]) -> list[Section]:
     """One heading for each second test on which the calibration was validated."""
     return [
         Section(

@@ -6,7 +6,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from operator import attrgetter
 from pathlib import Path
-from typing import Any
 
 from calib.code_hash import code_hash
 from calib.data.qc.experiment_file import read_experiment
@@ -36,8 +35,6 @@ from calib.study.unknowns import by_constants, design_box, design_points, parame
 from calib.study.work_sections import Compute
 from fe.campaign_parameters import RATIOS
 
-LATER = ("force_freedom",)
-"""keys that studies finished before had not"""
 CODE = "surrogate", "calib.inference", "calib.study"
 """packages whose modules decide what stages after the FE runs write"""
 Settings = Callable[[Context], dict[str, object]]
@@ -69,24 +66,15 @@ def _sections(*names: str) -> Settings:
     """Inputs that are sections or keys of the study file."""
 
     def settings(context: Context) -> dict[str, object]:
-        return {name: _stated(plain(attrgetter(name)(context.study))) for name in names}
+        return {name: plain(attrgetter(name)(context.study)) for name in names}
 
     return settings
-
-
-def _stated(section: Any) -> Any:
-    """A section without keys that came later and are not set, so that old results stay valid."""
-    if not isinstance(section, dict):
-        return section
-    return {k: v for k, v in section.items() if v is not None or k not in LATER}
 
 
 def _data(context: Context) -> dict[str, object]:
     """The data by what they are: files by their name and content, not by where they are."""
     settings = _sections("increments", "data", "virtual")(context)
     data, known = context.study.data, plain(context.study.data)
-    if data.quality is None:  # stages of older studies stay as they are
-        del known["quality"]
     source = Path(data.source)
     if data.is_file and source.is_file():
         known["source"] = source.name

@@ -120,7 +120,11 @@ def machine_test(record: MachineRecord, protocol: Protocol, machine: Machine) ->
 def _contact_by_force(
     time: Array, position: Array, force: Array, row: list[Hold], protocol: Protocol
 ) -> Contact:
-    """Where the pin touches by the force on all ways down before the steps, else of the steps."""
+    """Where the pin touches by the force on all ways down before the steps.
+
+    Where these do not go beyond the first hold, or hardly, by that of the steps, if it says it
+    better.
+    """
     about = row[0].position - 0.5 * protocol.increment_mm  # to an increment: first hold may be 0
     loading = _loading(time, position, row[0].start, about)
     beyond = position[loading] > row[0].position + NEAR * protocol.increment_mm

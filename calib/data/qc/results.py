@@ -21,7 +21,7 @@ from calib.data.qc.statistics import (
 )
 from calib.data.qc.table import QcTable, table_csv
 from calib.data.requirements import requirements_text
-from fe.atomic_file import replacing
+from fe.atomic_file import write_text
 
 DATASET = "dataset.npz"
 REPORT = "qc.json"
@@ -146,8 +146,7 @@ def _rows(table: QcTable) -> list[dict[str, object]]:
 
 
 def _text(path: Path, text: str) -> Path:
-    with replacing(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")
+    write_text(path, text)
     return path
 
 

@@ -126,8 +126,8 @@ def _numbers_of(names: list[str]) -> Array:
 
     A single digit that all have alike after it is that of the camera.
     """
-    by_camera = [_OF_CAMERA.search(name) for name in names]
-    if len({match[2] if match else None for match in by_camera} - {None}) == 1 and all(by_camera):
-        return np.array([float(match[1]) for match in by_camera if match])
+    by_camera = [match for name in names if (match := _OF_CAMERA.search(name))]
+    if len(by_camera) == len(names) and len({match[2] for match in by_camera}) == 1:
+        return np.array([float(match[1]) for match in by_camera])
     matches = [_IMAGE.search(name) for name in names]
     return np.array([float(match[1]) if match else np.nan for match in matches])

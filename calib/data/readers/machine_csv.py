@@ -24,7 +24,7 @@ from calib.data.readers.number_table import Layout, cells, read_numbers
 from calib.data.readers.source import Source
 from calib.data.readers.tagged_head import Head, head_lines, read_head, whole_number
 from calib.data.readers.wrong_file import WrongFile, shown
-from fe.atomic_file import replacing
+from fe.atomic_file import write_text
 
 NAME = "softcal machine csv"
 MARK = "# softcal machine 1"
@@ -55,8 +55,7 @@ def write_machine(path: Path | str, record: MachineRecord) -> None:
     rows = np.column_stack(list(present.values())).tolist()
     lines = [*head_lines(MARK, head), ",".join(present)]
     lines += [",".join(map(repr, row)) for row in rows]
-    with replacing(Path(path)) as temporary:
-        temporary.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    write_text(Path(path), "\n".join(lines) + "\n")
 
 
 def read(source: Source) -> MachineRecord:

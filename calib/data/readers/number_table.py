@@ -113,8 +113,9 @@ def _with_points(
                     raise WrongFile(path, int(lines[row]), _ONE_MARK, shown(cell))
             elif "." in cell and _NUMBER.fullmatch(cell):
                 points.setdefault(column, (int(lines[row]), cell))
-    for column in commas & points.keys():
-        raise WrongFile(path, points[column][0], _ONE_MARK, shown(points[column][1]))
+    if mixed := commas & points.keys():
+        line_of, cell = points[min(mixed)]
+        raise WrongFile(path, line_of, _ONE_MARK, shown(cell))
     return [line.replace(",", ".") for line in body] if commas else body
 
 

@@ -29,7 +29,7 @@ from calib.data.readers.source import Source
 from calib.data.readers.tagged_head import head_lines, read_head, whole_number
 from calib.data.readers.units import LARGEST
 from calib.data.readers.wrong_file import WrongFile, shown
-from fe.atomic_file import replacing
+from fe.atomic_file import write_text
 
 NAME = "softcal points csv"
 MARK = "# softcal points 1"
@@ -64,8 +64,7 @@ def write_points(path: Path | str, frame: PointFrame) -> None:
     for row in rows:
         row[6] = int(row[6])
         lines.append(",".join(map(repr, row)))
-    with replacing(Path(path)) as temporary:
-        temporary.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    write_text(Path(path), "\n".join(lines) + "\n")
 
 
 def _exact(value: float | None) -> str | None:
