@@ -95,11 +95,14 @@ class EmulatorDiagnostics:
         """Values for JSON."""
         return asdict(self)
 
-    def within(self, tolerance_force: float, tolerance_field: float, max_rms_z: float) -> list[str]:
+    def within(
+        self, tolerance_force: float, tolerance_field: float | None, max_rms_z: float
+    ) -> list[str]:
         """Rules that are violated, one sentence each; an empty list if the emulator is good.
 
         `tolerance_force` bounds the relative RMS force error at every step, `tolerance_field` the
         RMS displacement error [mm] at every step, `max_rms_z` the RMS of standardised errors.
+        Where `tolerance_field` is None nothing rests on the field, and no rule is about it.
         """
         errors = self.judged
         source = "leave-one-out" if self.held_out is None else "held-out"
@@ -107,7 +110,11 @@ class EmulatorDiagnostics:
             ("force error (relative RMS, worst step)", max(errors.force_rms), tolerance_force),
             ("force error over its predicted SD (RMS z)", errors.force_rms_z, max_rms_z),
         ]
-        if errors.field_rms is not None and errors.field_rms_z is not None:
+        if (
+            tolerance_field is not None
+            and errors.field_rms is not None
+            and errors.field_rms_z is not None
+        ):
             rules += [
                 ("field error (RMS in mm, worst step)", max(errors.field_rms), tolerance_field),
                 ("field error over its predicted SD", errors.field_rms_z, max_rms_z),

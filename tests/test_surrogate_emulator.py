@@ -294,6 +294,12 @@ def test_each_violated_rule_is_named_with_value_and_limit() -> None:
     assert all(v.startswith("emulator: leave-one-out ") and "above 0" in v for v in violated)
 
 
+def test_without_a_limit_of_the_field_no_rule_is_about_it() -> None:
+    diagnostics = diagnose(_emulator(), _runs())
+    violated = diagnostics.within(0.0, None, 0.0)
+    assert len(violated) == 2 and all(" force error" in v for v in violated)
+
+
 def test_a_rule_is_violated_by_a_number_that_is_not_one() -> None:
     diagnostics = diagnose(_emulator(), _runs())
     broken = replace(diagnostics.leave_one_out, force_rms_z=float("nan"))

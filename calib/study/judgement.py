@@ -73,14 +73,14 @@ def judge(
 ) -> Judged:
     """All that is known of an emulator's error, with the rules of the study that it violates.
 
-    The rule on the field holds where the data have one.
+    The rules on the field hold where the data have one.
     """
     diagnostics = diagnose(emulator, training, held_out)
     residuals = {"leave_one_out": (training, leave_one_out_residuals(emulator, training))}
     if held_out is not None:
         residuals["held_out"] = (held_out, held_out_residuals(emulator, held_out))
     limits = study.emulator
-    max_field_error = limits.max_field_error if has_field(study) else np.inf
+    max_field_error = limits.max_field_error if has_field(study) else None
     failures = diagnostics.within(limits.max_force_error, max_field_error, MAX_RMS_Z)
     facts = {
         **diagnostics.to_dict(),
