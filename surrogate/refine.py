@@ -161,6 +161,8 @@ def _checked(emulator: Emulator, sample: Array) -> Array:
         raise ValueError(
             f"posterior_sample: expected shape (m, {d}) with m above {d}, found {sample.shape}"
         )
+    if not np.isfinite(sample).all():
+        raise ValueError("posterior_sample: expected finite draws, found infinite ones or NaN")
     if not (np.ptp(sample, axis=0) > 0.0).all():
         raise ValueError("posterior_sample: must vary in every input")
     unit = (sample - sample.mean(axis=0)) / sample.std(axis=0)

@@ -52,6 +52,11 @@ def fit(
     )
 
 
+def test_an_evidence_that_is_not_a_number_is_refused() -> None:
+    with pytest.raises(ValueError, match="fits: stuck: expected an evidence, found NaN"):
+        compare([fit("sliding", 3.0), fit("stuck", float("nan"))])
+
+
 def test_close_evidences_cannot_be_separated() -> None:
     close = compare([fit("stuck", 1.0), fit("sliding", 3.0)])
     assert "cannot separate sliding, stuck" in close.verdict

@@ -137,6 +137,7 @@ def test_the_predicted_shift_falls_with_runs_and_then_says_stop() -> None:
     [
         (np.ones((5, 3)), 1, r"posterior_sample: expected shape \(m, 2\)"),
         (np.ones((5, 2)), 1, "posterior_sample: must vary"),
+        (np.array([[0.0, 1.0], [np.inf, 0.0], [1.0, 1.0]]), 1, "posterior_sample: expected finite"),
         (np.linspace(0, 1, 9)[:, None] * [1.0, 2.0], 1, "expected draws that span 2 inputs"),
         (_sample(4), 9, "n: expected 1 to 4"),
         (_sample(4), 0, "n: expected 1 to 4"),

@@ -94,9 +94,15 @@ def fit_of(name: str, posterior: Posterior, quadrature: Quadrature) -> Hypothesi
 
 
 def compare(fits: list[HypothesisFit]) -> Comparison:
-    """Rank hypotheses by evidence (equal prior probability) and say what that means."""
+    """Rank hypotheses by evidence (equal prior probability) and say what that means.
+
+    Raises ValueError without hypotheses, and for an evidence that is not a number.
+    """
     if not fits:
         raise ValueError("fits: expected at least one hypothesis")
+    for fit in fits:
+        if np.isnan(fit.log_evidence):
+            raise ValueError(f"fits: {fit.name}: expected an evidence, found NaN")
     ordered = tuple(sorted(fits, key=lambda fit: -fit.log_evidence))
     factors = np.array([ordered[0].log_evidence - fit.log_evidence for fit in ordered])
     trade_off = "; ".join(
