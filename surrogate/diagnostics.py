@@ -133,12 +133,14 @@ def diagnose(
 
     Raises ValueError when `training_set` is not the one of the emulator, or `held_out` is empty.
     """
-    left_out = leave_one_out_residuals(emulator, training_set)
+    if training_set.fingerprint != emulator.header.fingerprint:
+        raise ValueError("training_set: is not the one the emulator was trained on; train again")
     if held_out is not None and not len(held_out.ratios):
         raise ValueError("held_out: no run reached every travel; pass None or more runs")
     truncation = None
     if emulator.field is not None:
         truncation = tuple(tuple(row) for row in emulator.field_truncation_std.tolist())
+    left_out = leave_one_out_residuals(emulator, training_set)
     return EmulatorDiagnostics(
         n_train=len(training_set.ratios),
         n_excluded=training_set.n_excluded,
@@ -271,12 +273,7 @@ class Residuals:
 
 
 def leave_one_out_residuals(emulator: Emulator, runs: TrainingSet) -> Residuals:
-    """Of the emulator's own training runs, each left out in turn, in closed form.
-
-    Raises ValueError when `runs` are not those that it was trained on.
-    """
-    if runs.fingerprint != emulator.header.fingerprint:
-        raise ValueError("training_set: is not the one the emulator was trained on; train again")
+    """Of the emulator's own training runs, each left out in turn, in closed form."""
     force, covariance = emulator.unit_force_leave_one_out()
     error, std, spread = None, None, None
     if emulator.field is not None:

@@ -13,7 +13,6 @@ import pytest
 
 import surrogate.emulator_file as emulator_file
 from surrogate import Emulator, TrainingSet, diagnose, sobol_design
-from surrogate.diagnostics import leave_one_out_residuals
 from surrogate.force_scale import ForceScale
 from tests.dense_processes import dense_covariance
 
@@ -322,8 +321,6 @@ def test_diagnostics_of_forces_only_have_no_field() -> None:
 def test_diagnostics_refuse_the_runs_of_another_emulator() -> None:
     with pytest.raises(ValueError, match="training_set: is not the one"):
         diagnose(_emulator(), _runs(noise=0.02))
-    with pytest.raises(ValueError, match="training_set: is not the one"):
-        leave_one_out_residuals(_emulator(), _runs(noise=0.02))
 
 
 def test_diagnostics_refuse_held_out_runs_without_the_field_of_the_emulator() -> None:
