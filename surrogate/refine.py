@@ -41,8 +41,8 @@ def propose(
     weights over `field_noise` [mm] squared: what matters against measurement noise. Of a few
     hundred draws each point is the one whose run, derivatives included, takes most of the mean
     variance over draws away. It is then counted as made, so a batch spreads by itself.
-    Raises ValueError for a sample of another shape or with draws that are not finite, fewer distinct
-    draws than points, n < 1, or a noise that is not above 0.
+    Raises ValueError for a sample of another shape or with draws that are not finite, fewer
+    distinct draws than points, n < 1, or a noise that is not above 0.
     """
     for name, noise in (("force_noise", force_noise), ("field_noise", field_noise)):
         if not 0.0 < noise < np.inf:
