@@ -4,9 +4,11 @@
 
 Parts: sbc and power (virtual experiments drawn from the prior), finer-stuck, finer-stuck-new and
 finer (the same with truths on finer meshes; new: emulator on the sampling mesh of new studies),
-fresh-stuck-new and fresh (as the last two, other truths of the prior), refined (with emulators
-refined as a study's are), mesh-stuck, mesh-stuck-new and mesh (whether a mesh's stated error covers
-finer truths), mesh-places (where on the face it errs), mesh-pairs (as mesh, on the runs kept by
+fresh-stuck-new and fresh (as the last two, other truths of the prior), wide-stuck and default-stuck
+(by the check meshes of studies that name none, until 2026-11-27 and since), refined (with emulators
+refined as a study's are), mesh-stuck, mesh-stuck-new, mesh, mesh-wide-stuck and mesh-default-stuck
+(whether a mesh's stated error covers finer truths), mesh-places (where on the face it errs),
+mesh-directions (which direction of a mesh does), mesh-pairs (as mesh, on the runs kept by
 benchmarks.verify_fe), emcee (some of their posteriors by a chain), misspecified (truths of another
 law and contact, with and without a discrepancy), direct (posterior by FE at every node of a
 quadrature, and the two maxima), local (how many runs in the posterior's box its emulator needs),
@@ -36,6 +38,7 @@ from benchmarks import (
     calibration_refined,
     fixed_runs,
     local_runs,
+    mesh_directions,
     mesh_pairs,
     mesh_places,
     mesh_statement,
@@ -52,11 +55,16 @@ PARTS: dict[str, Callable[[Path, int], dict[str, Any]]] = {
     "finer": lambda store, n: calibration_finer.finer(store, "finer", n // 2),
     "fresh": lambda store, n: calibration_finer.finer(store, "fresh", n // 2),
     "fresh-stuck-new": lambda store, n: calibration_finer.finer(store, "fresh-stuck-new", n),
+    "wide-stuck": lambda store, n: calibration_finer.finer(store, "wide-stuck", n),
+    "default-stuck": lambda store, n: calibration_finer.finer(store, "default-stuck", n),
     "refined": calibration_refined.figures,
     "mesh-stuck": lambda store, n: mesh_statement.figures(store, "finer-stuck"),
     "mesh-stuck-new": lambda store, n: mesh_statement.figures(store, "finer-stuck-new"),
     "mesh": lambda store, n: mesh_statement.figures(store, "finer"),
+    "mesh-wide-stuck": lambda store, n: mesh_statement.figures(store, "wide-stuck"),
+    "mesh-default-stuck": lambda store, n: mesh_statement.figures(store, "default-stuck"),
     "mesh-places": lambda store, n: mesh_places.figures(store),
+    "mesh-directions": lambda store, n: mesh_directions.figures(store),
     "mesh-pairs": lambda store, n: mesh_pairs.figures(),
     "emcee": calibration_emcee.against_emcee,
     "power": calibration_figures.power,

@@ -21,6 +21,7 @@ FINER = (
     "sbc_finer_stuck_new",
     "sbc_fresh",
     "sbc_fresh_stuck_new",
+    "sbc_wide_stuck",
 )
 """truths of finer meshes"""
 
