@@ -123,11 +123,14 @@ def run_campaigns(
     that was killed goes on where it was, and ends with the same numbers. `progress(done, total)`
     is called at the start and after each run, with the runs of all plans.
 
-    Raises ValueError for a file in a store that is damaged or foreign (naming it), CampaignFailed
-    once more than `max_failure_rate` of all runs of a plan have failed, TypeError for a result that
-    is no `Response`, and whatever a simulation raises (numerical failure is a status, not an
-    exception), with a note that names the run. What was done before is kept.
+    Raises ValueError for a file in a store that is damaged or foreign (naming it) and for plans of
+    one store, CampaignFailed once more than `max_failure_rate` of all runs of a plan have failed,
+    TypeError for a result that is no `Response`, and whatever a simulation raises (numerical
+    failure is a status, not an exception), with a note that names the run. What was done before is
+    kept.
     """
+    if len({plan.store.resolve() for plan in plans}) < len(plans):
+        raise ValueError("plans: expected a store of its own for each, found one of several")
     ledgers = [_Ledger.of(plan) for plan in plans]
     items = [(which, row) for which, ledger in enumerate(ledgers) for row in ledger.missing()]
     models = _OneOf(
@@ -193,7 +196,7 @@ class _OneOf:
     def __call__(self, item: tuple[int, int, Array]) -> Response:
         which, row, theta = item
         try:
-            found: object = self.models[which](theta)
+            found: object = self.models[which](theta.copy())  # theirs to write to
             if not isinstance(found, Response):
                 raise TypeError(f"simulate: expected a Response, found {type(found).__name__}")
         except Exception as error:

@@ -61,7 +61,8 @@ def _fields(instance: Any) -> dict[str, object]:
 
 def _plain(value: object) -> object:
     if is_dataclass(value) and not isinstance(value, type):
-        return _fields(value)
+        # Laws of two classes may have the same fields.
+        return {"class": type(value).__qualname__} | _fields(value)
     if isinstance(value, np.generic | np.ndarray):
         return _plain(value.tolist())
     if isinstance(value, float) and not math.isfinite(value):

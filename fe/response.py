@@ -97,18 +97,23 @@ class Response:
             found = getattr(self, name).shape[0]
             if found != n_step:
                 raise ValueError(f"{name}: expected {n_step} steps as in travel, found {found}")
+        if self.force.ndim != 1:
+            raise ValueError(f"force: expected one number a step, found shape {self.force.shape}")
 
 
 def save_response(path: Path, response: Response, **extra: npt.NDArray[np.generic]) -> None:
     """Write one self-contained npz file, atomically; `extra` arrays go beside the fields.
 
-    Raises ValueError for an extra array with the name of a field.
+    Raises ValueError for an extra array with the name of a field, and for a field of neither
+    numbers nor text, which would be stored as a pickle.
     """
     path = Path(path)
     if own := {f.name for f in fields(Response)} & extra.keys():
         raise ValueError(f"extra: expected names beside the fields', found {', '.join(own)}")
     values = {f.name: np.asarray(getattr(response, f.name)) for f in fields(Response)}
     values["status"] = np.asarray(str(response.status))
+    if others := [name for name, value in values.items() if value.dtype.kind == "O"]:
+        raise ValueError(f"{', '.join(others)}: expected numbers or text, found objects")
     with replacing(path) as temporary, temporary.open("wb") as stream:
         np.savez(stream, **cast("dict[str, Any]", values | extra))
 

@@ -131,12 +131,15 @@ def diagnose(
 ) -> EmulatorDiagnostics:
     """Measure an emulator on the runs it was trained on, left out in turn, and on held-out runs.
 
-    Raises ValueError when `training_set` is not the one of the emulator, or `held_out` is empty.
+    Raises ValueError when `training_set` is not the one of the emulator, or `held_out` is empty, of
+    other steps or points, or has points of the training set.
     """
     if training_set.fingerprint != emulator.header.fingerprint:
         raise ValueError("training_set: is not the one the emulator was trained on; train again")
     if held_out is not None and not len(held_out.ratios):
         raise ValueError("held_out: no run reached every travel; pass None or more runs")
+    if held_out is not None:
+        _check_apart(held_out.ratios, training_set.ratios)
     truncation = None
     if emulator.field is not None:
         truncation = tuple(tuple(row) for row in emulator.field_truncation_std.tolist())
@@ -191,8 +194,7 @@ class Residuals:
     @property
     def force_z(self) -> Array:
         """(n, n_step) standardised errors of the force."""
-        z: Array = self.force_error / np.sqrt(np.einsum("nii->ni", self.force_covariance))
-        return z
+        return standardised(self.force_error, np.sqrt(np.einsum("nii->ni", self.force_covariance)))
 
     @property
     def force_ranks(self) -> tuple[Array, Array]:
@@ -297,16 +299,34 @@ def held_out_residuals(
 
     `scales` of whole runs' errors are those that runs left out tell
     (`leave_one_out_residuals(emulator, training_set).told_scales`), which widen joint regions.
+    Raises ValueError for runs of other steps or points than the emulator's.
     """
     force, covariance = emulator.unit_force(runs.ratios)
+    if runs.force.shape != force.shape:
+        raise ValueError(f"runs: expected {force.shape[1]} steps, found {runs.force.shape[1]}")
     error, std, spread = None, None, None
     if emulator.field is not None:
         field: FieldPrediction = emulator.predict_field(runs.ratios, n_truncation=0)
-        error, std = field.mean - _field(runs), field.std
+        if (found := _field(runs)).shape != field.mean.shape:
+            raise ValueError(
+                f"runs: expected fields {field.mean.shape[1:]} (steps, points, components), found "
+                f"{found.shape[1:]}"
+            )
+        error, std = field.mean - found, field.std
         truncation = emulator.field_truncation_factor
         spread = Spread(field.modes, field.weight_variance, truncation)
     scales = RunScales() if scales is None else scales
     return Residuals(runs.force, force - runs.force, covariance, error, std, spread, scales)
+
+
+def _check_apart(held_out: Array, trained: Array) -> None:
+    """Raise ValueError where rows (n, d) of both are the same."""
+    if held_out.shape[1:] == trained.shape[1:]:
+        same = (held_out[:, None] == trained[None]).all(axis=2).any(axis=1)
+        if same.any():
+            raise ValueError(
+                f"held_out: expected runs that took no part in training, {same.sum()} did"
+            )
 
 
 def _worst(error: Array) -> tuple[WorstPoint, ...]:

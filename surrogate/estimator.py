@@ -40,7 +40,8 @@ class GaussianProcessModes(MultiOutputMixin, RegressorMixin, BaseEstimator):  # 
     def fit(self, X: Any, y: Any, slopes: Array | None = None) -> GaussianProcessModes:
         """Fit to y (n,) or (n, k) and to its derivatives `slopes` (n, k, d), if any.
 
-        Raises ValueError for fewer than 3 runs (scikit-learn's "n_samples=1" among them).
+        Raises ValueError for fewer than 3 runs (scikit-learn's "n_samples=1" among them) and for
+        slopes of another shape.
         """
         X, y = validate_data(
             self, X, y, multi_output=True, y_numeric=True, dtype=np.float64, ensure_min_samples=3
@@ -48,12 +49,18 @@ class GaussianProcessModes(MultiOutputMixin, RegressorMixin, BaseEstimator):  # 
         outputs = np.asarray(y, dtype=np.float64).reshape(len(y), -1)
         self._flat = np.ndim(y) == 1
         self.used_inputs_ = np.ptp(X, axis=0) > 0.0
-        self.used_outputs_ = np.ptp(outputs, axis=0) > 0.0  # an SD is one of rounding
+        # An SD of what is constant is one of rounding, that of numbers near the smallest is 0.
+        self.used_outputs_ = (np.ptp(outputs, axis=0) > 0.0) & (outputs.std(axis=0) > 0.0)
         self.constant_ = outputs.mean(axis=0)
         self.processes_: GaussianProcesses | None = None
         if self.used_inputs_.any() and self.used_outputs_.any():
             known = None
             if slopes is not None:
+                slopes = np.asarray(slopes, dtype=np.float64)
+                if slopes.shape != (*outputs.shape, X.shape[1]):
+                    raise ValueError(
+                        f"slopes: expected shape {(*outputs.shape, X.shape[1])}, got {slopes.shape}"
+                    )
                 known = slopes[:, self.used_outputs_][:, :, self.used_inputs_]
             self.processes_ = fit_processes(
                 X[:, self.used_inputs_],

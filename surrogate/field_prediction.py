@@ -75,9 +75,10 @@ def _places(name: str, wanted: Wanted, size: int) -> npt.NDArray[np.int64]:
     if found.dtype == np.bool_ and found.shape == (size,):
         found = np.flatnonzero(found)
     is_place = found.ndim == 1 and found.size > 0 and found.dtype.kind in "iu"
-    if not is_place or found.min() < 0 or found.max() >= size:
+    if not is_place or found.min() < 0 or found.max() >= size or np.unique(found).size < found.size:
         raise ValueError(
-            f"{name}: expected some of 0 to {size - 1} or a mask of all {size}, found {wanted}"
+            f"{name}: expected some of 0 to {size - 1}, each once, or a mask of all {size}, "
+            f"found {wanted}"
         )
     return found.astype(np.int64)
 
@@ -86,7 +87,10 @@ def compress(factor: Array, rank: int) -> tuple[Array, Array]:
     """Leading part (n_obs, rank) of a covariance factor (n_obs, n) and the variance of the rest.
 
     The diagonal is kept exactly: factor @ factor.T = leading @ leading.T + diag(rest) there.
+    Raises ValueError for a negative rank.
     """
+    if rank < 0:
+        raise ValueError(f"rank: expected 0 or more directions, found {rank}")
     # In the small space of the columns: n_obs may be large.
     values, vectors = np.linalg.eigh(factor.T @ factor)
     leading = factor @ vectors[:, np.argsort(values)[::-1][:rank]]

@@ -97,10 +97,19 @@ def predicted_shift(
     must hold the measurement's noise alone. Weights that few draws carry understate large shifts,
     which are then far from small anyway. `quantities` (m, q) are numbers of the same draws whose
     means are compared instead of the sample's, for parameters that the emulator does not have.
+    Raises ValueError for numbers that are constant or not finite, and for less than one draw.
     """
     sample = _checked(emulator, posterior_sample)
-    compared = sample if quantities is None else quantities
+    compared = sample if quantities is None else np.asarray(quantities, dtype=np.float64)
+    if n_draws < 1:
+        raise ValueError(f"n_draws: expected 1 or more, got {n_draws}")
+    if compared.ndim != 2 or len(compared) != len(sample) or not np.isfinite(compared).all():
+        raise ValueError(
+            f"quantities: expected {len(sample)} finite rows, got shape {compared.shape}"
+        )
     mean, deviation = compared.mean(axis=0), compared.std(axis=0)
+    if not (np.ptp(compared, axis=0) > 0.0).all():
+        raise ValueError("quantities: expected numbers that vary over the draws, found a constant")
     processes = emulator.force.processes
     y = processes.mean(sample)
     y_errors = _draws(processes, sample, n_draws, rng)
@@ -109,6 +118,8 @@ def predicted_shift(
         weights = emulator.field.processes.mean(sample)
         weight_errors = _draws(emulator.field.processes, sample, n_draws, rng)
     base = log_likelihood(_unit_force(emulator, y), weights)
+    if not np.isfinite(base).all():
+        raise ValueError("log_likelihood: expected finite values at draws of the posterior")
     squared = np.zeros(compared.shape[1])
     for draw in range(n_draws):
         moved = None

@@ -51,6 +51,9 @@ class ScaledEmulator:
         n = 1 + len(self.emulator.force.processes.low)
         if theta.ndim != 2 or theta.shape[1] != n:
             raise ValueError(f"theta: expected shape (m, {n}), got {theta.shape}")
-        if (theta[:, 0] <= 0.0).any():
-            raise ValueError(f"theta: kappa must be positive (MPa), got {theta[:, 0].min():.6g}")
+        wrong = ~((theta[:, 0] > 0.0) & np.isfinite(theta[:, 0]))
+        if wrong.any():
+            raise ValueError(
+                f"theta: kappa must be positive and finite (MPa), got {theta[wrong, 0][0]:.6g}"
+            )
         return theta[:, :1], theta[:, 1:]

@@ -43,6 +43,9 @@ class TrainingSet:
     """runs that are good up to some step"""
 
     def __post_init__(self) -> None:
+        for name in ("ratios", "force", "displacement", "force_gradient", "displacement_gradient"):
+            if (given := getattr(self, name)) is not None:  # one fingerprint, one set of numbers
+                object.__setattr__(self, name, np.asarray(given, dtype=np.float64))
         n = len(self.ratios)
         for name, n_axes in (("ratios", 2), ("force", 2), ("displacement", 4)):
             value = getattr(self, name)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +16,7 @@ from fe.campaign import CampaignFailed, run_campaign
 from fe.campaign_parameters import RATIOS as R_AND_S
 from fe.campaign_result import Campaign
 from fe.executors import serial_map
-from fe.response import Status
+from fe.response import Response, Status
 from fe.run_files import run_key
 from fe.specimens.uniaxial import Bar, UniaxialModel
 
@@ -220,3 +220,45 @@ def test_a_store_may_be_a_text_and_a_design_hold_numbers_of_numpy(tmp_path: Path
     assert json.loads((tmp_path / "manifest.json").read_text())["design"] == {"n": 6}
     with pytest.raises(ValueError, match="design: must consist of finite JSON values"):
         run(tmp_path, design={"points": RATIOS})
+
+
+@dataclass(frozen=True)
+class _Linear:
+    constant: float
+
+    def factor(self) -> float:
+        return self.constant
+
+
+@dataclass(frozen=True)
+class _Square:
+    constant: float
+
+    def factor(self) -> float:
+        return self.constant**2
+
+
+@dataclass(frozen=True)
+class _OfLaw:
+    law: _Linear | _Square
+
+    def __call__(self, ratios: np.ndarray) -> Response:
+        found = Toy(factor=self.law.factor())(ratios)
+        ratios *= 1000.0  # a model may use its argument as it likes
+        return found
+
+
+def test_runs_under_a_law_of_another_class_with_the_same_fields_are_not_reused(
+    tmp_path: Path,
+) -> None:
+    linear = run_campaign(_OfLaw(_Linear(3.0)), RATIOS[:2], tmp_path)
+    square = run_campaign(_OfLaw(_Square(3.0)), RATIOS[:2], tmp_path)
+    assert square.n_reused == 0
+    np.testing.assert_allclose(square.force, 3.0 * linear.force)
+
+
+def test_a_model_that_writes_to_its_argument_leaves_design_and_keys_alone(tmp_path: Path) -> None:
+    theta = RATIOS[:2].copy()
+    first = run_campaign(_OfLaw(_Linear(3.0)), theta, tmp_path)
+    np.testing.assert_array_equal(first.theta, RATIOS[:2])
+    assert run_campaign(_OfLaw(_Linear(3.0)), RATIOS[:2], tmp_path).n_reused == 2

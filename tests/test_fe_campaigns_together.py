@@ -92,3 +92,9 @@ def test_too_many_failures_in_one_campaign_stop_all_and_name_it(tmp_path: Path) 
         run_campaigns(plans)
     assert len(list((tmp_path / "stuck").glob("run_*.npz"))) == 2
     assert not list((tmp_path / "sliding").glob("run_*.npz"))
+
+
+def test_two_plans_of_one_store_are_refused(tmp_path: Path) -> None:
+    plans = [CampaignPlan(Toy(), RATIOS[:2], tmp_path), CampaignPlan(Toy(), RATIOS[2:], tmp_path)]
+    with pytest.raises(ValueError, match="a store of its own"):
+        run_campaigns(plans)

@@ -134,3 +134,16 @@ def test_pickled_content_is_never_loaded(tmp_path: Path) -> None:
 def test_arrays_of_another_number_of_steps_are_refused() -> None:
     with pytest.raises(ValueError, match="force: expected 3 steps as in travel, found 2"):
         replace(_response(), force=np.ones(2))
+
+
+def test_what_would_be_stored_as_an_object_is_refused_and_nothing_is_written(
+    tmp_path: Path,
+) -> None:
+    with pytest.raises(ValueError, match="message: expected numbers or text"):
+        save_response(tmp_path / "run.npz", replace(_response(), message=None))  # type: ignore[arg-type]
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_force_of_several_numbers_a_step_is_refused() -> None:
+    with pytest.raises(ValueError, match="force: expected one number a step"):
+        replace(_response(), force=np.ones((3, 2)))

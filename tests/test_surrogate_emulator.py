@@ -335,3 +335,35 @@ def test_an_emulator_file_may_be_read_by_whom_the_umask_lets(tmp_path: Path) -> 
     finally:
         os.umask(before)
     assert (tmp_path / "emulator.npz").stat().st_mode & 0o777 == 0o640
+
+
+def test_diagnostics_refuse_runs_of_training_as_held_out_and_those_of_other_shapes() -> None:
+    runs, other = _runs(), _runs(24, first=20)
+    with pytest.raises(ValueError, match="took no part in training"):
+        diagnose(_emulator(), runs, runs)
+    assert other.displacement is not None
+    one_step = TrainingSet(other.ratios, other.force[:, :1], other.displacement[:, :1])
+    with pytest.raises(ValueError, match="runs: expected 5 steps, found 1"):
+        diagnose(_emulator(), runs, one_step)
+    one_point = replace(other, displacement=other.displacement[:, :, :1])
+    with pytest.raises(ValueError, match="runs: expected fields"):
+        diagnose(_emulator(), runs, one_point)
+
+
+def test_a_force_that_is_the_same_in_all_runs_is_met_and_judged() -> None:
+    runs = _runs()
+    force = runs.force.copy()
+    force[:, 0] = 1.7
+    own = replace(runs, force=force)
+    emulator = Emulator.fit(own, 1, n_restarts=0, sharing="all")
+    assert np.isfinite(diagnose(emulator, own).leave_one_out.force_rms_z)
+
+
+def test_the_precision_of_the_numbers_given_does_not_change_the_bits() -> None:
+    runs = _runs()
+    assert runs.displacement is not None
+    single = [x.astype(np.float32) for x in (runs.ratios, runs.force, runs.displacement)]
+    first, second = TrainingSet(*single), TrainingSet(*(x.astype(np.float64) for x in single))
+    assert first.fingerprint == second.fingerprint
+    found = [Emulator.fit(own, 1, n_restarts=0, sharing="all") for own in (first, second)]
+    np.testing.assert_array_equal(found[0].unit_force(_new())[0], found[1].unit_force(_new())[0])

@@ -61,3 +61,9 @@ def test_outputs_that_do_not_vary_are_predicted_as_they_are() -> None:
     mean, std = model.predict(NEW, return_std=True)
     np.testing.assert_array_equal(mean[:, 1], 4.0)
     assert (std[:, 1] == 0.0).all() and (std[:, 0] > 0.0).all()
+
+
+@pytest.mark.parametrize("shape", [(12, 2, 1), (12, 3, 2), (12, 2)])
+def test_slopes_of_another_shape_are_refused(shape: tuple[int, ...]) -> None:
+    with pytest.raises(ValueError, match=r"slopes: expected shape \(12, 2, 2\)"):
+        GaussianProcessModes(n_restarts=0).fit(X, Y, slopes=np.zeros(shape))

@@ -76,18 +76,24 @@ def test_a_mask_chooses_what_its_places_do() -> None:
 
 @pytest.mark.parametrize(
     "wanted",
-    [[], [3], [-1], [[0]], [0.0, 1.9], [True, False], [False] * 3, [True] * 4, ["0"], 1],
+    [[], [3], [-1], [[0]], [0.0, 1.9], [True, False], [False] * 3, [True] * 4, ["0"], 1, [0, 0]],
 )
 def test_steps_and_points_that_are_none_are_refused(wanted: Any) -> None:
-    with pytest.raises(ValueError, match="steps: expected some of 0 to 2 or a mask of all 3"):
+    with pytest.raises(
+        ValueError, match="steps: expected some of 0 to 2, each once, or a mask of all 3"
+    ):
         select((3, 5, 3), wanted, None)
-    with pytest.raises(ValueError, match="points: expected some of 0 to 2 or a mask of all 3"):
+    with pytest.raises(
+        ValueError, match="points: expected some of 0 to 2, each once, or a mask of all 3"
+    ):
         select((5, 3, 3), None, wanted)
 
 
 def test_the_compressed_covariance_keeps_the_strongest_directions() -> None:
     factor = np.random.default_rng(0).normal(size=(30, 8)) * 0.5 ** np.arange(8)
     leading, rest = compress(factor, 3)
+    with pytest.raises(ValueError, match="rank: expected 0 or more"):
+        compress(factor, -1)
     dense = factor @ factor.T
     np.testing.assert_allclose(np.diag(leading @ leading.T) + rest, np.diag(dense))
     values, vectors = np.linalg.eigh(dense)

@@ -162,3 +162,21 @@ def test_the_shift_of_other_quantities_of_the_draws_is_that_of_the_draws() -> No
     moved = 3.0 * _sample(100)[:, ::-1] - 1.0
     found = predicted_shift(*arguments, np.random.default_rng(4), quantities=moved).shift
     np.testing.assert_allclose(found, expected[::-1])
+
+
+@pytest.mark.parametrize(
+    ("n_draws", "quantities", "message"),
+    [
+        (0, None, "n_draws: expected 1 or more"),
+        (2, np.ones((100, 1)), "quantities: expected numbers that vary"),
+        (2, np.ones((7, 2)), "quantities: expected 100 finite rows"),
+    ],
+)
+def test_a_shift_of_nothing_is_refused(
+    n_draws: int, quantities: np.ndarray | None, message: str
+) -> None:
+    rng = np.random.default_rng(4)
+    with pytest.raises(ValueError, match=message):
+        predicted_shift(_emulator(), _sample(100), _log_likelihood, n_draws, rng, quantities)
+    with pytest.raises(ValueError, match="log_likelihood: expected finite"):
+        predicted_shift(_emulator(), _sample(100), lambda f, w: np.full(100, -np.inf), 2, rng)

@@ -70,6 +70,8 @@ def test_jacobians_are_the_limit_of_differences(scaled: ScaledEmulator) -> None:
         (np.ones(3), r"theta: expected shape \(m, 3\), got \(3,\)"),
         (np.ones((4, 2)), r"theta: expected shape \(m, 3\), got \(4, 2\)"),
         (np.array([[0.0, 0.5, 0.1]]), "theta: kappa must be positive"),
+        (np.array([[1.0, 0.5, 0.1], [np.nan, 0.5, 0.1]]), "theta: kappa must be .* got nan"),
+        (np.array([[np.inf, 0.5, 0.1]]), "theta: kappa must be positive and finite"),
     ],
 )
 def test_theta_that_is_none_is_refused(
