@@ -136,3 +136,11 @@ def test_fields_are_not_predicted_without_a_measured_one() -> None:
     bare = replace(likelihood, field=None)
     with pytest.raises(ValueError, match="holds no field"):
         predictive_fields(bare, np.zeros((1, 3)), np.random.default_rng(0))
+
+
+def test_a_factor_of_a_discrepancy_does_not_count_as_misfit() -> None:
+    """Its mean is exp(SD^2 / 2), 25 % above the model that is exact here; 4000 draws, 4 SDs."""
+    observed = np.array([0.1, 0.4, 1.2])
+    factor = np.exp(0.67 * np.random.default_rng(5).standard_normal((4000, 3)))
+    allowed = 4.0 * 0.67 * np.sqrt(0.5 * np.pi / 4000)
+    assert all(found.relative < allowed for found in check_forces(observed, observed * factor))

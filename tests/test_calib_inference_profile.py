@@ -82,3 +82,27 @@ def test_slopes_next_to_a_wall_are_those_of_the_side_that_is_possible() -> None:
     at = np.array([1.0 - 1e-4, 0.5])
     slope = gradient(density, at, wide, np.ones(2))
     assert slope == pytest.approx([np.cos(at[0]), 1.0], abs=1e-4)
+
+
+@dataclass(frozen=True)
+class TwoModes:
+    """Equally good at two places of (r, s)."""
+
+    def log_prob(self, theta: Array) -> Array:
+        """(m,) at theta (m, 3)"""
+        modes = [(0.2, 0.1), (0.8, 0.4)]
+        each = [-0.5 * np.sum(((theta[:, 1:] - mode) / 0.03) ** 2, axis=1) for mode in modes]
+        return np.logaddexp(*each) - 0.5 * (np.log(theta[:, 0] / 0.02) / 0.05) ** 2
+
+
+def test_a_profile_has_the_second_mode_too() -> None:
+    prior = Prior(
+        Marginal("log_uniform", 0.002, 0.2),
+        Marginal("uniform", 0.0, 1.0),
+        Marginal("uniform", 0.0, 0.5),
+    )
+    posterior = Posterior(prior, cast("Likelihood", TwoModes()))
+    best, sd = np.array([np.log(0.02), 0.2, 0.1]), np.array([0.05, 0.03, 0.03])
+    low, high = profile_likelihood(posterior, 1, best, sd).interval
+    reach = 0.03 * np.sqrt(2.0 * LIMIT)
+    assert (low, high) == pytest.approx((0.2 - reach, 0.8 + reach), abs=0.02)

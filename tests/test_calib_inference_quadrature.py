@@ -10,6 +10,7 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from calib.inference import Marginal, Posterior, Prior, Quadrature, integrate
+from calib.inference.likelihood import Likelihood
 from calib.inference.quadrature import DRAWS, QUADRATURE
 from fe.response import Array
 
@@ -111,3 +112,42 @@ def test_a_wide_ridge_keeps_its_nodes_and_one_that_they_miss_has_draws() -> None
     assert wide.method == QUADRATURE
     assert off_by(wide, Normal(0.97, (0.3, 0.2))) < 1e-3
     assert integrated(RIDGES[0]).method == DRAWS
+
+
+@dataclass(frozen=True)
+class HeavyTails:
+    """A narrow peak of (ln kappa, r) with the tails of Student's t, over the whole prior."""
+
+    sd: tuple[float, float] = (0.1, 0.003)
+    freedom: float = 3.0
+
+    def log_prob(self, theta: Array) -> Array:
+        """(m,) at theta (m, 2)"""
+        off = np.stack([np.log(theta[:, 0] / 0.03) + 0.5 * theta[:, 1], theta[:, 1] - 0.437], 1)
+        value: Array = -(
+            0.5 * (self.freedom + 5.0) * np.log1p(np.sum((off / self.sd) ** 2, 1) / self.freedom)
+        )
+        return value
+
+
+def test_a_peak_between_the_nodes_whose_tails_reach_the_box_is_found() -> None:
+    prior, own = Prior(PRIOR.kappa, PRIOR.r, law="mooney-rivlin-2"), HeavyTails()
+    posterior = Posterior(prior, cast("Likelihood", own))
+    found = integrate(posterior)
+    low, high = prior.bounds.T
+    # The midpoint rule on squares of a tenth of the peak's width and less.
+    sides = [np.linspace(a, b, n + 1) for a, b, n in zip(low, high, (4000, 4000), strict=True)]
+    lines = [0.5 * (side[1:] + side[:-1]) for side in sides]
+    mass, moment = 0.0, np.zeros(3)
+    for value in lines[0]:
+        theta = np.column_stack([np.full(4000, np.exp(value)), lines[1]])
+        weights = np.exp(own.log_prob(theta))
+        mass += weights.sum()
+        moment += [weights.sum() * value, weights @ lines[1], weights @ lines[1] ** 2]
+    mean, sd = moment[1] / mass, np.sqrt(moment[2] / mass - (moment[1] / mass) ** 2)
+    assert found.log_evidence == pytest.approx(
+        np.log(mass / 4000**2), abs=max(4.0 * found.log_evidence_error, 0.01)
+    )
+    assert found.log_evidence_error < 0.1
+    assert abs(found.mean[1] - mean) < 0.1 * sd
+    assert found.sd[1] == pytest.approx(sd, rel=0.1)

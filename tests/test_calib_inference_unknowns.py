@@ -184,3 +184,24 @@ def test_importance_sampling_refuses_a_density_that_is_zero_at_the_start() -> No
         importance_sample(
             lambda at: np.full(len(at), -np.inf), y, np.zeros(10), np.random.default_rng(0)
         )
+
+
+def test_importance_sampling_that_did_not_reach_the_density_says_so() -> None:
+    """A ridge of a few 1e-9 of the volume of the first draws; a weight of one draw is no answer."""
+    rng, d = np.random.default_rng(0), 5
+    inverse = np.linalg.inv(0.02**2 * (0.01 * np.eye(d) + 0.99))
+
+    def log_density(y: np.ndarray) -> np.ndarray:
+        value: np.ndarray = -0.5 * np.einsum("ni,ij,nj->n", y - 0.3, inverse, y - 0.3)
+        return value
+
+    first = rng.uniform(-4.0, 4.0, (8192, d))
+    log_first = np.full(8192, -d * np.log(8.0))
+    try:
+        found = importance_sample(log_density, first, log_first, rng)
+    except ValueError as error:
+        assert "not reached from the prior" in str(error)
+    else:
+        exact = 0.5 * (d * np.log(2 * np.pi) - np.linalg.slogdet(inverse)[1])
+        evidence = np.log(np.sum(np.exp(found.log_weights)))
+        assert abs(evidence - exact) < 5.0 * found.error

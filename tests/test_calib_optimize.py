@@ -247,3 +247,12 @@ def test_optimize_is_a_leaf() -> None:
         for node in ast.walk(ast.parse(path.read_text())):
             if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("calib"):
                 assert (node.module or "").startswith("calib.optimize")
+
+
+def test_what_only_changes_little_is_not_called_a_point_of_karush_kuhn_tucker() -> None:
+    """A flat valley: one step changes its bottom by less than the tolerance, far from the end."""
+    problem = Problem(rosen, np.full(2, -INF), np.full(2, INF), gradient=rosen_der)
+    loose = Settings(relative_change=0.5, kkt_tolerance=1e-9)
+    found = METHODS["slsqp"](problem, np.array([-1.2, 1.0]), loose)
+    assert found.status is Status.SMALL_CHANGE
+    assert np.abs(rosen_der(found.x)).max() > 1e-3

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+import calib
 from calib.study import Study, StudyError, embedded_studies, load_study
 from calib.study.config import read_study
 from calib.study.sections import Mesh
@@ -418,3 +419,39 @@ def test_the_default_check_is_finer_than_the_default_samples_in_every_direction(
     mesh = Mesh()
     assert isinstance(mesh.check, tuple) and isinstance(mesh.sampling, tuple)
     assert all(f > 1.2 * c for f, c in zip(mesh.check, mesh.sampling, strict=True))
+
+
+OGDEN = """
+[prior.alpha1]
+distribution = "uniform"
+low = 0.5
+high = 4.0
+
+[prior.alpha2]
+distribution = "uniform"
+low = {low}
+high = 8.0
+
+[prior.share2]
+distribution = "uniform"
+low = 0.0
+high = 1.0
+
+[design]"""
+
+
+@pytest.mark.parametrize("low", [0.5, 4.0])
+def test_terms_of_an_ogden_law_are_in_some_order(tmp_path: Path, low: float) -> None:
+    embedded = Path(calib.__file__).parent / "study" / "embedded" / "thesis-forces.toml"
+    text = embedded.read_text()
+    before, rest = text.split("[prior.r]")
+    text = before + "[design]" + rest.split("[design]")[1]
+    text = text.replace("[material]", '[material]\nlaw = "ogden-2"')
+    text = text.replace("[design]", OGDEN.format(low=low).lstrip())
+    file = tmp_path / "own.toml"
+    file.write_text(text)
+    if low < 4.0:
+        with pytest.raises(StudyError, match=r"alpha2\.low: found 0\.5, expected a range apart"):
+            load_study(str(file))
+    else:
+        load_study(str(file))

@@ -79,7 +79,8 @@ def project(
     `shared` (q, k + 1, ...) is how one SD of each shared error moves the offset and the modes, mm.
     """
     k, size = len(modes), int(np.prod(differences.shape[1:]))
-    q, shape = len(shared), (-1, *differences.shape[1:])
+    q = len(shared)
+    shape = (q * (k + 1), *differences.shape[1:])
     stacked = np.concatenate([modes, shared.reshape(shape), differences])
     products = covariance.inner(stacked, stacked)
     first = k + q * (k + 1)

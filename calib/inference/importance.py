@@ -27,6 +27,8 @@ N_ROUND = 4096
 N_LAST = 40_000
 N_KERNELS = 256
 MAX_ROUNDS = 20
+"""more only while weights are tempered"""
+MOST_ROUNDS = 60
 FREEDOM = 8.0
 """of the t kernels: heavier tails than the posterior's"""
 EVEN = 0.15
@@ -104,7 +106,8 @@ def importance_sample(
 
     `first` (k, d) are draws of a density that covers it and `log_first` (k,) that density at them;
     log_density takes (m, d) to (m,), -inf where it is zero.
-    Raises ValueError when it is zero at all first draws.
+    Raises ValueError when it is zero at all first draws, and when so few of the last ones carry the
+    weight that the density was not reached.
     """
     y, value = first, log_density(first)
     if not np.isfinite(value).any():
@@ -112,15 +115,18 @@ def importance_sample(
             f"posterior: zero at all of {len(first)} prior draws; check prior and forward model"
         )
     log_weights = np.where(np.isfinite(value), value - log_first, -np.inf)
-    for _ in range(MAX_ROUNDS):
+    for done in range(1, MOST_ROUNDS + 1):
         weights, power = _tempered(log_weights)
         kernels = _kernels(y, weights, rng)
         y = kernels.draw(N_ROUND, rng)
         log_weights = _log_weights(log_density, kernels, y)
-        if power == 1.0 and _effective(log_weights) > EVEN * N_ROUND:
+        even = _effective(log_weights) > EVEN * N_ROUND
+        if power == 1.0 and (even or done >= MAX_ROUNDS):
             break
     y = kernels.draw(n, rng)
     log_weights = _log_weights(log_density, kernels, y)
+    if not _effective(log_weights) >= FEWEST:
+        raise ValueError(f"posterior: not reached from the prior in {MOST_ROUNDS} rounds")
     relative = np.exp(log_weights - log_weights.max())
     error = float(relative.std() / relative.mean() / np.sqrt(n))
     return Weighed(y, log_weights - np.log(n), error)

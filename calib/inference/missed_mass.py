@@ -25,6 +25,9 @@ RISE = 5.0
 it; between nodes that resolve a posterior it is 4 at most"""
 RESOLVED = 3e-3
 """relative error of the evidence up to which nodes resolve a ridge"""
+DISAGREE = 0.1
+"""the same beyond which nodes are not trusted whatever the shape: the tails of Student-t errors
+never fall far enough for a box, and nodes over the whole prior are coarser than the peak"""
 CONVERGED = 0.02
 """difference of the evidence by two numbers of nodes up to which those of a ridge may be trusted"""
 
@@ -37,6 +40,8 @@ def may_miss(posterior: Posterior, found: Moments, box: Array, n: int, error: fl
     """
     if not len(box):
         return False
+    if error > DISAGREE:
+        return True
     if is_cut(found, box, posterior.prior.bounds[1:]):
         return True
     start = found.x[found.weights.argmax()]

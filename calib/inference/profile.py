@@ -71,8 +71,8 @@ def profile_likelihood(
     """Profile of coordinate `index` on an even grid over the prior's box.
 
     `best` (d,) is where the search starts (a maximum or mean), `sd` (d,) its scale. The grid is
-    walked outwards from it in both directions, each value starting from its neighbour's end, or
-    from the best of some draws of the prior where the density is zero there.
+    walked outwards from it in both directions, each value starting from its neighbour's end and
+    from the best of some draws of the prior: there may be several modes.
     """
     bounds = posterior.prior.bounds
     values = np.linspace(bounds[index, 0], bounds[index, 1], n)
@@ -101,13 +101,14 @@ def _walked(
     x = best
 
     def ask(value: float) -> bool:
-        """Search at a value, from where the last search ended; whether it is possible at all."""
+        """Search at a value, also from where the last search ended; whether it is possible."""
         nonlocal x
-        start = _start_at(posterior, index, value, x, sd, drawn)
         found[value] = -np.inf
-        if start is not None:
-            x, found[value] = _best_at(posterior, index, start, sd)
-        return start is not None
+        for start in _starts_at(posterior, index, value, x, sd, drawn):
+            end, top = _best_at(posterior, index, start, sd)
+            if top > found[value]:
+                x, found[value] = end, top
+        return bool(np.isfinite(found[value]))
 
     alive: float | None = None
     for value in map(float, order):
@@ -122,28 +123,31 @@ def _walked(
     return found
 
 
-def _start_at(
+def _starts_at(
     posterior: Posterior, index: int, value: float, neighbour: Array, sd: Array, drawn: Array
-) -> Array | None:
-    """Where the neighbour ended, with the coordinate held; else the best of draws (m, d) so held.
+) -> list[Array]:
+    """Where the neighbour ended, with the coordinate held, and the best of draws (m, d) so held.
 
     The support need be no box: priors of the constants end elsewhere for every ratio. Half of the
-    draws are brought close to the neighbour. None where the density is zero at all of them.
+    draws are brought close to the neighbour where it is none. Not where the density is zero.
     """
     low, high = posterior.prior.bounds.T
     begun = np.clip(neighbour, low, high)
     begun[index] = value
+    points, starts = drawn.copy(), []
     if np.isfinite(log_likelihood(posterior, begun[None])[0]):
-        return begun
-    points = drawn.copy()
-    near = len(points) // 2
-    # The places of draws in the box, as far from its middle as they are, in some SDs.
-    points[:near] = begun + NEAR * sd * (2.0 * (points[:near] - low) / (high - low) - 1.0)
-    points = np.clip(points, low, high)
+        starts.append(begun)
+    else:
+        near = len(points) // 2
+        # The places of draws in the box, as far from its middle as they are, in some SDs.
+        points[:near] = begun + NEAR * sd * (2.0 * (points[:near] - low) / (high - low) - 1.0)
+        points = np.clip(points, low, high)
     points[:, index] = value
     heights = log_likelihood(posterior, points)
     best = int(heights.argmax())
-    return points[best] if np.isfinite(heights[best]) else None
+    if np.isfinite(heights[best]):
+        starts.append(points[best])
+    return starts
 
 
 def _best_at(posterior: Posterior, index: int, start: Array, sd: Array) -> tuple[Array, float]:

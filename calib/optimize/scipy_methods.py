@@ -73,12 +73,27 @@ def _run(
     at_end = ask.value(end) <= ask.value(path[-1]) + 1e-6 * (1.0 + abs(best))
     done = {0} if method == "SLSQP" else {1, 2}
     if result.status in done and at_end:
-        status = Status.CONVERGED
+        status = (
+            Status.CONVERGED if _settled(ask, start, path[-1], settings) else Status.SMALL_CHANGE
+        )
     elif result.nit >= settings.max_iterations:
         status = Status.MAX_ITERATIONS
     else:
         status = Status.BLOCKED
     return minimum_of(ask, path, status, int(result.nit))
+
+
+def _settled(ask: Evaluations, start: Array, x: Array, settings: Settings) -> bool:
+    """Whether the gradient that bounds leave is small: these methods stop on a small change, too.
+
+    Not asked where there are constraints.
+    """
+    problem = ask.problem
+    if problem.constraints is not None:
+        return True
+    size = float(np.linalg.norm(ask.gradient(problem.inside(start))))
+    left = problem.inside(x - ask.gradient(x)) - x
+    return bool(np.linalg.norm(left) <= settings.kkt_tolerance * (1.0 + size))
 
 
 def _change(settings: Settings, value: float) -> float:

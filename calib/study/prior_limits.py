@@ -63,6 +63,7 @@ def check_law(study: Study, index: int, hypothesis: Hypothesis) -> None:
             assert prior is not None
             _check_ratio(key_of(index, hypothesis, ratio.name), prior, ratio, positive=positive)
     _check_shares(study, index, hypothesis, positive=positive)
+    _check_exponents(study, index, hypothesis)
     if not law.ratios and not any(_used(study, hypothesis, name) for name in INPUTS):
         key = "material.law" if hypothesis.law is None else f"hypothesis.{index}.law"
         expected = "a further unknown with it, e.g. [prior.bulk_ratio]: it has no ratio for an "
@@ -79,6 +80,23 @@ def _check_shares(study: Study, index: int, hypothesis: Hypothesis, *, positive:
         left = 1 - sum(highs[:-1])
         expected = f"{left:g} or less, so that the shares leave the first term 0 or more"
         raise Contradiction(key, highs[-1], expected)
+
+
+def _check_exponents(study: Study, index: int, hypothesis: Hypothesis) -> None:
+    """Terms of an Ogden law in some order: exchanged, they are the same law in another place.
+
+    A posterior of several equal modes is more than its samplers are made for.
+    """
+    names = [r.name for r in law_of(study, hypothesis).ratios if r.name.startswith("alpha")]
+    ranges = [(name, given(study, hypothesis, name)) for name in names]
+    for place, (name, prior) in enumerate(ranges):
+        for other, before in ranges[:place]:
+            assert prior is not None and before is not None
+            if prior.low < before.high and before.low < prior.high:
+                key = f"{key_of(index, hypothesis, name)}.low"
+                expected = f"a range apart from that of {other} ({before.low:g} to "
+                expected += f"{before.high:g}): terms in another order are the same law"
+                raise Contradiction(key, prior.low, expected)
 
 
 def _check_ratio(key: str, prior: ParameterPrior, ratio: Ratio, *, positive: bool) -> None:
