@@ -115,7 +115,7 @@ class Check:
     coverage: dict[float, float]
     """probability of the central interval -> share of the values within it"""
     rmse: float
-    """of the mean prediction, in the unit of the data"""
+    """of the prediction, in the unit of the data: the median of forces, the mean field"""
     relative: float
     """that error over the root mean square of the measured values"""
 
