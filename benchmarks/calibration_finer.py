@@ -24,6 +24,7 @@ from benchmarks.calibration_figures import (
     points,
     stuck_emulator,
 )
+from benchmarks.mesh_cases import CHECK_STIFFENING, MESH_CASES, PIN_SHARE, MeshCase
 from calib.inference import Likelihood
 from calib.study.mesh_error import N_CHECKED, MeshError, mesh_error
 from fe.campaign_result import Campaign
@@ -44,7 +45,7 @@ def finer_arms(store: Path, n: int, name: str) -> dict[str, Arm]:
     What studies state is the distance from the check mesh to the block, of which a finer mesh's
     truth shows a part (`MeshCase.truth_share`). `to_truth` states that part, at the same places.
     """
-    case = runs.MESH_CASES[name]
+    case = MESH_CASES[name]
     known, truths, seeds = finer_case(store, case)
     arm_name = f"{case}-{len(truths.theta)}"
     bare = likelihood_of(known, points())
@@ -57,9 +58,7 @@ def finer_arms(store: Path, n: int, name: str) -> dict[str, Arm]:
         stated = with_mesh_error(store, case, known, places)
         of_run = partial(_of_run, stated, drawn.run)
         arm = Arm(f"{arm_name}-checked-{k + 1}", drawn, of_run, seeds[2] + 100 * k)
-    shown = with_mesh_error(
-        store, case, known, places, share=case.truth_share, pin_share=runs.PIN_SHARE
-    )
+    shown = with_mesh_error(store, case, known, places, share=case.truth_share, pin_share=PIN_SHARE)
     of_run = partial(_of_run, shown, drawn.run)
     to_truth = replace(arm, name=f"{arm_name}-to-truth", likelihood=of_run)
     return {"stated": arm, "to_truth": to_truth, "left_out": without}
@@ -80,7 +79,7 @@ def _centres(found: Placed, run: Array) -> Array:
 
 def with_mesh_error(
     store: Path,
-    case: runs.MeshCase,
+    case: MeshCase,
     known: ScaledEmulator,
     places: Array,
     *,
@@ -99,7 +98,7 @@ def with_mesh_error(
     def likelihood(truth: int) -> Likelihood:
         fine, coarse, stiffer = (_of_truth(each, truth) for each in zip(*checked, strict=True))
         # As of a pin from which that part of the way to a rigid one is the whole.
-        pin = stiffer, 1.0 + (runs.CHECK_STIFFENING - 1.0) / pin_share
+        pin = stiffer, 1.0 + (CHECK_STIFFENING - 1.0) / pin_share
         error = mesh_error(fine, coarse, case.refinement, case.hypothesis, extent, pin)
         return likelihood_of(known, points(), mesh=stating(error, share))
 
@@ -121,7 +120,7 @@ def stating(error: MeshError, share: float) -> MeshError:
 
 
 def finer_case(
-    store: Path, case: runs.MeshCase
+    store: Path, case: MeshCase
 ) -> tuple[ScaledEmulator, Campaign, tuple[int, int, int]]:
     """Emulator on a mesh, truths on a finer one, and seeds."""
     truths = runs.finer_truths(store, case)

@@ -17,14 +17,20 @@ from typing import Any
 import numpy as np
 
 from benchmarks.emulator_runs import CELLS, DESIGNS, family, simulate
+from benchmarks.mesh_cases import (
+    CHECK_STIFFENING,
+    MESH_CASES,
+    TRUTH_STIFFENING,
+    MeshCase,
+    hypothesis,
+    study,
+)
 from benchmarks.run_key import kept_campaign
 from calib.inference import Prior
 from calib.study.artifacts import read_json, write_json
-from calib.study.block_cells import refinement
-from calib.study.config import Study, load_study
 from calib.study.context import block_pin_model, stiffened
 from calib.study.posterior_setup import prior_of
-from calib.study.sections import Cells, Hypothesis
+from calib.study.sections import Cells
 from calib.study.unknowns import design_points
 from fe import BlockPin, BlockPinModel, Contact
 from fe.campaign_parameters import Parameter
@@ -48,10 +54,6 @@ OTHER_LAW = (
 OTHER_BOUNDS = np.array([[1.5, 4.0], [5.0, 20.0]])
 CONTACTS = {"sliding": "slide", "stuck": "stick"}
 """what benchmarks/emulator.py calls the hypotheses"""
-CHECK_STIFFENING, TRUTH_STIFFENING = 4.0, 8.0
-"""how many times less pins give way than that of the emulator's runs, as in studies"""
-PIN_SHARE = (1.0 / CHECK_STIFFENING - 1.0 / TRUTH_STIFFENING) * CHECK_STIFFENING
-"""of the way from the check's pin to a rigid one, to those of truths"""
 N_PLACED = 8
 """corners and centres of faces that come first in a design of (r, s)"""
 N_FINER, N_STUCK, N_OTHER, N_RUBBING = 12, 288, 100, 100
@@ -59,65 +61,6 @@ EVEN = replace(DESIGNS[0], dense_below=None)
 """runs that fill the box of (r, s) evenly, as the prior does"""
 
 Progress = Callable[[int, int], None]
-
-
-@dataclass(frozen=True)
-class MeshCase:
-    """The mesh of an emulator, the study's sampling mesh, and two finer ones, cheaper than its own.
-
-    Elements of the check are 1.30 (sliding) and 1.5 times (stuck; 1.4 on the sampling mesh of new
-    studies) smaller than the emulator's (1.65 and 2.1 in the study), those of the truth 1.2 times
-    smaller than the check's. Two cases have check meshes of new studies, 1.5 and 1.6 times smaller.
-    The pin of the check gives way `CHECK_STIFFENING` times less than that of the emulator's runs,
-    that of the truth `TRUTH_STIFFENING` times.
-    """
-
-    hypothesis: str
-    check_cells: Cells
-    """measure its error"""
-    truth_cells: Cells
-    """finer than those too"""
-    draw: int
-    """of the prior, for the truths"""
-    other_cells: Cells | None = None
-    """of the emulator's runs where these are not the study's"""
-    seed: int = 0
-    """added to those of kappa and of the errors of measurement"""
-
-    def __str__(self) -> str:
-        """Names what is stored of it."""
-        check, truth = ("x".join(map(str, cells)) for cells in (self.check_cells, self.truth_cells))
-        other = "" if self.other_cells is None else "x".join(map(str, self.other_cells)) + "-"
-        pins = f"pins-{CHECK_STIFFENING:g}-{TRUTH_STIFFENING:g}"
-        return f"{self.hypothesis}-{other}by-{check}-of-{truth}-{pins}-{self.draw}"
-
-    @property
-    def cells(self) -> Cells:
-        """Of the emulator's runs."""
-        return self.other_cells or study().sampling_cells(hypothesis(self.hypothesis))
-
-    @property
-    def refinement(self) -> float:
-        """How many times smaller the elements of the check mesh are."""
-        return refinement(self.check_cells, self.cells)
-
-    @property
-    def truth_share(self) -> float:
-        """Share that truths show of the distance from the check mesh to the block.
-
-        For errors that fall with the square of the elements' size, as the statement takes them to.
-        """
-        return 1.0 - refinement(self.truth_cells, self.check_cells) ** -2
-
-
-def study() -> Study:
-    """The study whose emulators, meshes and prior are used."""
-    return load_study("thesis-forces")
-
-
-def hypothesis(name: str) -> Hypothesis:
-    """A hypothesis of the study by its name."""
-    return next(found for found in study().hypotheses if found.name == name)
 
 
 def prior() -> Prior:
@@ -287,19 +230,6 @@ def rubbing_truths(store: Path, progress: Progress | None = None) -> Campaign:
     model = family(chosen.names, "friction", CELLS["friction"])
     return simulate(points, model, store / "friction", progress or _quiet)
 
-
-MESH_CASES = {
-    "finer": MeshCase("sliding", (14, 5, 3), (16, 6, 4), 0),
-    "finer-stuck": MeshCase("stuck", (14, 8, 4), (16, 10, 5), 5),
-    "finer-stuck-new": MeshCase("stuck", (14, 8, 4), (16, 10, 5), 5, CELLS["stick"]),
-    "fresh": MeshCase("sliding", (14, 5, 3), (16, 6, 4), 11, seed=1000),
-    "fresh-stuck-new": MeshCase("stuck", (14, 8, 4), (16, 10, 5), 12, CELLS["stick"], seed=1000),
-    "wide-stuck": MeshCase("stuck", (18, 8, 4), (22, 10, 5), 12, CELLS["stick"], seed=1000),
-    "default-stuck": MeshCase("stuck", (15, 10, 5), (16, 12, 6), 12, CELLS["stick"], seed=1000),
-}
-"""by name; truths of the last four took no part in choosing what is stated of a mesh's error; the
-last two are of the meshes of studies that name none, until 2026-11-27 and since, at ratios of the
-one before them"""
 
 PARTS: dict[str, Callable[[Path, Progress], object]] = {
     "sliding": lambda store, progress: design(store, "sliding", progress),

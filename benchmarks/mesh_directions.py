@@ -1,4 +1,4 @@
-"""In which direction a check mesh errs: one block on meshes finer in one direction each.
+"""In which directions a check mesh errs: one block on meshes finer or coarser in some of them.
 
 Without noise: what each mesh makes of the constants, beside the check mesh at the same ones, under
 the errors that a likelihood states (`benchmarks.mesh_statement`).
@@ -14,6 +14,7 @@ import numpy as np
 from benchmarks import calibration_runs as runs
 from benchmarks.calibration_figures import stuck_emulator
 from benchmarks.calibration_finer import with_mesh_error
+from benchmarks.mesh_cases import MESH_CASES, TRUTH_STIFFENING
 from benchmarks.mesh_statement import fitted
 
 CASE = "wide-stuck"
@@ -37,14 +38,14 @@ MESHES = (
 
 def figures(store: Path) -> dict[str, Any]:
     """By mesh: what constants and the zero of the travel are off by, of forces and field."""
-    case = runs.MESH_CASES[CASE]
+    case = MESH_CASES[CASE]
     ratios = runs.ratios_drawn(runs.N_FINER, case.draw)[TRUTH : TRUTH + 1]
     known = stuck_emulator(store, case.other_cells)
     likelihood = with_mesh_error(store, case, known, ratios[:, None])[0]
     found = {}
     for cells in MESHES:
         folder = f"directions-{case.hypothesis}"
-        pin = runs.TRUTH_STIFFENING
+        pin = TRUTH_STIFFENING
         [response] = runs.solved(
             store, case.hypothesis, folder, ratios, cells, stiffening=pin
         ).responses

@@ -15,6 +15,7 @@ from scipy.spatial.distance import cdist
 
 from benchmarks import calibration_runs as runs
 from benchmarks.calibration_figures import points
+from benchmarks.mesh_cases import MESH_CASES
 from fe.response import Array
 
 CASES = ("finer", "finer-stuck", "finer-stuck-new")
@@ -29,7 +30,7 @@ def figures(store: Path) -> dict[str, Any]:
     """By mesh: sizes over the face and correlations by distance."""
     found = {}
     for name in CASES:
-        case = runs.MESH_CASES[name]
+        case = MESH_CASES[name]
         truths = runs.finer_truths(store, case)
         fine, _, stiffer = runs.checks(store, case, truths.theta[:, :2])
         error, size = spread(truths.displacement - fine.displacement, points())

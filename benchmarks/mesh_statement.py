@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks import calibration_runs as runs
 from benchmarks.calibration_experiments import KAPPA
 from benchmarks.calibration_finer import finer_case, with_mesh_error
+from benchmarks.mesh_cases import MESH_CASES, PIN_SHARE
 from benchmarks.mesh_fit import Fitted, Linear, told
 from calib.inference import Likelihood
 from fe.response import Array
@@ -28,13 +28,13 @@ def figures(store: Path, name: str) -> dict[str, Any]:
 
     Under what studies state, and under the part of it that these truths show.
     """
-    case = runs.MESH_CASES[name]
+    case = MESH_CASES[name]
     known, truths, _ = finer_case(store, case)
     ratios = truths.theta[:, :2]
     found = {}
     for stated, share, pin_share in (
         ("stated", 1.0, 1.0),
-        ("to_truth", case.truth_share, runs.PIN_SHARE),
+        ("to_truth", case.truth_share, PIN_SHARE),
     ):
         likelihoods = with_mesh_error(
             store, case, known, ratios[:, None], share=share, pin_share=pin_share

@@ -136,9 +136,9 @@ def diagnose(
     """
     if training_set.fingerprint != emulator.header.fingerprint:
         raise ValueError("training_set: is not the one the emulator was trained on; train again")
-    if held_out is not None and not len(held_out.ratios):
-        raise ValueError("held_out: no run reached every travel; pass None or more runs")
     if held_out is not None:
+        if not len(held_out.ratios):
+            raise ValueError("held_out: no run reached every travel; pass None or more runs")
         _check_apart(held_out.ratios, training_set.ratios)
     truncation = None
     if emulator.field is not None:

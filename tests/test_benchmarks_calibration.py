@@ -26,8 +26,8 @@ from benchmarks.calibration_experiments import (
 )
 from benchmarks.calibration_finer import stating
 from benchmarks.calibration_misspecified import COARSE, SHARES, _worth
-from benchmarks.calibration_runs import MESH_CASES
 from benchmarks.direct_rule import Rule, box_about, log_likelihood, nodes_of, rough_error
+from benchmarks.mesh_cases import MESH_CASES
 from benchmarks.mesh_statement import fitted
 from calib.data import FieldData, thesis_forces
 from calib.inference import Likelihood, NoiseSettings, build_likelihood, theta_of

@@ -26,9 +26,9 @@ N_FIRST = 8192
 N_ROUND = 4096
 N_LAST = 40_000
 N_KERNELS = 256
-MAX_ROUNDS = 20
-"""more only while weights are tempered"""
-MOST_ROUNDS = 60
+USUAL_ROUNDS = 20
+MAX_ROUNDS = 60
+"""while weights are tempered"""
 FREEDOM = 8.0
 """of the t kernels: heavier tails than the posterior's"""
 EVEN = 0.15
@@ -115,18 +115,21 @@ def importance_sample(
             f"posterior: zero at all of {len(first)} prior draws; check prior and forward model"
         )
     log_weights = np.where(np.isfinite(value), value - log_first, -np.inf)
-    for done in range(1, MOST_ROUNDS + 1):
+    for done in range(1, MAX_ROUNDS + 1):
         weights, power = _tempered(log_weights)
         kernels = _kernels(y, weights, rng)
         y = kernels.draw(N_ROUND, rng)
         log_weights = _log_weights(log_density, kernels, y)
         even = _effective(log_weights) > EVEN * N_ROUND
-        if power == 1.0 and (even or done >= MAX_ROUNDS):
+        if power == 1.0 and (even or done >= USUAL_ROUNDS):
             break
     y = kernels.draw(n, rng)
     log_weights = _log_weights(log_density, kernels, y)
     if not _effective(log_weights) >= FEWEST:
-        raise ValueError(f"posterior: not reached from the prior in {MOST_ROUNDS} rounds")
+        raise ValueError(
+            f"posterior: not reached from the prior in {done} rounds of draws; expected priors "
+            "that leave it more of their box"
+        )
     relative = np.exp(log_weights - log_weights.max())
     error = float(relative.std() / relative.mean() / np.sqrt(n))
     return Weighed(y, log_weights - np.log(n), error)

@@ -1,4 +1,4 @@
-"""Whether the nodes of a quadrature may have missed some of a posterior: a narrow ridge, say.
+"""Whether the nodes of a quadrature may have missed some of a posterior: a narrow ridge or peak.
 
 Nodes of the outer coordinates, (r, s), lie along the axes. A ridge of correlated coordinates may
 run between them, or between the points of the scan that chose their box, and then two numbers of
@@ -25,11 +25,11 @@ RISE = 5.0
 it; between nodes that resolve a posterior it is 4 at most"""
 RESOLVED = 3e-3
 """relative error of the evidence up to which nodes resolve a ridge"""
-DISAGREE = 0.1
-"""the same beyond which nodes are not trusted whatever the shape: the tails of Student-t errors
-never fall far enough for a box, and nodes over the whole prior are coarser than the peak"""
 CONVERGED = 0.02
-"""difference of the evidence by two numbers of nodes up to which those of a ridge may be trusted"""
+"""difference of ln evidence by two numbers of nodes up to which those of a ridge may be trusted"""
+DISAGREE = 0.1
+"""the same, beyond which no nodes are, whatever the shape: the tails of Student-t errors never fall
+far enough for a box, and nodes over the whole prior are coarser than the peak"""
 
 
 def may_miss(posterior: Posterior, found: Moments, box: Array, n: int, error: float) -> bool:

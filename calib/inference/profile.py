@@ -128,8 +128,9 @@ def _starts_at(
 ) -> list[Array]:
     """Where the neighbour ended, with the coordinate held, and the best of draws (m, d) so held.
 
-    The support need be no box: priors of the constants end elsewhere for every ratio. Half of the
-    draws are brought close to the neighbour where it is none. Not where the density is zero.
+    Only those where the density is not zero. The support need be no box: priors of the constants
+    end elsewhere for every ratio. Where it is zero at the neighbour's end, half of the draws are
+    brought close to that.
     """
     low, high = posterior.prior.bounds.T
     begun = np.clip(neighbour, low, high)
