@@ -34,6 +34,8 @@ class Pressed(NamedTuple):
     """which of the two"""
     steps: StepOptions
     newton: NewtonOptions
+    doubt: str = ""
+    """what may be wrong with all that is found"""
 
 
 def press(
@@ -49,6 +51,8 @@ def press(
     )
     solver = SymmetricSolver(problem.pattern.indptr, problem.pattern.indices)
     outcome = March(listen=listen)
+    if pressed.doubt:
+        outcome.warn("doubt", pressed.doubt)
     try:
         states = list(
             march(

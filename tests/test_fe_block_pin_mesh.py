@@ -12,7 +12,8 @@ import pytest
 from benchmarks.grid_convergence import CASES
 from benchmarks.mesh_convergence import similar
 from fe import BlockPin, BlockPinModel, Contact
-from fe.specimens.block_pin_mesh import GLUED_EDGE, SIDE, block_mesh
+from fe.specimens.block_lines import GLUED_EDGE, SIDE
+from fe.specimens.block_pin_mesh import block_mesh
 from fe.specimens.block_pin_parameters import by_geometry
 from fe.specimens.mesh_lines import N_DENSITY, bump, lines_of_density
 

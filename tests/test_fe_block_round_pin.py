@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-import fe.specimens.block_pin_mesh
+import fe.specimens.block_lines
 from fe import BlockPin, BlockPinModel, Contact, Status
 from fe.contact import PenaltyLaw
 from fe.materials.material import mooney_rivlin_of_ratios
 from fe.newton import NewtonOptions
 from fe.solid import Solid
-from fe.specimens.block_pin_mesh import Dense, Thinning
+from fe.specimens.block_lines import Dense, Thinning
 from fe.steps import StepOptions
 
 ROUND = BlockPin(pin="round")
@@ -115,7 +115,7 @@ def test_forces_of_an_independent_prototype(monkeypatch):
     Same uniform mesh of 12 x 6 x 12 elements, material (r = 0.5, mu = 0.03 MPa) and penalty of
     20 N/mm3.
     """
-    lines = fe.specimens.block_pin_mesh
+    lines = fe.specimens.block_lines
     monkeypatch.setattr(lines, "GLUED_RIM", lines.Edge(0.7, Dense(peak=0.0, spread=1.0)))
     monkeypatch.setattr(lines, "STUCK_TO_ROUND", Thinning(front=0.0, top=0.0))
     m = model(

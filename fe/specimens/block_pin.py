@@ -52,6 +52,7 @@ from fe.specimens.block_pin_part import (
 )
 from fe.specimens.checks import check_bulk_ratio, check_counts, check_kinds, check_travel
 from fe.specimens.ring_mesh import Cells, Rings, check_rings
+from fe.specimens.turned_bar import edge_crosses_elements
 from fe.specimens.under_pin import pressed_of, problem_of
 from fe.steps import March, StepOptions
 from fe.surface_slopes import SurfaceSlopes
@@ -235,8 +236,17 @@ class BlockPinModel:
         problem = self._problem(discrete, run.material, run.shear)
         along = self.parameters(run.names, run.known, problem, run.shear, run.lines)
         factor = SYMMETRY_FACTOR[self.part]
-        pressed = pressed_of(self, problem, discrete, factor)
+        pressed = pressed_of(self, problem, discrete, factor)._replace(doubt=self._doubt())
         return press(pressed, along, objective, listener(progress, factor))
+
+    def _doubt(self) -> str:
+        """What about the mesh is less good than of a straight bar."""
+        if not edge_crosses_elements(self.specimen):
+            return ""
+        glued = ", and glue that ends inside elements stiffens them"
+        return "the edge of the turned bar crosses elements" + (
+            glued if self.contact.pin == "stick" else ""
+        )
 
     def parameters(
         self,

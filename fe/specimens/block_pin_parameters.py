@@ -31,6 +31,8 @@ SPECIMEN = ("width", "depth", "height", "pin_width", "pin_fillet")
 PENALTY = ("contact_stiffness", "contact_ramp", "contact_base", "contact_slip")
 DIFFERENCE = 1e-6
 """change of a dimension, mm, over which mesh lines and field points are differenced"""
+DIFFERENCE_DEGREES = 1e-4
+"""the same of a bar's rotation"""
 
 Geometry = Callable[[BlockPin], Array]
 
@@ -117,20 +119,34 @@ _DIRECT = {
 
 
 def by_geometry(name: str, specimen: BlockPin, of: Geometry) -> Array | None:
-    """Central difference of an array in one dimension of the specimen, per mm; None in others."""
-    if name in SPECIMEN:
+    """Difference of an array in one dimension of the specimen, per mm or degree; None in others.
+
+    Central, or to one side of a dimension at its limit.
+    """
+    change = DIFFERENCE_DEGREES if name == "pin_rotation" else DIFFERENCE
+    if name in (*SPECIMEN, "pin_rotation"):
         value = getattr(specimen, name)
-        ends = [replace(specimen, **{name: value + h}) for h in (DIFFERENCE, -DIFFERENCE)]
+        ends = [_changed(specimen, name, value + h) for h in (change, 0.0, -change)]
     elif name in ("pin_shift_x", "pin_shift_z"):
         along = np.array([1.0, 0.0] if name.endswith("x") else [0.0, 1.0])
-        ends = [
-            replace(specimen, pin_shift=tuple(np.array(specimen.pin_shift) + h * along))
-            for h in (DIFFERENCE, -DIFFERENCE)
-        ]
+        at = np.array(specimen.pin_shift)
+        ends = [_changed(specimen, "pin_shift", at + h * along) for h in (change, 0.0, -change)]
     else:
         return None
-    slope: Array = (of(ends[0]) - of(ends[1])) / (2.0 * DIFFERENCE)
+    high, low = ends[0] or ends[1], ends[2] or ends[1]
+    assert high is not None
+    assert low is not None
+    steps = (ends[0] is not None) + (ends[2] is not None)
+    slope: Array = (of(high) - of(low)) / (steps * change)
     return slope
+
+
+def _changed(specimen: BlockPin, name: str, value: object) -> BlockPin | None:
+    """The specimen with another dimension, None where there is none with it."""
+    try:
+        return replace(specimen, **{name: value})
+    except ValueError:
+        return None
 
 
 def mesh_motion(
@@ -143,7 +159,7 @@ def mesh_motion(
         return motion
     mesh = lines(specimen)
     vertices = mesh.p
-    if not is_grid(vertices):
+    if name == "pin_rotation" or not is_grid(vertices):
         return np.asarray(Basis(mesh, ElementHex1(), intorder=1).probes(nodes.T) @ moved.T)
     for i in range(len(moved)):
         if moved[i].any():
