@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from fe.differenced import ends
 from fe.driven import DrivenProblem
 from fe.material_parameters import MaterialParameters
 from fe.parameters import TRAVEL_ZERO, Parameters
@@ -68,10 +69,11 @@ def known_names(problem: DrivenProblem, specimen: Any) -> tuple[str, ...]:
 
 
 def shape_slope(shape: Callable[[Any], Shape], specimen: Any, name: str) -> Shape:
-    """Central difference of the shape in one dimension, per mm."""
+    """Difference of the shape in one dimension, per mm; to one side of it at its limit."""
     value = getattr(specimen, name)
-    ends = [shape(replace(specimen, **{name: value + h})) for h in (DIFFERENCE, -DIFFERENCE)]
-    return Shape(*((a - b) / (2.0 * DIFFERENCE) for a, b in zip(*ends, strict=True)))
+    high, low, width = ends(lambda by: replace(specimen, **{name: value + by}), DIFFERENCE)
+    pairs = zip(shape(high), shape(low), strict=True)
+    return Shape(*((a - b) / width for a, b in pairs))
 
 
 def parameters(

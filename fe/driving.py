@@ -176,12 +176,13 @@ def drive(
 
 
 def _warn_of(found: Found, before: float, reached: DrivenState, outcome: March) -> None:
-    """Note a force that falls, and derivatives that are lost, in a step about to be accepted.
+    """Note a force that falls, a jump, and lost derivatives in a step about to be accepted.
 
     `before` is the force of the last one, N.
     """
     if reached.pin_force < FALL * before:
         outcome.fall(found)
+    outcome.jump(found, leaves=True)
     if not np.isfinite(reached.force_gradient).all():
         lost = f"no derivatives from a travel of {found.travel:.4f} mm on"
         outcome.warn("derivatives", lost)

@@ -25,13 +25,12 @@ def ending(outcome: March, control: Control, symmetry: float, *, complete: bool)
     parts = [f"reached every asked {control}"] if complete else [outcome.reason]
     if not complete and control == "force":
         parts.append(f"the largest force was {symmetry * outcome.largest_force:.4g} N")
-    fell = outcome.fell_after is not None
     parts.extend(outcome.warnings.values())
     if outcome.unstable_from is not None:
         parts.append(
             f"{outcome.n_unstable} of {outcome.n_steps} steps ended in an unstable equilibrium, "
             f"the first at a travel of {outcome.unstable_from:.4f} mm"
         )
-    reached = outcome.reached if outcome.fell_after is None else outcome.fell_after
-    met = Status.FORCE_FELL if fell else Status.CONVERGED
+    reached = outcome.reached if outcome.good_until is None else outcome.good_until
+    met = outcome.left_by or Status.CONVERGED
     return Ending(met if complete else Status.STOPPED, reached, "; ".join(parts))

@@ -30,6 +30,11 @@ FALL = 0.999
 """force relative to that of the step before, below which the force is said to fall"""
 
 
+JUMPS = "the force jumps past the wanted one"
+HOLDS_MORE = "what has stuck holds more than the wanted force"
+"""of forces that are asked too close to each other: points that touch get their hold in steps"""
+
+
 class Start(NamedTuple):
     """A converged state from which a step goes."""
 
@@ -126,6 +131,9 @@ def step_to_force(
     low, high = here.travel, np.inf
     first = _newton(potential, solver, here, target)[0]  # by the factor of here, which aim may lose
     u, p = way.aim(here, far)
+    if first <= here.travel:
+        found = way.attempt((here.u, here.p), here.travel)
+        return _refused(found, here.travel, HOLDS_MORE)
     travel = min(far, first)
     for _ in range(MAX_TRIALS):
         part = (travel - here.travel) / (far - here.travel)
@@ -147,7 +155,8 @@ def step_to_force(
         else:
             high = travel
         if high - low < JUMP:
-            return _refused(found, travel, "the force jumps past the wanted one")
+            reason = JUMPS if low > here.travel else f"{JUMPS}, or {HOLDS_MORE}"
+            return _refused(found, travel, reason)
         travel = min(far, better)
         if not low < travel < high:
             travel = 0.5 * (low + high)

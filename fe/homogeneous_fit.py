@@ -22,13 +22,16 @@ Array = npt.NDArray[np.float64]
 START_EXPONENTS = (-4.0, -2.0, 1.0, 2.0, 4.0, 8.0)
 """each choice of as many as the law has terms is a start"""
 LARGEST_EXPONENT = 30.0
+SAME_VOLUME = 1e-6
+"""of the product of the stretches, from 1"""
 
 
 @dataclass(frozen=True)
 class HomogeneousTests:
     """Stresses along axis 1 of tests with axis 3 free, of one or several kinds together.
 
-    Raises ValueError when the shapes do not agree or a stretch is not above 0.
+    Raises ValueError when the shapes do not agree, for numbers that are not finite, a stretch that
+    is not above 0 and three of them that change the volume.
     """
 
     stretches: Array
@@ -42,8 +45,16 @@ class HomogeneousTests:
                 f"stretches: expected (n, 3) beside n = {self.stress.size} stresses, "
                 f"found {self.stretches.shape}"
             )
-        if not (self.stretches > 0.0).all():
-            raise ValueError(f"stretches: expected numbers above 0, found {self.stretches.min()}")
+        if not np.isfinite(self.stress).all():
+            raise ValueError(f"stress: expected finite numbers, found {self.stress}")
+        if not ((self.stretches > 0.0) & (self.stretches < np.inf)).all():
+            raise ValueError(
+                f"stretches: expected finite numbers above 0, found {self.stretches.min()}"
+            )
+        volume = np.prod(self.stretches, axis=1)
+        if (np.abs(volume - 1.0) > SAME_VOLUME).any():
+            worst = volume[np.abs(volume - 1.0).argmax()]
+            raise ValueError(f"stretches: expected a product of 1 in each row, found {worst:g}")
 
     def predict(self, law: Law, constants: Array) -> Array:
         """(n,) nominal stress P11 of the law at these stretches, MPa."""

@@ -23,6 +23,7 @@ from fe.force_control import (
 from fe.linear_solver import SymmetricSolver
 from fe.newton import Equilibrium, NewtonOptions, descent_direction, equilibrate
 from fe.parameters import Parameters
+from fe.pin_contact import doubts
 from fe.potential import Potential
 from fe.sensitivity import Gradient, Objective, Tangent, adjoint, direct, partials
 from fe.steps import March, StepOptions, stride
@@ -129,6 +130,12 @@ def _march(
                 f"the force falls at a travel of {found.travel:.4f} mm: material snaps past the "
                 "pin's edge, or the block bends into another shape",
             )
+        outcome.jump(found, leaves=False)
+        if found.arrived:
+            problem = potential.problem
+            contact = (problem.faces, memory.ties.kind, found.travel, problem.pin)
+            for kind, doubt in doubts(state.u, *contact):
+                outcome.warn(kind, doubt)
         if not np.isfinite(state.force_gradient).all():
             lost = f"no derivatives from a travel of {found.travel:.4f} mm on"
             outcome.warn("derivatives", lost)

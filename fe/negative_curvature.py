@@ -17,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fe.linear_solver import SymmetricSolver
+from fe.singular_tangent import SingularTangentError
 
 Array = npt.NDArray[np.float64]
 
@@ -39,16 +40,17 @@ def flip_negative(solver: SymmetricSolver, x: Array, b: Array, count: int) -> Ar
 def shifted_direction(solver: SymmetricSolver, b: Array) -> Array:
     """(n,) (K + s 1)^-1 b with the first of `SHIFTS` that makes the factorised K positive definite.
 
-    What is factorised then is no longer K.  Raises ArithmeticError where none of them does.
+    What is factorised then is no longer K.  Raises SingularTangentError where none of them does.
     """
     data = solver.data
     for shift in SHIFTS:
         try:
             if solver.factorise(solver.shifted(data, shift)) == 0:
                 return solver.solve(b)
-        except ArithmeticError:  # a library that does not pivot met a zero: the next shift has none
+        except SingularTangentError:  # no pivoting met a zero: the next shift has none
             continue
-    raise ArithmeticError(f"indefinite with {SHIFTS[-1]:g} times the median of the diagonal added")
+    most = f"{SHIFTS[-1]:g} times the median of the diagonal"
+    raise SingularTangentError(f"indefinite with {most} added")
 
 
 def negative_directions(solver: SymmetricSolver, start: Array, count: int) -> tuple[Array, Array]:

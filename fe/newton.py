@@ -70,6 +70,9 @@ class Equilibrium:
     reason: str
     """why it stopped, when it did not converge"""
     iterations: int
+    jump: float = 0.0
+    """largest nodal displacement from where the iteration began, mm, if it met negative curvature;
+    else 0"""
 
 
 def descent_direction(
@@ -129,6 +132,7 @@ def equilibrate(
     """Find the equilibrium at `travel` (mm) from the start (u, p)."""
     recent: deque[float] = deque(maxlen=options.memory)
     negative, lagged = -1, False  # not counted yet
+    began, unstable = u, False
     assembly = potential.assemble(u, p, travel, memory)
     for iteration in range(options.max_iterations):
         if not (assembly.smallest_J > 0.0 and np.isfinite(assembly.energy)):
@@ -136,7 +140,8 @@ def equilibrate(
         norm = float(np.linalg.norm(assembly.gradient))
         settled = norm <= options.tolerance * assembly.force_scale
         if settled and not (lagged and norm > 0.0 and solver.factorise(assembly.data) > 0):
-            return Equilibrium(u, p, assembly, True, "", iteration)
+            jump = float(np.abs(u - began).max()) if unstable else 0.0
+            return Equilibrium(u, p, assembly, True, "", iteration, jump)
         near = potential.has_friction and norm <= options.near * assembly.force_scale
         along = None
         if negative == 0 and not potential.has_friction and not settled:
@@ -158,6 +163,7 @@ def equilibrate(
                 along = whole
         if along is None:
             along = descent_direction(potential, solver, assembly.gradient, options, negative)
+        unstable = unstable or negative > 0
         here = u, p, assembly
         moved = _descend(potential, along, here, travel, memory, recent, negative, options)
         if isinstance(moved, str):

@@ -20,6 +20,8 @@ os.environ.setdefault("MKL_CBWR", "AUTO,STRICT")
 
 from pypardiso import PyPardisoSolver
 
+from fe.singular_tangent import SingularTangentError
+
 Array = npt.NDArray[np.float64]
 Int32Array = npt.NDArray[np.int32]
 
@@ -122,4 +124,4 @@ class PardisoMatrix:
             error,
         )
         if numbers[7] != 0:
-            raise ArithmeticError(f"MKL Pardiso: error {numbers[7]} in phase {phase}")
+            raise SingularTangentError(f"MKL Pardiso: error {numbers[7]} in phase {phase}")

@@ -1,16 +1,26 @@
-"""The check of options that are numbers above 0."""
+"""Checks of numbers, and of options that are numbers above 0."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import fields
-from numbers import Real
-from typing import Any
+from numbers import Integral, Real
+from typing import Any, TypeGuard
+
+
+def is_number(value: object) -> TypeGuard[float]:
+    """Whether it is a real number, Python's or numpy's; a truth value is none."""
+    return isinstance(value, Real) and not isinstance(value, bool)
 
 
 def positive_numbers(options: Any) -> None:
-    """Raise ValueError for a field of a dataclass that is not a finite number above 0."""
+    """Raise ValueError for a field of a dataclass that is not a finite number above 0.
+
+    One that is declared as an int is whole.
+    """
     for field in fields(options):
         value = getattr(options, field.name)
-        if not (isinstance(value, Real) and 0.0 < float(value) < math.inf):
+        if not (is_number(value) and 0.0 < value < math.inf):
             raise ValueError(f"{field.name}: expected a finite number above 0, found {value!r}")
+        if field.type in (int, "int") and not isinstance(value, Integral):
+            raise ValueError(f"{field.name}: expected a whole number above 0, found {value!r}")

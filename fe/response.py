@@ -34,6 +34,10 @@ class Status(StrEnum):
     another branch of equilibria, real or of the mesh, or the material may soften.  Of specimens
     without a pin; under a pin, where the force may fall as material snaps past its edge, the
     message tells it"""
+    JUMPED = "jumped"
+    """every asked step was reached, but beyond `reached` the path turned unstable and the solution
+    left it for another branch, told by a move further than the step.  As of `FORCE_FELL`, of
+    specimens without a pin"""
 
 
 @dataclass(frozen=True)

@@ -144,12 +144,12 @@ def objective_gradients(
     if seen.control == "force":
         raise ValueError(f"force: expected asked travels for the adjoint, found {seen.targets}")
     found = np.full((seen.targets.size, len(seen.names)), np.nan)
-    steps = iter(range(seen.targets.size))
-    explicit = []
+    explicit = {}
 
     def of_state(travel: float, u: Array, force: float) -> tuple[Array, float]:
-        by_field, by_force = objective(next(steps), seen.probe @ u, seen.factor * force)
-        explicit.append(np.einsum("pi,pij->j", by_field, seen.motion.seen(u)))
+        step = int(np.argmin(np.abs(seen.targets - travel)))  # asked again where a step is cut
+        by_field, by_force = objective(step, seen.probe @ u, seen.factor * force)
+        explicit[step] = np.einsum("pi,pij->j", by_field, seen.motion.seen(u))
         return seen.probe.T @ by_field, seen.factor * by_force
 
     for i, state in enumerate(solve(of_state)):

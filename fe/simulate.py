@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from numbers import Real
 from typing import Protocol
 
 import numpy as np
@@ -12,6 +11,7 @@ import numpy.typing as npt
 from fe.materials.law import LAWS, Law
 from fe.materials.material import Material, material
 from fe.materials.volumetric import Volumetric
+from fe.positive_numbers import is_number
 from fe.progress import Progress
 from fe.response import Response
 
@@ -85,6 +85,6 @@ def _material(
 
 
 def _number(name: str, value: object) -> float:
-    if isinstance(value, Real):
+    if is_number(value):
         return float(value)
     raise ValueError(f"theta: expected a number of MPa for {name}, found {value!r}")

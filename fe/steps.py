@@ -13,7 +13,12 @@ from fe.linear_solver import SymmetricSolver
 from fe.newton_problem import NewtonProblem
 from fe.positive_numbers import positive_numbers
 from fe.progress import Progress, StepReport
+from fe.response import Status
+from fe.singular_tangent import SingularTangentError
 
+LEAP = 2.0
+"""nodal displacement beyond the predicted one, over the step's travel, that is a jump: from rest,
+where nothing is predicted, nodes move about as far as the pin"""
 MOST_STEPS = 300
 """to one asked force: a force beyond what the law can carry would be approached for ever"""
 
@@ -43,8 +48,10 @@ class March:
     n_cuts: int = 0
     largest_force: float = 0.0
     """of the modelled part in accepted steps, N"""
-    fell_after: float | None = None
-    """travel of the last step before the force fell, mm"""
+    good_until: float | None = None
+    """travel of the last step before the solution may have left the wanted branch, mm"""
+    left_by: Status | None = None
+    """how, if it did"""
     warnings: dict[str, str] = field(default_factory=dict)
     """what may be wrong with what was reached, by kind"""
     n_unstable: int = 0
@@ -75,13 +82,32 @@ class March:
 
     def fall(self, found: Found) -> None:
         """Note that the force fell in a step that is about to be accepted."""
-        if self.fell_after is None:
-            self.fell_after = self.reached
+        self._leave(Status.FORCE_FELL)
         self.warn(
             "fall",
             f"the force falls at a travel of {found.travel:.4f} mm: another branch of "
             "equilibria, real or of the mesh, or a material that softens",
         )
+
+    def jump(self, found: Found, *, leaves: bool) -> None:
+        """Note a jump past unstable states in a step that is about to be accepted, if it has one.
+
+        It `leaves` the wanted branch where no row of material can have snapped past an edge.
+        """
+        far = found.equilibrium.jump
+        if not far > LEAP * (found.travel - self.reached):
+            return
+        if leaves:
+            self._leave(Status.JUMPED)
+        self.warn(
+            "jump",
+            f"the solution jumps by {far:.3g} mm on the way to a travel of {found.travel:.4f} mm, "
+            "as the path before it turned unstable",
+        )
+
+    def _leave(self, how: Status) -> None:
+        if self.good_until is None:
+            self.good_until, self.left_by = self.reached, how
 
     def warn(self, kind: str, warning: str) -> None:
         """Keep the first warning of each kind."""
@@ -125,7 +151,7 @@ def stride(
                     outcome.accept(found)
                     step = min(steps.largest, step * _growth(found.equilibrium.iterations))
                     continue
-            except ArithmeticError as error:  # of a factorisation
+            except SingularTangentError as error:
                 failed, reason, at = True, f"the tangent is singular ({error})", far
             outcome.n_cuts += 1
             step = (far - here.travel) / 2.0

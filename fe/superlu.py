@@ -14,6 +14,8 @@ import numpy.typing as npt
 import scipy.sparse as sp
 from scipy.sparse.linalg import SuperLU, splu
 
+from fe.singular_tangent import SingularTangentError
+
 Array = npt.NDArray[np.float64]
 Int32Array = npt.NDArray[np.int32]
 
@@ -44,7 +46,7 @@ class SuperLUMatrix:
     def factorise(self, data: Array) -> int:
         """Factorise the matrix with these entries; returns negative pivots of a symmetric one.
 
-        Raises ArithmeticError when a matrix is singular.
+        Raises SingularTangentError when a matrix is singular.
         """
         matrix = sp.csc_matrix(
             (np.asarray(data)[self._from], self._indices, self._indptr), (self._n, self._n)
@@ -65,7 +67,7 @@ class SuperLUMatrix:
                 return 0
             if np.array_equal(self._lu.perm_r, self._lu.perm_c):  # all pivots on the diagonal
                 return int(np.sum(self._lu.U.diagonal() < 0.0))
-        raise ArithmeticError("SuperLU: the matrix is singular")
+        raise SingularTangentError("SuperLU: the matrix is singular")
 
     def solve(self, b: Array, *, transposed: bool = False) -> Array:
         """Solution for b (n,) or (n, k), with the transpose if asked.

@@ -23,6 +23,7 @@ from fe.newton import NewtonOptions
 from fe.plate import initial_memory, moved_anchors, no_slopes
 from fe.plate_contact import slip_share, slips
 from fe.potential import Assembly
+from fe.singular_tangent import SingularTangentError
 from fe.specimens.cylinder import GRADING
 from fe.steps import March, StepOptions
 
@@ -225,7 +226,7 @@ def test_a_step_whose_next_tangent_is_singular_leaves_no_anchors_behind(monkeypa
 
     def failing_once(solver, data):
         if armed and armed.pop():
-            raise ArithmeticError("singular")
+            raise SingularTangentError("singular")
         return factorise(solver, data)
 
     monkeypatch.setattr("fe.driving.moved_anchors", drawn)

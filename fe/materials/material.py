@@ -16,6 +16,10 @@ from fe.materials.volumetric import VOLUMETRIC_CODES, Volumetric
 Array = npt.NDArray[np.float64]
 
 
+LARGEST = 1e100
+"""MPa: squares of larger moduli, or of their inverse, are no numbers any more"""
+
+
 class KernelMaterial(NamedTuple):
     """What the compiled kernels see of a material."""
 
@@ -34,7 +38,8 @@ class Material:
     """W(F) = isochoric law + K u(J); MPa.
 
     Raises ValueError for a wrong number of constants, numbers that are not finite, a shear or
-    bulk modulus that is not above 0, an Ogden exponent of 0 or an unknown volumetric law.
+    bulk modulus that is not above 0, a shear modulus so large or small that its square is no
+    number, an Ogden exponent of 0 or an unknown volumetric law.
     """
 
     law: Law
@@ -59,6 +64,11 @@ class Material:
             raise ValueError(
                 f"constants: expected a small-strain shear modulus above 0 MPa, found "
                 f"{self.shear_modulus} from {self.constants} of {self.law.name}"
+            )
+        if not 1.0 / LARGEST < self.shear_modulus < LARGEST:
+            raise ValueError(
+                f"constants: expected a shear modulus between {1.0 / LARGEST:g} and {LARGEST:g} "
+                f"MPa, found {self.shear_modulus}"
             )
         if not self.bulk > 0.0:
             raise ValueError(f"bulk: expected a modulus above 0 MPa, found {self.bulk}")
@@ -121,8 +131,12 @@ def mooney_rivlin_of_ratios(ratios: Array, kappa: float, bulk: float) -> Materia
 def bulk_modulus(shear_modulus: float, poisson: float) -> float:
     """Bulk modulus (MPa) of a small-strain shear modulus (MPa) and Poisson's ratio; inf at 0.5.
 
-    Raises ValueError for a ratio outside (-1, 0.5].
+    Raises ValueError for a ratio outside (-1, 0.5] and a modulus that is none.
     """
+    if not 0.0 < shear_modulus < np.inf:
+        raise ValueError(
+            f"shear_modulus: expected a finite modulus above 0 MPa, found {shear_modulus}"
+        )
     if not -1.0 < poisson <= 0.5:
         raise ValueError(f"poisson: expected a ratio above -1 and up to 0.5, found {poisson}")
     if poisson == 0.5:

@@ -266,9 +266,9 @@ class BlockPinModel:
         def area(of: BlockPin) -> Array:
             return contact_faces(mesh(of), of, rubs, ends=True)[0].weights
 
-        rings = isinstance(self.cells, Rings)
+        grid = not isinstance(self.cells, Rings) and self.part != "full"
         args = (names, known, problem, self.specimen, shear, mesh)
-        return parameters(*args, area=area if rings else None)
+        return parameters(*args, area=None if grid else area)
 
     def problem(self, discrete: Discretisation, ratios: Array, kappa: float = 1.0) -> Problem:
         """The discrete problem at ratios (r, s) and kappa (MPa)."""

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from numbers import Real
 from typing import Literal
 
 import numpy as np
 
 from fe.pin_surface import BAR, GRIP, ROUND, RigidPin
+from fe.positive_numbers import is_number
 from fe.specimens.checks import check_length
 from fe.touch import FrictionLaw
 
@@ -44,7 +44,7 @@ class BlockPin:
             )
         if self.pin not in ("bar", "round"):
             raise ValueError(f"pin: expected 'bar' or 'round', found {self.pin!r}")
-        if np.shape(self.pin_shift) != (2,):
+        if np.shape(self.pin_shift) != (2,) or not all(map(is_number, self.pin_shift)):
             raise ValueError(f"pin_shift: expected two lengths (x, z), found {self.pin_shift}")
         x, z = (float(shift) for shift in self.pin_shift)
         object.__setattr__(self, "pin_shift", (x, z))  # hashable: meshes are kept by specimen
@@ -53,8 +53,8 @@ class BlockPin:
                 f"pin_shift: expected a pin axis over the block of {self.width} x {self.depth} mm, "
                 f"found a shift of {self.pin_shift} mm"
             )
-        if not np.isfinite(self.pin_rotation):
-            raise ValueError(f"pin_rotation: expected a finite angle, found {self.pin_rotation}")
+        if not (is_number(self.pin_rotation) and np.isfinite(self.pin_rotation)):
+            raise ValueError(f"pin_rotation: expected a finite angle, found {self.pin_rotation!r}")
 
     @property
     def turned(self) -> bool:
@@ -104,8 +104,8 @@ class Contact:
     def __post_init__(self) -> None:
         for name in ("pin", "base"):
             value = getattr(self, name)
-            number = isinstance(value, Real) and not isinstance(value, bool)
-            if value not in ("stick", "slide") and not (number and 0.0 <= value < np.inf):
+            named = isinstance(value, str) and value in ("stick", "slide")
+            if not named and not (is_number(value) and 0.0 <= value < np.inf):
                 raise ValueError(
                     f"{name}: expected 'stick', 'slide' or a coefficient of friction of 0 or more, "
                     f"found {value!r}"

@@ -17,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 from skfem import Basis, ElementHex1, Mesh
 
+from fe.differenced import ends
 from fe.material_parameters import MaterialParameters
 from fe.parameters import TRAVEL_ZERO, Parameters, carry_faces
 from fe.plane_elements import with_hoop
@@ -123,30 +124,19 @@ def by_geometry(name: str, specimen: BlockPin, of: Geometry) -> Array | None:
 
     Central, or to one side of a dimension at its limit.
     """
-    change = DIFFERENCE_DEGREES if name == "pin_rotation" else DIFFERENCE
-    if name in (*SPECIMEN, "pin_rotation"):
-        value = getattr(specimen, name)
-        ends = [_changed(specimen, name, value + h) for h in (change, 0.0, -change)]
-    elif name in ("pin_shift_x", "pin_shift_z"):
-        along = np.array([1.0, 0.0] if name.endswith("x") else [0.0, 1.0])
-        at = np.array(specimen.pin_shift)
-        ends = [_changed(specimen, "pin_shift", at + h * along) for h in (change, 0.0, -change)]
-    else:
+    if name not in (*SPECIMEN, "pin_shift_x", "pin_shift_z", "pin_rotation"):
         return None
-    high, low = ends[0] or ends[1], ends[2] or ends[1]
-    assert high is not None
-    assert low is not None
-    steps = (ends[0] is not None) + (ends[2] is not None)
-    slope: Array = (of(high) - of(low)) / (steps * change)
+
+    def changed(by: float) -> BlockPin:
+        if name in ("pin_shift_x", "pin_shift_z"):
+            x, z = specimen.pin_shift
+            moved = (x + by, z) if name == "pin_shift_x" else (x, z + by)
+            return replace(specimen, pin_shift=moved)
+        return replace(specimen, **{name: getattr(specimen, name) + by})
+
+    high, low, width = ends(changed, DIFFERENCE_DEGREES if name == "pin_rotation" else DIFFERENCE)
+    slope: Array = (of(high) - of(low)) / width
     return slope
-
-
-def _changed(specimen: BlockPin, name: str, value: object) -> BlockPin | None:
-    """The specimen with another dimension, None where there is none with it."""
-    try:
-        return replace(specimen, **{name: value})
-    except ValueError:
-        return None
 
 
 def mesh_motion(

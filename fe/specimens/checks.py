@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import fields
-from numbers import Real
 from typing import Any
 
 import numpy as np
+
+from fe.positive_numbers import is_number
 
 
 def check_lengths(dimensions: Any) -> None:
@@ -18,7 +19,7 @@ def check_lengths(dimensions: Any) -> None:
 
 def check_length(name: str, value: float) -> None:
     """Raise ValueError for a length that is not finite and above 0 mm."""
-    if not (isinstance(value, Real) and 0.0 < value < math.inf):
+    if not (is_number(value) and 0.0 < value < math.inf):
         raise ValueError(f"{name}: expected a length above 0 mm, found {value!r}")
 
 
@@ -47,5 +48,5 @@ def check_travel(travel: tuple[float, ...], length: float, name: str) -> None:
 
 def check_bulk_ratio(bulk_ratio: float) -> None:
     """Raise ValueError for a bulk modulus over mu that is not finite and above 0."""
-    if not (isinstance(bulk_ratio, Real) and 0.0 < bulk_ratio < math.inf):
+    if not (is_number(bulk_ratio) and 0.0 < bulk_ratio < math.inf):
         raise ValueError(f"bulk_ratio: expected a finite ratio above 0, found {bulk_ratio!r}")

@@ -8,7 +8,6 @@ Displacements of the response are (u_r, u_z, 0) on the side r = diameter / 2.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from numbers import Real
 from typing import Literal
 
 import numpy as np
@@ -26,6 +25,7 @@ from fe.newton import NewtonOptions
 from fe.parameters import check_asked
 from fe.plane_elements import axisymmetric_elements, hoop_equations, with_hoop
 from fe.plate import Edges, Plate, ring_edges
+from fe.positive_numbers import is_number
 from fe.response import OF_REVOLUTION
 from fe.specimens.checks import (
     check_bulk_ratio,
@@ -96,7 +96,7 @@ class CylinderModel:
         check_travel(self.travel, self.specimen.height, "height")
         if self.ends not in ("bonded", "slide"):
             raise ValueError(f"ends: expected 'bonded' or 'slide', found {self.ends!r}")
-        if not (isinstance(self.friction, Real) and 0.0 <= self.friction < np.inf):
+        if not (is_number(self.friction) and 0.0 <= self.friction < np.inf):
             raise ValueError(
                 f"friction: expected a finite coefficient of at least 0, found {self.friction!r}"
             )

@@ -93,9 +93,7 @@ def bar_mesh(
     return MeshHex(places, mesh.t)
 
 
-def _across(
-    block: BlockPin, like: BlockPin, chosen: Lie, how: Manner, n: int, at: float
-) -> Array:
+def _across(block: BlockPin, like: BlockPin, chosen: Lie, how: Manner, n: int, at: float) -> Array:
     """(2 n + 1,) lines across the bar at a place along it, mm from the block's centre."""
     own = _straightened(block, chosen.along, at)
     middle = _straightened(like, chosen.along, like.pin_shift[chosen.along // 2])
