@@ -70,11 +70,13 @@ def _material(
         values = [_number(n, theta[n]) for n in names]
     else:
         try:
-            array = np.asarray(theta, dtype=np.float64)
-        except (TypeError, ValueError) as error:
+            array = np.asarray(theta)
+        except ValueError:  # rows of several lengths
+            array = np.asarray(None)
+        if array.dtype.kind not in "fiu":
             raise ValueError(
                 f"theta: expected {len(names)} numbers ({', '.join(names)}), found {theta!r}"
-            ) from error
+            )
         if array.shape != (len(names),):
             raise ValueError(
                 f"theta: expected {len(names)} numbers ({', '.join(names)}), "

@@ -170,6 +170,18 @@ def test_what_was_reached_is_kept_when_a_later_step_fails(monkeypatch):
         (lambda: model(cells=(3.0, 1, 1)), "cells: expected 3 whole numbers"),
         (lambda: model(bulk_ratio=0.0), "bulk_ratio"),
         (lambda: model(bulk_ratio=float("inf")), "bulk_ratio: expected a finite ratio"),
+        (lambda: model(bulk_ratio=True), "bulk_ratio: expected a finite ratio above 0, found True"),
+        (lambda: BlockPin(width=True), "width: expected a length above 0 mm, found True"),
+        (lambda: BlockPin(pin_rotation="10"), "pin_rotation: expected a finite angle, found '10'"),
+        (lambda: BlockPin(pin_rotation=True), "pin_rotation: expected a finite angle, found True"),
+        (lambda: BlockPin(pin_shift=("0.1", 0)), "pin_shift: expected two lengths"),
+        (lambda: Contact(np.array([0.3, 0.2])), "pin: expected .* found array"),
+        (
+            lambda: NewtonOptions(max_iterations=20.5),
+            "max_iterations: expected a whole number above 0, found 20.5",
+        ),
+        (lambda: NewtonOptions(tolerance=True), "tolerance: expected a finite number above 0"),
+        (lambda: StepOptions(first="0.1"), "first: expected a finite number above 0, found '0.1'"),
         (lambda: model()(np.array([0.1])), "ratios: expected two finite numbers"),
     ],
 )

@@ -52,6 +52,16 @@ def at_forces_of(model, response):
     return replace(model, travel=(), force=tuple(response.force))
 
 
+def test_forces_closer_than_the_hold_that_a_step_adds_say_so():
+    """What has touched holds 0.3 % more once it sticks, at the same travel."""
+    model = block(("stick", "stick"), travel=(), force=(0.1, 0.10005), cells=(4, 2, 2))
+    response = fe.simulate(model, "mooney-rivlin-3", (0.008, 0.002, 0.001, 2.0))
+    assert response.status is fe.Status.STOPPED
+    assert response.force[0] == pytest.approx(0.1, rel=1e-8)
+    assert "what has stuck holds more than the wanted force" in response.message
+    assert "falls" not in response.message
+
+
 @CONTACTS
 def test_forces_of_asked_travels_give_back_the_travels_and_the_field(contact):
     model = block(contact)

@@ -60,6 +60,12 @@ def test_what_cannot_be_fitted_is_refused_by_name():
         HomogeneousTests(np.ones((3, 3)), np.ones(2))
     with pytest.raises(ValueError, match="stretches: expected finite numbers above 0"):
         HomogeneousTests(-np.ones((2, 3)), np.ones(2))
+    with pytest.raises(ValueError, match="stretches: expected finite numbers above 0, found nan"):
+        HomogeneousTests(np.full((2, 3), np.nan), np.ones(2))
+    with pytest.raises(ValueError, match="stress: expected finite numbers"):
+        HomogeneousTests(np.ones((2, 3)), np.array([1.0, np.nan]))
+    with pytest.raises(ValueError, match="stretches: expected a product of 1 in each row, found 2"):
+        HomogeneousTests(np.array([[1.0, 1.0, 1.0], [2.0, 1.0, 1.0]]), np.ones(2))
 
 
 @needs_data

@@ -226,6 +226,9 @@ def test_bulk_modulus_is_that_of_the_poisson_ratio():
     assert bulk_modulus(mu, 0.5) == np.inf
     with pytest.raises(ValueError, match=r"poisson: expected .* found 0\.6"):
         bulk_modulus(mu, 0.6)
+    for wrong in (-1.0, 0.0, np.nan, np.inf):
+        with pytest.raises(ValueError, match="shear_modulus: expected a finite modulus above 0"):
+            bulk_modulus(wrong, 0.3)
 
 
 @pytest.mark.parametrize(
@@ -235,6 +238,13 @@ def test_bulk_modulus_is_that_of_the_poisson_ratio():
         ("yeoh", (1.0,), {}, r"constants: expected 3 finite numbers \(C10, C20, C30\)"),
         ("neo-hookean", (np.nan,), {}, "constants: expected 1 finite numbers"),
         ("neo-hookean", (-1.0,), {}, "shear modulus above 0 MPa, found -2.0"),
+        (
+            "neo-hookean",
+            (1e150,),
+            {},
+            r"shear modulus between 1e-100 and 1e\+100 MPa, found 2e\+150",
+        ),
+        ("neo-hookean", (1e-150,), {}, "shear modulus between 1e-100 and .* found 2e-150"),
         ("ogden-1", (1.0, 0.0), {}, "alpha1: expected an exponent other than 0"),
         ("neo-hookean", (1.0,), {"bulk": 0.0}, "bulk: expected a modulus above 0 MPa, found 0.0"),
         ("neo-hookean", (1.0,), {"volumetric": "cubic"}, "volumetric: expected .* found 'cubic'"),

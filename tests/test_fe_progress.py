@@ -81,3 +81,14 @@ def test_listening_changes_nothing():
     quiet = fe.simulate(BLOCK, "neo-hookean", (0.02, 6.0))
     told = fe.simulate(BLOCK, "neo-hookean", (0.02, 6.0), progress=lambda step: None)
     assert told.displacement.tobytes() == quiet.displacement.tobytes()
+
+
+@pytest.mark.parametrize("error", [ZeroDivisionError, ArithmeticError, OverflowError])
+def test_an_error_of_the_listener_is_its_own(error):
+    """And not a tangent that is singular, for which the step would be tried again."""
+
+    def progress(step: StepReport) -> None:
+        raise error("mine")
+
+    with pytest.raises(error, match="mine"):
+        fe.simulate(BLOCK, "neo-hookean", (0.02, 6.0), progress=progress)

@@ -27,7 +27,9 @@ from fe.directions import directions
 from fe.discretisation import elements, sum_to_nodes
 from fe.friction import friction_system
 from fe.pin_surface import BAR, ROUND, RigidPin
+from fe.sensitivity import adjoint
 from fe.shape_slopes import residual_slopes
+from fe.singular_tangent import SingularTangentError
 from fe.surface_slopes import no_slopes
 from fe.touch import FrictionLaw
 from fe.weak_form import element_system
@@ -256,6 +258,46 @@ def test_the_adjoint_agrees_with_the_direct_derivatives(contact):
     np.testing.assert_allclose(
         found, expected, rtol=1e-8, atol=1e-8 * np.abs(expected).max(axis=0).min()
     )
+
+
+def test_an_objective_is_asked_by_the_number_of_the_travel_when_a_step_is_cut(monkeypatch):
+    """Its derivative fails once, after it was asked: the step to the travel is tried again."""
+    block = small(RUBBING)
+    asked, failing = [], [True]
+
+    def objective(i, field, total):
+        asked.append(i)
+        return np.zeros_like(field), 1.0
+
+    def fails_once(*of):
+        if failing:
+            failing.pop()
+            raise SingularTangentError("singular")
+        return adjoint(*of)
+
+    whole = block.objective_gradients(rubber(), objective)
+    expected, asked = asked, []
+    monkeypatch.setattr("fe.load_stepping.adjoint", fails_once)
+    cut = block.objective_gradients(rubber(), objective)
+    assert asked == [expected[0], *expected]
+    np.testing.assert_allclose(cut, whole, rtol=0.2)
+
+
+def test_an_error_of_the_objective_is_its_own():
+    def objective(i, field, total):
+        raise ZeroDivisionError("mine")
+
+    with pytest.raises(ZeroDivisionError, match="mine"):
+        small(RUBBING).objective_gradients(rubber(), objective)
+
+
+@pytest.mark.parametrize("fillet", [2.0 - 5e-7, 5e-7])
+def test_a_fillet_at_its_limit_is_differenced_to_one_side(fillet):
+    block = BlockPinModel(
+        BlockPin(pin_fillet=fillet), Contact("slide", "stick"), (3, 2, 1), (0.1,),
+        field_grid=(2, 2), sensitivities=("pin_fillet", "height"),
+    )  # fmt: skip
+    assert np.isfinite(block.respond(rubber()).force_gradient).all()
 
 
 def test_asking_for_sensitivities_does_not_change_the_solution():

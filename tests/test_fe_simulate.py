@@ -46,6 +46,15 @@ def test_the_response_is_labelled_and_good_to_the_last_travel(specimen):
     assert response.seconds > 0.0
 
 
+@pytest.mark.parametrize("wrong", [True, "0.01", None])
+def test_theta_is_of_numbers(wrong):
+    with pytest.raises(ValueError, match="theta: expected a number of MPa for C11, found"):
+        fe.simulate(SPECIMENS["uniaxial"], "mooney-rivlin-3", {**THETA, "C11": wrong})
+    for array in ([wrong] * 4, ["0.01"] * 4, [[0.01], [1.0, 2.0]], [1j] * 4):
+        with pytest.raises(ValueError, match=r"theta: expected 4 numbers \(C10, C01, C11, bulk\)"):
+            fe.simulate(SPECIMENS["uniaxial"], "mooney-rivlin-3", array)
+
+
 @every_specimen
 def test_a_stiffer_material_takes_more_force_for_the_same_field(specimen):
     one = fe.simulate(specimen, "mooney-rivlin-3", THETA)
