@@ -3,13 +3,13 @@
     python -m benchmarks.verify_fe [--only PART ...] [--cases CASE ...] [--draws 200] [--workers 1]
         [--out FILE]
 
-Parts: felupe, calculix, taylor (a minute each), gci and bounds (ten minutes each), directions (the
-fitting meshes refined in one coordinate at a time, an hour), sobol (200 draws over pins and
-contacts on the sampling meshes, half an hour), sobol_fitting (20 of them on the fitting meshes,
-an hour or more).  Each part replaces its own figures in FILE and leaves the others; every
-simulation but those of the first three is kept under --runs, so an interrupted part goes on where
-it was.  With --cases ("round, stick" ...) gci and
-directions replace the figures of these cases alone.
+Parts: felupe, calculix, taylor (a minute each), turned (bars, five minutes), gci and bounds (ten
+minutes each), directions (the fitting meshes refined in one coordinate at a time, an hour), sobol
+(200 draws over pins and contacts on the sampling meshes, half an hour), sobol_fitting (20 of them
+on the fitting meshes, an hour or more).  Each part replaces its own figures in FILE and leaves the
+others; every simulation but those of the first four is kept under --runs, so an interrupted part
+goes on where it was.  With --cases ("round, stick" ...) gci and directions replace the figures of
+these cases alone.
 """
 
 from __future__ import annotations
@@ -36,6 +36,7 @@ from benchmarks import (
     grid_convergence,
     mesh_uncertainty,
     taylor,
+    turned_bars,
 )
 from benchmarks.grid_convergence import CASES
 from benchmarks.mesh_convergence import Case
@@ -107,6 +108,11 @@ def taylor_orders(settings: Settings) -> dict[str, Any]:
     return taylor.figures()
 
 
+def turned(settings: Settings) -> dict[str, Any]:
+    """Force under a turned bar on two meshes, by contact and angle."""
+    return turned_bars.figures()
+
+
 def gci(settings: Settings) -> dict[str, Any]:
     """Grid convergence index of force and field by contact and increment."""
     return grid_convergence.figures(settings.runs / "gci", settings.cases)
@@ -137,6 +143,7 @@ PARTS: dict[str, Callable[[Settings], dict[str, Any]]] = {
     "felupe": felupe,
     "calculix": calculix,
     "taylor": taylor_orders,
+    "turned": turned,
     "gci": gci,
     "bounds": bounds,
     "directions": directions,
