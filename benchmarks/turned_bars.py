@@ -13,7 +13,10 @@ ANGLES = (0.0, 5.0, 10.0, 20.0, 27.0, 45.0, 90.0)
 TRAVEL = 0.2
 COARSE, FINE = (6, 3, 4), (12, 4, 8)
 """elements across, over the height and along a quarter; across is x to 45 degrees, then z"""
-CONTACTS = {"stuck": Contact("stick", "stick"), "sliding on a stuck base": Contact("slide", "stick")}
+CONTACTS = {
+    "stuck": Contact("stick", "stick"),
+    "sliding on a stuck base": Contact("slide", "stick"),
+}
 LAW, CONSTANTS = "neo-hookean", (0.01, 0.2)
 """C10 and bulk modulus, MPa"""
 

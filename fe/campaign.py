@@ -175,6 +175,14 @@ def load_campaign(plan: CampaignPlan) -> Campaign:
     return ledger.campaign()
 
 
+def list_campaign(plan: CampaignPlan) -> None:
+    """Write the manifest of what the store holds of a plan; runs nothing.
+
+    Raises ValueError when runs are damaged or foreign.
+    """
+    _Ledger.of(plan).write_manifest()
+
+
 def load_response_at(plan: CampaignPlan, row: int = 0) -> Response | None:
     """The result of one row of a plan when its store has it, else None."""
     path = run_files(plan.store).get(plan.keys()[row])

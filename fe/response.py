@@ -101,6 +101,13 @@ class Response:
             found = getattr(self, name).shape[0]
             if found != n_step:
                 raise ValueError(f"{name}: expected {n_step} steps as in travel, found {found}")
+        for name in ("force_gradient", "displacement_gradient"):
+            found = getattr(self, name).shape[-1]
+            if found != len(self.parameters):
+                raise ValueError(
+                    f"{name}: expected derivatives in {len(self.parameters)} parameters "
+                    f"({', '.join(self.parameters)}), found {found}"
+                )
         if self.force.ndim != 1:
             raise ValueError(f"force: expected one number a step, found shape {self.force.shape}")
 

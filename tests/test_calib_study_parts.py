@@ -11,7 +11,7 @@ from typing import Any, Literal
 import pytest
 from analytic_block import AnalyticBlock, analytic_block
 
-from calib.study import stage_list
+from calib.study import simulate_stage, stage_list
 from calib.study.campaign_tables import failures_table
 from calib.study.config import Study, load_study
 from calib.study.context import Context
@@ -134,6 +134,34 @@ def test_what_is_kept_beside_results_is_the_study_file_of_today(tmp_path: Path) 
     kept = posterior.settings(context)
     assert kept != posterior.settings(replace(context, study=more))
     assert kept == posterior.settings(replace(context, study=alone))
+
+
+def test_a_larger_design_that_was_stopped_leaves_no_table_of_its_own(tmp_path: Path) -> None:
+    """Its manifest stays when all runs of the smaller study, which is asked again, are there."""
+    part(tmp_path, "simulate")
+    larger = small()
+    larger = replace(larger, design=replace(larger.design, n_runs=20))
+
+    def stopped(*_: object) -> Iterator[object]:
+        raise KeyboardInterrupt
+        yield
+
+    with pytest.raises(KeyboardInterrupt):
+        part(tmp_path, "simulate", larger, map_fn=stopped)
+    manifest = tmp_path / "campaign" / small().hypotheses[0].name / "manifest.json"
+    assert len(json.loads(manifest.read_text())["runs"]) == 24
+    _, text = part(tmp_path, "simulate")
+    assert len(json.loads(manifest.read_text())["runs"]) == 16
+    assert "24" not in text.split("hypothesis")[1]
+
+
+def test_a_manifest_that_is_none_is_refused_by_name(tmp_path: Path) -> None:
+    """Where the runs that it lists are looked for."""
+    path = tmp_path / "manifest.json"
+    path.write_text("{}")
+    for read in (simulate_stage.manifest_files, simulate_stage.read_manifest):
+        with pytest.raises(ValueError, match=r"manifest\.json: found no parameters, runs, unused"):
+            read(tmp_path)
 
 
 def test_simulate_prints_runs_and_leaves_a_figure(tmp_path: Path) -> None:

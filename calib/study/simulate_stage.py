@@ -14,11 +14,19 @@ from calib.study.run_identity import run_identity
 from calib.study.sections import Hypothesis
 from calib.study.tables import Table
 from calib.study.unknowns import design_points, parameters_of
-from fe.campaign import CampaignFailed, CampaignPlan, load_campaign, run_campaigns
+from fe.campaign import (
+    CampaignFailed,
+    CampaignPlan,
+    list_campaign,
+    load_campaign,
+    run_campaigns,
+)
 from fe.campaign_result import Campaign
 from fe.manifest import MANIFEST
 from fe.progress_bar import progress_bar
 
+KEYS = ("parameters", "runs", "unused")
+"""of a manifest, what is read here"""
 _KIND = {
     "sobol": "corners, then scrambled Sobol",
     "latin": "corners, then a nested maximin Latin hypercube",
@@ -82,13 +90,18 @@ def failure_tables(out: Path, study: Study) -> list[Table]:
     return [table for table in found if table is not None]
 
 
-def closing_lines(out: Path, study: Study, told: bool) -> list[str]:
+def closing_lines(context: Context, told: bool) -> list[str]:
     """What `calib simulate` prints at its end: tables, and where runs and figure are.
 
-    `told`: whether the failures have been printed by `run_design`.
+    `told`: whether `run_design` has run, and printed the failures.  If not, the manifests in the
+    folder may be those of another design, one that was stopped.
     """
+    out, study = context.out, context.study
     folders = {h.name: campaign_folder(out, h) for h in study.hypotheses}
-    manifests = {name: read_json(folder / MANIFEST) for name, folder in folders.items()}
+    if not told:
+        for hypothesis in study.hypotheses:
+            list_campaign(design_plan(context, hypothesis))
+    manifests = {name: read_json(folder / MANIFEST, KEYS) for name, folder in folders.items()}
     tables = [campaign_table(manifests), *([] if told else failure_tables(out, study))]
     figure = out / "campaign" / "design.png"
     save_png(design_figure(manifests), figure)
@@ -107,12 +120,12 @@ def campaign_folder(out: Path, hypothesis: Hypothesis) -> Path:
 
 def manifest_files(store: Path) -> list[Path]:
     """The runs that the manifest of a campaign lists."""
-    runs = read_json(store / MANIFEST)["runs"]
+    runs = read_json(store / MANIFEST, KEYS)["runs"]
     return [store / run["file"] for run in runs if run["file"]]
 
 
 def read_manifest(store: Path) -> dict[str, Any] | None:
     """The manifest of a campaign, None where none has begun."""
     path = store / MANIFEST
-    found: dict[str, Any] | None = read_json(path) if path.is_file() else None
+    found: dict[str, Any] | None = read_json(path, KEYS) if path.is_file() else None
     return found

@@ -175,7 +175,7 @@ def run_part(
         ran = run_stages(context, until)
     failures: tuple[str, ...] = ()
     if until == "simulate":
-        lines = simulate_stage.closing_lines(context.out, study, until in ran)
+        lines = simulate_stage.closing_lines(context, until in ran)
     else:
         lines, failures = train_report.closing_lines(context.out, study)
     for line in lines:
