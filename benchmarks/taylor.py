@@ -52,14 +52,18 @@ def rubber(numbers: tuple[float, ...] = LAW) -> Material:
 
 
 def model(contact: Contact, cells: tuple[int, int, int] = CELLS) -> BlockPinModel:
-    """A small block in three steps; what is left to solve is below the smallest remainder."""
+    """A small block in three steps; what is left to solve is below the smallest remainder.
+
+    However many iterations a step takes, it is not cut: where friction is, other steps are another
+    path.
+    """
     return BlockPinModel(
         BlockPin(),
         contact,
         cells,
         TRAVEL,
         field_grid=(6, 4),
-        newton=replace(NewtonOptions(), tolerance=1e-11, inexact=1e-6),
+        newton=replace(NewtonOptions(), tolerance=1e-11, inexact=1e-6, max_iterations=400),
         steps=StepOptions(first=0.18, largest=0.18),
     )
 
