@@ -404,3 +404,10 @@ def test_placing_errors_of_one_sample_have_the_size_that_samples_show() -> None:
     shown = np.sqrt(np.mean(patterns[0] ** 2) / np.mean(by_x**2))
     assert shown == pytest.approx(0.05, rel=5 / np.sqrt(2 * n))
     assert np.mean(patterns[1] ** 2) < 1e-2 * np.mean(patterns[0] ** 2)
+
+
+def test_samples_without_noise_of_the_load_cell_are_refused_by_name():
+    data = samples_of(N, np.random.default_rng(3))
+    quiet = replace(NOISE, load_cell_sd=0.0)
+    with pytest.raises(ValueError, match="load_cell_sd: expected above 0 N where samples are told"):
+        condense(data, AnalyticForward(BLOCK, 0.02, True), quiet, OWN, **ERRORS)

@@ -256,3 +256,22 @@ def test_what_only_changes_little_is_not_called_a_point_of_karush_kuhn_tucker() 
     found = METHODS["slsqp"](problem, np.array([-1.2, 1.0]), loose)
     assert found.status is Status.SMALL_CHANGE
     assert np.abs(rosen_der(found.x)).max() > 1e-3
+
+
+@pytest.mark.parametrize(("limit", "status"), [(9.0, Status.SMALL_CHANGE), (0.0, Status.CONVERGED)])
+def test_constraints_that_do_not_bind_make_no_point_of_karush_kuhn_tucker(limit, status) -> None:
+    """The same valley with a constraint far off; and with one that holds the way to its end."""
+    problem = Problem(
+        rosen if limit else lambda x: float(x[0] + x[1]),
+        np.full(2, -INF),
+        np.full(2, INF),
+        gradient=rosen_der if limit else lambda x: np.ones(2),
+        constraints=lambda x: np.array([x @ x - 2.0 if not limit else x[0] - limit]),
+        constraint_jacobian=lambda x: np.array([2.0 * x if not limit else [1.0, 0.0]]),
+    )
+    if limit:
+        settings = Settings(relative_change=0.5, kkt_tolerance=1e-9)
+    else:
+        settings = Settings(relative_change=0.0, absolute_change=0.0)
+    found = METHODS["slsqp"](problem, np.array([-1.2, 1.0]), settings)
+    assert found.status is status

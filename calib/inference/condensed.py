@@ -167,9 +167,15 @@ def condense(
     """Condense the samples of a dataset; arguments as of `likelihood.build_likelihood`.
 
     The field is used where dataset and forward model have one.
-    Raises ValueError without samples or with fewer than two, and for forces that are not finite.
+    Raises ValueError without samples or with fewer than two, for forces that are not finite, and
+    without noise of the load cell.
     """
     samples = checked_samples(dataset)
+    if not noise.load_cell_sd > 0.0:
+        raise ValueError(
+            "load_cell_sd: expected above 0 N where samples are told one by one, found "
+            f"{noise.load_cell_sd}"
+        )
     nothing = np.zeros((dataset.travel.size, dataset.travel.size))
     errors = force_errors(dataset, noise, force_discretisation, mean=nothing)
     fields: list[FieldPart] = []

@@ -6,7 +6,7 @@ import warnings
 from typing import Any, Literal
 
 import numpy as np
-from scipy.optimize import Bounds, NonlinearConstraint, minimize
+from scipy.optimize import Bounds, NonlinearConstraint, minimize, nnls
 
 from calib.optimize.minimum import Minimum, Settings, Status, minimum_of
 from calib.optimize.problem import Array, Evaluations, Problem
@@ -14,6 +14,8 @@ from calib.optimize.problem import Array, Evaluations, Problem
 WALL = 10.0
 """where the objective failed it counts as that of the start plus this many times (1 + its size):
 these methods know no failure, and a far higher wall would spoil their line searches"""
+MET = 1e3
+"""times the tolerance of constraints, within which these methods meet them"""
 
 
 def slsqp(problem: Problem, start: Array, settings: Settings | None = None) -> Minimum:
@@ -72,6 +74,8 @@ def _run(
     # Where the method ends at a wall of failures, the best point seen is not its end.
     at_end = ask.value(end) <= ask.value(path[-1]) + 1e-6 * (1.0 + abs(best))
     done = {0} if method == "SLSQP" else {1, 2}
+    if at_end and _met(ask, end, settings) and not np.array_equal(end, path[-1]):
+        path.append(end)  # a point that violates a little more may have been a little lower
     if result.status in done and at_end:
         status = (
             Status.CONVERGED if _settled(ask, start, path[-1], settings) else Status.SMALL_CHANGE
@@ -84,16 +88,29 @@ def _run(
 
 
 def _settled(ask: Evaluations, start: Array, x: Array, settings: Settings) -> bool:
-    """Whether the gradient that bounds leave is small: these methods stop on a small change, too.
+    """Whether the gradient that bounds and constraints leave is small (Karush, Kuhn and Tucker).
 
-    Not asked where there are constraints.
+    These methods stop on a small change, too.
     """
     problem = ask.problem
-    if problem.constraints is not None:
-        return True
     size = float(np.linalg.norm(ask.gradient(problem.inside(start))))
-    left = problem.inside(x - ask.gradient(x)) - x
-    return bool(np.linalg.norm(left) <= settings.kkt_tolerance * (1.0 + size))
+    gradient = ask.gradient(x)
+    normals = _active_normals(ask, x, settings)
+    if problem.constraints is None or normals.size == 0:  # nnls crashes on no columns
+        left = float(np.linalg.norm(problem.inside(x - gradient) - x))
+    else:
+        left = nnls(normals, -gradient)[1]
+    return bool(left <= settings.kkt_tolerance * (1.0 + size))
+
+
+def _active_normals(ask: Evaluations, x: Array, settings: Settings) -> Array:
+    """(n, m) outward normals at x (n,) of the constraints and bounds that it lies on."""
+    problem = ask.problem
+    near = MET * settings.feasibility
+    on = ask.constraints(x) >= -near
+    unit = np.eye(x.size)
+    lower, upper = x <= problem.lower + near, x >= problem.upper - near
+    return np.concatenate([ask.jacobian(x)[on], -unit[lower], unit[upper]]).T
 
 
 def _change(settings: Settings, value: float) -> float:
@@ -119,6 +136,6 @@ def _constraints(ask: Evaluations, method: str) -> Any:
 
 
 def _met(ask: Evaluations, x: Array, settings: Settings) -> bool:
-    """Whether the constraints hold within 1000 times the tolerance, as well as these methods do."""
+    """Whether the constraints hold as well as these methods make them."""
     worst = np.max(ask.constraints(x), initial=-np.inf)
-    return bool(worst <= 1e3 * settings.feasibility)
+    return bool(worst <= MET * settings.feasibility)

@@ -5,8 +5,9 @@ from __future__ import annotations
 import json
 import re
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from datetime import date, time
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -42,15 +43,30 @@ class Document:
 
     def checked(self, section_type: type[_Checked]) -> _Checked:
         """The values as the pydantic dataclass `section_type`. Raises FileRefused."""
+        for path, value in _dates(self.values):
+            reason = f"found the date or time {value}, expected a number or a text in quotes"
+            raise self.refuse(Refusal(path, reason))
         try:
             # strict pydantic takes arrays for tuples and tables for dataclasses from JSON only
-            content = json.dumps(self.values, default=str)
+            content = json.dumps(self.values)
             return TypeAdapter(section_type).validate_json(content)
         except ValidationError as error:
             found = _innermost(refusals(error, section_type))
             # a key that is absent may only be misspelt: the misspelling is what to say first
             first = min(found, key=lambda r: (r.is_absent, nearest_line(self.lines, r.path)))
             raise self.refuse(first) from error
+
+
+def _dates(value: object, path: KeyPath = ()) -> Iterator[tuple[KeyPath, date | time]]:
+    """Values that are dates or times in TOML, of which no key knows what to make."""
+    if isinstance(value, (date, time)):
+        yield path, value
+    elif isinstance(value, Mapping):
+        for key, below in value.items():
+            yield from _dates(below, (*path, key))
+    elif isinstance(value, list):
+        for index, below in enumerate(value):
+            yield from _dates(below, (*path, index))
 
 
 def _innermost(found: Sequence[Refusal]) -> list[Refusal]:
