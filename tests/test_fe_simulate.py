@@ -139,10 +139,17 @@ def test_a_labelled_response_survives_storage(tmp_path):
 
 
 def test_results_stored_without_labels_are_read_as_those_of_ratios(tmp_path):
-    save_response(tmp_path / "r.npz", fe.simulate(SPECIMENS["uniaxial"], "yeoh", (1, 0, 0, 9.0)))
-    with np.load(tmp_path / "r.npz") as stored:
-        old = {k: stored[k] for k in stored.files if k not in ("points", "parameters")}
-    np.savez(tmp_path / "old.npz", **old)
+    uniaxial = SPECIMENS["uniaxial"]
+    for name, response in (
+        ("old.npz", uniaxial(np.array([0.4, 0.1]))),
+        ("other.npz", fe.simulate(uniaxial, "yeoh", (1, 0, 0, 9.0))),
+    ):
+        save_response(tmp_path / "r.npz", response)
+        with np.load(tmp_path / "r.npz") as stored:
+            old = {k: stored[k] for k in stored.files if k not in ("points", "parameters")}
+        np.savez(tmp_path / name, **old)
+    with pytest.raises(ValueError, match=r"derivatives in 2 parameters \(r, s\), found 4"):
+        load_response(tmp_path / "other.npz")
     loaded = load_response(tmp_path / "old.npz")
     assert loaded.parameters == ("r", "s")
     assert loaded.points.shape == (0, 2)
