@@ -142,3 +142,12 @@ def test_the_slope_of_lines_in_the_rotation_is_their_motion(rotation):
         found_field = found.displacement_gradient[..., j]
         scale = 2e-3 * np.abs(moved).max() + 1e-7
         np.testing.assert_allclose(found_field, moved, atol=scale, err_msg=name)
+
+
+@pytest.mark.parametrize(
+    "pin", [{"pin_width": 40.0}, {"pin_width": 10.0}, {"pin_shift": (3.2, 0.0)}]
+)
+def test_a_straight_bar_keeps_its_lines_in_a_full_model_however_wide_or_near_a_face(pin):
+    half, full = (block_mesh(BlockPin(**pin), s, (6, 3, 2), STUCK).p for s in ("half", "full"))
+    for axis in (0, 1):
+        np.testing.assert_array_equal(np.unique(full[axis]), np.unique(half[axis]))

@@ -171,7 +171,7 @@ class Mesh:
     sampling: BlockCells = (12, 5, 3)
     """three numbers of elements (x, y, z) for the runs that train the emulator, or of a mesh whose
     lines follow a round pin { rings, layers, sectors }"""
-    check: BlockCells = (15, 10, 5)
+    check: BlockCells = (18, 8, 4)
     """three numbers of elements (x, y, z) for the runs that measure the discretisation error, or
     { rings, layers, sectors } where sampling has these"""
     check_stiffening: Stiffening = 4.0

@@ -49,7 +49,8 @@ def lie(block: BlockPin) -> Lie:
     length = block.depth if along == 2 else block.width
     ends = [_straightened(block, along, at) for at in (-length / 2.0, length / 2.0)]
     room = min(seen_from_axis(end, side).length - _flat(end) for end in ends for side in (-1, 1))
-    return Lie(along, bool(room > ROOM * ends[0].width / 2.0))
+    straight = angle in (0.0, -90.0)  # along the lines of any mesh, however wide or near a face
+    return Lie(along, straight or bool(room > ROOM * ends[0].width / 2.0))
 
 
 def edge_crosses_elements(block: BlockPin) -> bool:
