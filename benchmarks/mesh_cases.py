@@ -84,5 +84,5 @@ MESH_CASES = {
     "default-stuck": MeshCase("stuck", (15, 10, 5), (16, 12, 6), 12, CELLS["stick"], seed=1000),
 }
 """by name; truths of the last four took no part in choosing what is stated of a mesh's error; the
-last two are of the meshes of studies that name none, until 2026-11-27 and since, at ratios of the
+last two are of the check mesh of studies that name none and of one of more layers, at ratios of the
 one before them"""
