@@ -97,12 +97,14 @@ class March:
         far = found.equilibrium.jump
         if not far > LEAP * (found.travel - self.reached):
             return
+        why = "material snaps past the pin's edge, or the block bends into another shape"
         if leaves:
             self._leave(Status.JUMPED)
+            why = "as the path before it turned unstable"
         self.warn(
             "jump",
-            f"the solution jumps by {far:.3g} mm on the way to a travel of {found.travel:.4f} mm, "
-            "as the path before it turned unstable",
+            f"the solution jumps by {far:.3g} mm on the way to a travel of {found.travel:.4f} mm"
+            f"{',' if leaves else ':'} {why}",
         )
 
     def _leave(self, how: Status) -> None:

@@ -63,6 +63,17 @@ def test_forces_closer_than_the_hold_that_a_step_adds_say_so():
 
 
 @CONTACTS
+@pytest.mark.parametrize("apart", [1e-11, 1e-10, 1e-7])
+def test_forces_that_are_the_same_to_the_tolerance_do_not_end_a_run(contact, apart):
+    model = block(contact, travel=(), newton=NewtonOptions(), force=(0.1, 0.1 * (1 + apart), 0.2))
+    response = fe.simulate(model, "neo-hookean", (0.01, 0.2))
+    assert response.status is fe.Status.CONVERGED, response.message
+    np.testing.assert_allclose(response.force, model.force, rtol=2e-5)
+    assert np.isfinite(response.force_gradient).all()
+    assert np.isfinite(response.displacement_gradient).all()
+
+
+@CONTACTS
 def test_forces_of_asked_travels_give_back_the_travels_and_the_field(contact):
     model = block(contact)
     by_travel = model(RATIOS)

@@ -243,7 +243,10 @@ class BlockPinModel:
         """What about the mesh is less good than of a straight bar."""
         if not edge_crosses_elements(self.specimen):
             return ""
-        glued = ", and glue that ends inside elements stiffens them"
+        glued = (
+            ", and glue that ends inside elements stiffens them; derivatives in the bar's place, "
+            "width and turn leave out which points it holds"
+        )
         return "the edge of the turned bar crosses elements" + (
             glued if self.contact.pin == "stick" else ""
         )
