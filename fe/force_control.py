@@ -127,16 +127,16 @@ def step_to_force(
     equilibria are not unique.  Where the force falls, or jumps past the wanted one, the equilibrium
     is one that did not converge.
     """
-    before = here.assembly.pin_force if here.assembly is not None else 0.0
-    if here.assembly is not None and abs(before - target) <= way.tolerance * target:
-        met = Equilibrium(here.u, here.p, here.assembly, True, "", 0)  # within that of the last one
-        return Found(met, here.travel, solver.factorise(here.assembly.data), True)
+    held = here.assembly
+    before = held.pin_force if held is not None else 0.0
+    if held is not None and abs(before - target) <= way.tolerance * target:
+        met = Equilibrium(here.u, here.p, held, True, "", 0)  # within that of the last one
+        return Found(met, here.travel, solver.factorise(held.data), True)
     low, high = here.travel, np.inf
     first = _newton(potential, solver, here, target)[0]  # by the factor of here, which aim may lose
+    if held is not None and first <= here.travel:
+        return _refused(Equilibrium(here.u, here.p, held, False, "", 0), here.travel, HOLDS_MORE)
     u, p = way.aim(here, far)
-    if first <= here.travel:
-        found = way.attempt((here.u, here.p), here.travel)
-        return _refused(found, here.travel, HOLDS_MORE)
     travel = min(far, first)
     for _ in range(MAX_TRIALS):
         part = (travel - here.travel) / (far - here.travel)

@@ -22,6 +22,7 @@ FINER = (
     "sbc_fresh",
     "sbc_fresh_stuck_new",
     "sbc_wide_stuck",
+    "sbc_default_stuck",
 )
 """truths of finer meshes"""
 

@@ -262,7 +262,7 @@ def test_the_adjoint_agrees_with_the_direct_derivatives(contact):
 
 def test_an_objective_is_asked_by_the_number_of_the_travel_when_a_step_is_cut(monkeypatch):
     """Its derivative fails once, after it was asked: the step to the travel is tried again."""
-    block = small(RUBBING)
+    block = small(SLIDING)
     asked, failing = [], [True]
 
     def objective(i, field, total):
@@ -280,7 +280,7 @@ def test_an_objective_is_asked_by_the_number_of_the_travel_when_a_step_is_cut(mo
     monkeypatch.setattr("fe.load_stepping.adjoint", fails_once)
     cut = block.objective_gradients(rubber(), objective)
     assert asked == [expected[0], *expected]
-    np.testing.assert_allclose(cut, whole, rtol=0.2)
+    np.testing.assert_allclose(cut, whole, rtol=1e-6)
 
 
 def test_an_error_of_the_objective_is_its_own():
@@ -297,7 +297,12 @@ def test_a_fillet_at_its_limit_is_differenced_to_one_side(fillet):
         BlockPin(pin_fillet=fillet), Contact("slide", "stick"), (3, 2, 1), (0.1,),
         field_grid=(2, 2), sensitivities=("pin_fillet", "height"),
     )  # fmt: skip
-    assert np.isfinite(block.respond(rubber()).force_gradient).all()
+    inside = replace(block.specimen, pin_fillet=abs(fillet - 3e-6))
+    at_limit, central = (
+        replace(block, specimen=specimen).respond(rubber()).force_gradient
+        for specimen in (block.specimen, inside)
+    )
+    np.testing.assert_allclose(at_limit, central, rtol=1e-3)
 
 
 def test_asking_for_sensitivities_does_not_change_the_solution():

@@ -122,7 +122,7 @@ class Seen(NamedTuple):
 def seen_from_axis(block: BlockPin, side: float) -> Seen:
     """A straight bar, or a round pin, on the side of lower (-1) or higher (1) x."""
     length = block.width / 2.0 - side * block.pin_shift[0]
-    return Seen(length, block.pin_width / 2.0, block.pin_width / 2.0 - block.pin_fillet)
+    return Seen(length, block.pin_width / 2.0, block.half_flat)
 
 
 def from_axis(seen: Seen, like: Seen, how: Manner, n: int) -> Array:

@@ -57,6 +57,11 @@ class BlockPin:
             raise ValueError(f"pin_rotation: expected a finite angle, found {self.pin_rotation!r}")
 
     @property
+    def half_flat(self) -> float:
+        """Half the width of the pin's flat, or its radius, mm."""
+        return self.pin_width / 2.0 - self.pin_fillet
+
+    @property
     def turned(self) -> bool:
         """Whether the pin's rotation can be seen."""
         return self.pin == "bar" and self.pin_rotation % 180.0 != 0.0

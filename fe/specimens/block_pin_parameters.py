@@ -6,8 +6,8 @@ Besides the material's: "friction_pin", "friction_base" where friction is; "cont
 degrees, where the modelled part has room for them, the rotation of a bar only;
 "travel_zero", mm, by which the pin starts above the block.  Mesh lines and field points go with the
 geometry.  Which points a round pin holds from the start does not: its rim runs across elements, and
-derivatives in "pin_width" and "pin_fillet" are those with the same points glued (forces' within 1
-to 7 % of central differences over 0.02 to 0.1 mm on 6 x 4 x 6 elements, at 0.2 to 1 mm).
+derivatives in "pin_width" and "pin_fillet" are those with the same points glued.  So it is of a
+bar that the mesh does not follow (`fe.specimens.turned_bar`).
 """
 
 from __future__ import annotations

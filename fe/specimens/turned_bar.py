@@ -48,7 +48,7 @@ def lie(block: BlockPin) -> Lie:
     along = 2 if abs(angle) <= 45.0 else 0
     length = block.depth if along == 2 else block.width
     ends = [_straightened(block, along, at) for at in (-length / 2.0, length / 2.0)]
-    room = min(seen_from_axis(end, side).length - _flat(end) for end in ends for side in (-1, 1))
+    room = min(seen_from_axis(end, side).length - end.half_flat for end in ends for side in (-1, 1))
     straight = angle in (0.0, -90.0)  # along the lines of any mesh, however wide or near a face
     return Lie(along, straight or bool(room > ROOM * ends[0].width / 2.0))
 
@@ -58,10 +58,10 @@ def edge_crosses_elements(block: BlockPin) -> bool:
     if block.pin == "round" or lie(block).followed:
         return False
     angle = np.radians(block.pin_rotation)
-    x, z = (np.array([-half, half]) / 2.0 for half in (block.width, block.depth))
+    x, z = (np.array([-length, length]) / 2.0 for length in (block.width, block.depth))
     dx, dz = np.meshgrid(x - block.pin_shift[0], z - block.pin_shift[1])
     beside = np.abs(np.cos(angle) * dx - np.sin(angle) * dz)
-    return block.turned and bool((beside > _flat(block)).any())
+    return bool((beside > block.half_flat).any())
 
 
 def bar_mesh(
@@ -74,16 +74,12 @@ def bar_mesh(
     how = manner(contact, False, n_along)
     y = over_height(block.height, how, ny)
     if not chosen.followed:
-        x, z = (
-            both_sides(half, half)
-            for half in (
-                across_no_bar(block.width / 2.0, how, nx),
-                across_no_bar(block.depth / 2.0, how, nz),
-            )
-        )
-        return MeshHex.init_tensor(x, y, z)
-    half = (block.depth if chosen.along == 2 else block.width) / 2.0
-    along = both_sides(*2 * (along_bar(half, how, n_along),))
+        x = across_no_bar(block.width / 2.0, how, nx)
+        z = across_no_bar(block.depth / 2.0, how, nz)
+        return MeshHex.init_tensor(both_sides(x, x), y, both_sides(z, z))
+    length = block.depth if chosen.along == 2 else block.width
+    half = along_bar(length / 2.0, how, n_along)
+    along = both_sides(half, half)
     across = np.stack([_across(block, like, chosen, how, n_across, at) for at in along])
     first = across[0]
     lines = (first, y, along) if chosen.along == 2 else (along, y, first)
@@ -131,8 +127,3 @@ def _straightened(block: BlockPin, along: int, at: float) -> BlockPin:
 def _angle(block: BlockPin) -> float:
     """Of the bar's axis from z towards x, degrees, from -90 to below 90."""
     return (block.pin_rotation + 90.0) % 180.0 - 90.0
-
-
-def _flat(block: BlockPin) -> float:
-    """Half the width of the flat, mm."""
-    return block.pin_width / 2.0 - block.pin_fillet
