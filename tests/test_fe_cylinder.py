@@ -72,7 +72,7 @@ def test_a_mesh_that_leaves_the_homogeneous_solution_says_so():
 
 
 def test_a_path_that_turns_unstable_and_is_left_while_the_force_rises_is_told():
-    """A squat, compressible cylinder on few elements: its force is 17 to 23 % low from 8 to 10 mm."""
+    """A squat, compressible cylinder on few elements: 17 to 23 % too soft from 8 to 10 mm."""
     model = CylinderModel(Cylinder(30.0, 15.0), (5, 4), (6.0, 7.0, 8.0, 10.0))
     response = model.respond(material("neo-hookean", (0.015,), 0.3))
     assert (np.diff(response.force) > 0.0).all()
