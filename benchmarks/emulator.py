@@ -90,7 +90,9 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--keep", action="store_true", help="keep FILE's rows of other designs")
     parser.add_argument("--no-refinement", action="store_true", help="leave the refinement out")
     parser.add_argument("--designs", type=int, nargs="*", default=[1, 2, 3], choices=[1, 2, 3])
-    parser.add_argument("--contact", nargs="+", default=["stick", "slide"])
+    parser.add_argument(
+        "--contact", nargs="+", default=["stick", "slide"], choices=["stick", "slide"]
+    )
     parser.add_argument("--held-out", type=int, default=32, metavar="N")
     seed = "of the Sobol sequence of held-out runs: another one for a set never looked at"
     parser.add_argument("--held-out-seed", type=int, default=HELD_OUT_SEED, help=seed)

@@ -134,8 +134,7 @@ def diagnose(
     Raises ValueError when `training_set` is not the one of the emulator, or `held_out` is empty, of
     other steps or points, or has points of the training set.
     """
-    if training_set.fingerprint != emulator.header.fingerprint:
-        raise ValueError("training_set: is not the one the emulator was trained on; train again")
+    left_out = leave_one_out_residuals(emulator, training_set)
     if held_out is not None:
         if not len(held_out.ratios):
             raise ValueError("held_out: no run reached every travel; pass None or more runs")
@@ -143,7 +142,6 @@ def diagnose(
     truncation = None
     if emulator.field is not None:
         truncation = tuple(tuple(row) for row in emulator.field_truncation_std.tolist())
-    left_out = leave_one_out_residuals(emulator, training_set)
     return EmulatorDiagnostics(
         n_train=len(training_set.ratios),
         n_excluded=training_set.n_excluded,
@@ -274,22 +272,29 @@ class Residuals:
         )
 
 
-def leave_one_out_residuals(emulator: Emulator, runs: TrainingSet) -> Residuals:
-    """Of the emulator's own training runs, each left out in turn, in closed form."""
+def leave_one_out_residuals(emulator: Emulator, training_set: TrainingSet) -> Residuals:
+    """Of the emulator's own training runs, each left out in turn, in closed form.
+
+    Raises ValueError when `training_set` is not the one of the emulator.
+    """
+    if training_set.fingerprint != emulator.header.fingerprint:
+        raise ValueError("training_set: is not the one the emulator was trained on; train again")
     force, covariance = emulator.unit_force_leave_one_out()
     error, std, spread = None, None, None
     if emulator.field is not None:
         pod = emulator.field.pod
         mean, variance = emulator.field.processes.leave_one_out()
         # The residual of a run on modes fitted with it flatters; the one without it does not.
-        left_out = pod.truncation.reshape(len(runs.ratios), *_field(runs).shape[1:])
-        weights = (mean - pod.weights(_field(runs).reshape(len(mean), -1))) @ pod.modes.T
+        left_out = pod.truncation.reshape(len(training_set.ratios), *_field(training_set).shape[1:])
+        weights = (mean - pod.weights(_field(training_set).reshape(len(mean), -1))) @ pod.modes.T
         error = weights.reshape(left_out.shape) - left_out
         std = np.sqrt(variance @ (pod.modes**2).T + pod.left_out_variance).reshape(error.shape)
         factor = pod.truncation.T / np.sqrt(len(pod.truncation))
         spread = Spread(pod.modes, variance, factor)
-    residuals = Residuals(runs.force, force - runs.force, covariance, error, std, spread)
-    return replace(residuals, tells=inner_weight(runs.ratios) > 0.0)
+    residuals = Residuals(
+        training_set.force, force - training_set.force, covariance, error, std, spread
+    )
+    return replace(residuals, tells=inner_weight(training_set.ratios) > 0.0)
 
 
 def held_out_residuals(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -12,7 +13,7 @@ import numpy as np
 import pytest
 
 import surrogate.emulator_file as emulator_file
-from surrogate import Emulator, TrainingSet, diagnose, sobol_design
+from surrogate import Emulator, TrainingSet, diagnose, leave_one_out_residuals, sobol_design
 from surrogate.force_scale import ForceScale
 from tests.dense_processes import dense_covariance
 
@@ -318,9 +319,10 @@ def test_diagnostics_of_forces_only_have_no_field() -> None:
     assert len(diagnostics.within(0.0, 0.0, 0.0)) == 2
 
 
-def test_diagnostics_refuse_the_runs_of_another_emulator() -> None:
+@pytest.mark.parametrize("judge", [diagnose, leave_one_out_residuals])
+def test_diagnostics_refuse_the_runs_of_another_emulator(judge: Callable[..., object]) -> None:
     with pytest.raises(ValueError, match="training_set: is not the one"):
-        diagnose(_emulator(), _runs(noise=0.02))
+        judge(_emulator(), _runs(noise=0.02))
 
 
 def test_diagnostics_refuse_held_out_runs_without_the_field_of_the_emulator() -> None:
