@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 from pathlib import Path
 
@@ -119,6 +120,33 @@ def test_files_that_are_none_are_refused_in_one_sentence(tmp_path, content, word
         read_calibration(tmp_path)
     with pytest.raises(ValueError, match="found no such file"):
         read_calibration(tmp_path / "none")
+
+
+@pytest.mark.parametrize(
+    ("entry", "value", "words"),
+    [
+        (
+            "quality.reprojection",
+            ["a", "b"],
+            "quality.reprojection: expected two numbers, found .'a', 'b'.",
+        ),
+        ("quality.reprojection", [0.1], "quality.reprojection: expected two numbers, found"),
+        ("covariance", [[1.0, 0.0], [0.0, 1.0]], "covariance: expected 26 x 26 finite numbers"),
+        ("covariance", np.full((26, 26), np.nan).tolist(), "covariance: expected 26 x 26 finite"),
+        ("relative.translation", [0.0, 0.0, 0.0], "expected two cameras apart"),
+        ("relative.translation", [np.nan, 0.0, 0.0], "translation: expected finite lengths"),
+    ],
+)
+def test_numbers_of_our_file_that_are_none_are_refused(tmp_path, entry, value, words):
+    right = Camera(Intrinsics(2000.0, 2000.0, 5.0, 4.0), np.eye(3), np.array([-9.0, 0.0, 0.0]))
+    rig = StereoRig(Camera(Intrinsics(2000.0, 2000.0, 3.0, 4.0)), right)
+    write_calibration(tmp_path / "c.json", Calibration(rig, (640, 480), reprojection=(0.1, 0.2)))
+    content = json.loads((tmp_path / "c.json").read_text())
+    *above, last = entry.split(".")
+    (content[above[0]] if above else content)[last] = value
+    with pytest.raises(ValueError, match=words) as caught:
+        read(tmp_path, json.dumps(content))
+    assert "not a calibration of softcal" in str(caught.value)
 
 
 @pytest.mark.skipif(not (DATA / "dic_exports").exists(), reason="no real files; set SOFTCAL_DATA")

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.ndimage import maximum_filter
 from skimage import io
 from stereo_scenes import CAMERAS, STEREO, face, points_on, shoot, still, turned
 
@@ -15,10 +17,16 @@ from calib.data.readers import read_dic
 from calib.dic.calibration import Calibration
 from calib.dic.calibration_files import read_calibration, write_calibration
 from calib.dic.camera import StereoRig
-from calib.dic.carried_mask import carried_mask
-from calib.dic.stereo import StereoReason, StereoSettings, follow_pair, place_reference
+from calib.dic.stereo import (
+    StereoReason,
+    StereoSettings,
+    follow_pair,
+    frame_of,
+    place_reference,
+)
 from calib.dic.surface_frame import surface_frame
 from calib.dic.surface_strain import surface_strain
+from calib.dic.triangulate import triangulate
 
 MOVED = {"move": (0.011, -0.017, 0.043), "stretch": (0.008, -0.012)}
 
@@ -153,13 +161,57 @@ def test_a_camera_that_loses_a_point_says_so():
 def test_a_region_goes_with_the_surface_into_the_right_image():
     rest = still(None)
     points = points_on(rest)[0]
-    found = place_reference(CAMERAS.rig, rest.left, rest.right, points, STEREO)
     mask = np.isfinite(rest.material[..., 0])
-    there = carried_mask(mask, points, found.right, rest.right.shape)
+    found = place_reference(CAMERAS.rig, rest.left, rest.right, points, STEREO, mask)
+    near = np.zeros(rest.right.shape, dtype=bool)
+    x, y = np.round(found.right).astype(int).T
+    near[y, x] = True
+    near = maximum_filter(near, STEREO.correlation.subset)
     face_there = rest.right > 0.05 * 4095
-    assert np.mean(there == face_there) > 0.985
-    with pytest.raises(ValueError, match="matched between the cameras"):
-        carried_mask(mask, points[:5], found.right[:5], rest.right.shape)
+    there = found.right_ready.mask
+    assert near.mean() > 0.5 and not there[~near].any()
+    assert np.mean((there == face_there)[near]) > 0.985
+
+
+def test_a_region_of_few_points_is_carried_too():
+    rest = still(None)
+    points = points_on(rest)[0][[40, 41]]
+    mask = np.isfinite(rest.material[..., 0])
+    found = place_reference(CAMERAS.rig, rest.left, rest.right, points, STEREO, mask)
+    assert (found.reason == StereoReason.VALID).all()
+
+
+@pytest.mark.lasting
+def test_the_match_between_the_cameras_leaves_its_share_in_the_covariance():
+    """Against differences of the triangulation, a point of the right camera moved by its SD."""
+    rest, later = still(None), shoot(face(move=(0.3, -0.2, 0.9), stretch=(0.15, -0.2)), None)
+    points = points_on(rest)[0][::7]
+    reference = place_reference(CAMERAS.rig, rest.left, rest.right, points, STEREO)
+    whole, tracked = follow_pair(reference, later.left, later.right, STEREO)
+    sure = replace(reference, sigma=np.zeros_like(reference.sigma))
+    good = whole.valid
+    assert good.sum() > 5
+    share = (whole.covariance - frame_of(sure, tracked, STEREO).covariance)[good]
+    left, right = (camera.last.found for camera in tracked)
+    expected = np.zeros_like(share)
+    start, rig = np.flatnonzero(good), reference.rig
+    placed = np.flatnonzero(reference.reason == StereoReason.VALID)
+    kept = np.isin(placed, start)
+    for axis in range(2):
+        step = np.zeros((len(start), 2))
+        step[:, axis] = 1e-4
+        carried = step + np.einsum("nij,nj->ni", right.gradient[kept], step)
+        now_left = reference.left[start] + left.displacement[kept]
+        now_right = reference.right[start] + right.displacement[kept]
+        after = triangulate(rig, now_left, now_right + carried).points
+        after -= triangulate(rig, now_left, now_right).points
+        before = triangulate(rig, reference.left[start], reference.right[start] + step).points
+        before -= reference.space.points[start]
+        slope = (after - before) / 1e-4 * reference.sigma[start, axis, None]
+        expected += slope[:, :, None] * slope[:, None, :]
+    size = np.abs(expected).max()
+    assert size > 0
+    np.testing.assert_allclose(share, expected, atol=1e-3 * size)
 
 
 def test_the_frame_of_the_surface_has_z_towards_the_cameras():
@@ -287,6 +339,21 @@ def test_a_stopped_series_goes_on_with_the_same_bits(folder, capsys, monkeypatch
         assert (folder / "long-dic" / name).read_bytes() == (folder / "whole" / name).read_bytes()
 
 
+@pytest.mark.lasting
+def test_points_of_another_reference_do_not_stay(folder, capsys):
+    text = STUDY.format(right="right").replace("= 12", "= 24")
+    for side in ("left", "right"):
+        (folder / f"{side}2.tif").write_bytes((folder / f"{side}1.tif").read_bytes())
+    (folder / "other.toml").write_text(text)
+    assert main(["dic", str(folder / "other.toml")]) == 0
+    later = text.replace('1.tif"]', '2.tif"]').replace('0.tif"', '1.tif"')
+    (folder / "other.toml").write_text(later)
+    assert main(["dic", str(folder / "other.toml")]) == 0
+    names = {path.name for path in (folder / "other-dic" / "points").iterdir()}
+    assert names == {"left1.csv", "left2.csv"}
+    assert "removed the results of left0" in capsys.readouterr().out
+
+
 @pytest.mark.parametrize(
     ("change", "words"),
     [
@@ -307,6 +374,22 @@ def test_a_stopped_series_goes_on_with_the_same_bits(folder, capsys, monkeypatch
             'stereo.right_deformed: found ["right1.tif"], expected 2 files',
         ),
         ((("rig.json", "left0.tif"),), "not a calibration"),
+        (
+            (('["right1.tif"]', '["left1.tif"]'),),
+            'stereo.right_deformed: found "left1.tif", expected an image of the right camera alone',
+        ),
+        (
+            (('right_reference = "right0.tif"', 'right_reference = "./left0.tif"'),),
+            'stereo.right_reference: found "left0.tif", expected an image of the right camera',
+        ),
+        (
+            (('["right1.tif"]', '["copy.tif"]'),),
+            "copy.tif: found the very picture of left1.tif, expected one of each camera",
+        ),
+        (
+            (('["left1.tif"]', '["#"]'), ('["right1.tif"]', '["left1.tif"]'), ("#", "right1.tif")),
+            "right1.tif, left1.tif: the images are swapped; points lie 0.0",
+        ),
         (
             (('reference = "left0', 'repeat = "no.tif"\nreference = "left0'),),
             "no.tif: found no such",
@@ -335,6 +418,7 @@ def test_wrong_studies_of_two_cameras_get_one_sentence(folder, capsys, change, w
         assert old in text
         text = text.replace(old, new)
     (folder / "wrong.toml").write_text(text)
+    (folder / "copy.tif").write_bytes((folder / "left1.tif").read_bytes())
     assert main(["dic", str(folder / "wrong.toml")]) == 2
     said = capsys.readouterr().err.strip()
     assert words in said and "\n" not in said

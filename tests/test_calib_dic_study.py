@@ -1,6 +1,7 @@
 """`calib dic`: image files, quality, point files that the readers read, going on, wrong input."""
 
 import json
+import sys
 from contextlib import contextmanager
 
 import numpy as np
@@ -18,6 +19,7 @@ from calib.dic import (
     State,
     grid_points,
     image_noise,
+    next_state,
     polygon_mask,
     quality,
     read_image,
@@ -25,7 +27,10 @@ from calib.dic import (
 )
 from calib.dic.follow import Base
 from calib.dic_study import frame_store, run
+from calib.dic_study.config import DicStudy, read_study
 from calib.dic_study.named_files import named_files
+from calib.dic_study.point_frame import point_frame
+from calib.dic_study.run import _write_strain
 
 W, H = 160, 110
 X, Y = np.arange(float(W)), np.arange(float(H))
@@ -180,9 +185,21 @@ def test_a_stored_frame_brings_back_the_state_with_its_renewed_reference(tmp_pat
         (("mm_per_px = 0.02", "mm_per_px = 0.0"), "mm_per_px: found 0"),
         (("a.tif", "more"), "more: found a folder, expected an image"),
         (
-            (CORNERS, "[[20, 20], [20, 20], [20, 20]]"),
+            ("polygon_px = " + CORNERS, "rectangle_px = [20, 20, 21, 21]"),
             "region: expected room for 25% of a subset of 21 px about a point, found at most 0.2% "
             "in 1 x 1 px",
+        ),
+        (
+            (CORNERS, "[[20, 20], [20, 20], [20, 20]]"),
+            "region.polygon_px: found [[20.0, 20.0], [20.0, 20.0], [20.0, 20.0]], expected corners",
+        ),
+        (
+            (CORNERS, "[[20, 20], [140, 90], [140, 20], [20, 90]]"),
+            "expected corners one after the other around an area, whose sides do not cross",
+        ),
+        (
+            ("[1.0, 2.0]", "[2.0, 1.0]"),
+            "study.toml:6: images.times_s: found [2.0, 1.0], expected times that go on",
         ),
         (
             ("polygon_px = " + CORNERS, "rectangle_px = [20, 20, 140, 22]"),
@@ -249,6 +266,59 @@ def test_frames_that_a_study_no_longer_names_leave_no_points_behind(folder, caps
     assert [path.name for path in points.iterdir()] == ["d1.csv"]
 
 
+def test_frames_of_a_run_that_was_stopped_leave_no_points_behind_either(folder, monkeypatch):
+    points, measured = folder / "study-dic" / "points", []
+
+    def stopped_at_the_second(*given):
+        if measured:
+            raise KeyboardInterrupt
+        measured.append(given)
+        return next_state(*given)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(sys.modules["calib.dic_study.run"], "next_state", stopped_at_the_second)
+        assert main(["dic", str(folder / "study.toml")]) != 0
+    assert [path.name for path in points.iterdir()] == ["d1.csv"]
+    text = (folder / "study.toml").read_text().replace("d*.bmp", "d2.bmp")
+    (folder / "study.toml").write_text(text.replace("[1.0, 2.0]", "[2.0]"))
+    assert main(["dic", str(folder / "study.toml")]) == 0
+    assert [path.name for path in points.iterdir()] == ["d2.csv"]
+
+
+def test_strains_and_points_of_a_sheared_field_are_with_y_up(folder, tmp_path):
+    """U = 0.03 y and v = 0.01 x with y down are shears of the other sign with y up."""
+    study = read_study(folder / "study.toml").checked(DicStudy)
+    along = np.arange(0.0, 60, 10)
+    x, y = (places.ravel() for places in np.meshgrid(along, along))
+    points, n = np.column_stack([x, y]), 36
+    found = Correlation(
+        displacement=np.column_stack([0.03 * y, 0.01 * x]),
+        gradient=np.zeros((n, 2, 2)),
+        zncc=np.ones(n),
+        sigma=np.full((n, 2), [0.03, 0.06]),
+        interpolation=np.full((n, 2), [0.04, 0.08]),
+        reason=np.zeros(n, dtype=np.int64),
+        iterations=np.ones(n, dtype=np.int64),
+        parameters=np.zeros((n, 6)),
+    )
+    assert _write_strain(tmp_path / "s.csv", found, points, study)
+    table = np.loadtxt(tmp_path / "s.csv", delimiter=",", skiprows=1)
+    up = np.array([[0.0, -0.03], [-0.01, 0.0]])
+    E = 0.5 * (up + up.T + up.T @ up)
+    np.testing.assert_allclose(table[:, 2:], [[E[0, 0], E[1, 1], E[0, 1]]] * n, atol=1e-8)
+    frame = point_frame("s", points, found, study.scale, (6, 6))
+    # by noise and by interpolation
+    np.testing.assert_allclose(frame.sigma[:, :2], [[0.02 * 0.05, 0.02 * 0.10]] * n)
+    np.testing.assert_allclose(frame.displacement[:, 1], -0.02 * 0.01 * x)
+
+
+def test_a_jpeg_is_refused_whatever_its_name(tmp_path):
+    io.imsave(tmp_path / "a.jpg", STRANGE, check_contrast=False)
+    (tmp_path / "a.jpg").rename(tmp_path / "a.png")
+    with pytest.raises(ValueError, match=r"a\.png: expected .* without losses .*found a JPEG"):
+        read_image(tmp_path / "a.png")
+
+
 def test_patterns_are_of_the_study_s_folder_or_absolute(tmp_path):
     folder = tmp_path / "run [1]"
     folder.mkdir()
@@ -256,6 +326,8 @@ def test_patterns_are_of_the_study_s_folder_or_absolute(tmp_path):
         (folder / name).touch()
     expected = (folder / "d1.bmp", folder / "d2.bmp")
     assert named_files(("d*.bmp",), folder, "images.deformed", set()) == expected
+    found = named_files(("*.bmp",), folder, "images.deformed", {"../run [1]/a.bmp"})
+    assert found == expected
     plain = tmp_path / "plain"
     folder.rename(plain)
     found = named_files((str(plain / "*.bmp"),), tmp_path, "images.deformed", {"plain/a.bmp"})

@@ -34,6 +34,13 @@ DICE_POWERS = {
     "K1R3_K2R5_K3R7": (2, 4, 6),
 }
 """powers of the radius in the factor; DICe's names count those of the radius itself"""
+QUALITY = {
+    "epipolar": float, "noise": float, "plate_error": float,
+    "n_poses": int, "n_points": int, "n_far": int,
+}  # fmt: skip
+"""entries of a calibration's quality that are one number"""
+N_RIG = 26
+"""parameters of a rig in its covariance: see `Bundle.covariance`"""
 DICE_UNREAD = ("K4", "K5", "K6", "S1", "S2", "S3", "S4", "T1", "T2")
 
 
@@ -111,17 +118,36 @@ def _softcal(content: dict[str, Any]) -> Calibration:
         np.array(relative["rotation"], dtype=np.float64),
         np.array(relative["translation"], dtype=np.float64),
     )
-    quality: dict[str, Any] = dict(content["quality"])
-    quality["reprojection"] = tuple(quality["reprojection"])
-    quality["per_pose"] = tuple(tuple(row) for row in quality["per_pose"])
+    quality = _quality(content["quality"])
     if "covariance" in content:
-        quality["covariance"] = np.array(content["covariance"], dtype=np.float64)
+        covariance = np.array(content["covariance"], dtype=np.float64)
+        if covariance.shape != (N_RIG, N_RIG) or not np.isfinite(covariance).all():
+            raise ValueError(
+                f"covariance: expected {N_RIG} x {N_RIG} finite numbers, found shape "
+                f"{covariance.shape}"
+            )
+        quality["covariance"] = covariance
     columns, rows = content["size"]
     return Calibration(
         StereoRig(Camera(cameras[0]), right),
         (int(columns), int(rows)),
         **quality,
     )
+
+
+def _quality(values: dict[str, Any]) -> dict[str, Any]:
+    """How well the rig fits, by the fields of `Calibration`."""
+    try:
+        left, right = (float(value) for value in values["reprojection"])
+    except ValueError:
+        found = values["reprojection"]
+        raise ValueError(f"quality.reprojection: expected two numbers, found {found}") from None
+    return {
+        "sigma": {str(name): float(value) for name, value in values["sigma"].items()},
+        "reprojection": (left, right),
+        "per_pose": tuple((str(n), float(a), float(b)) for n, a, b in values["per_pose"]),
+        **{name: kind(values[name]) for name, kind in QUALITY.items() if name in values},
+    }
 
 
 def _intrinsics_of(values: dict[str, Any]) -> Intrinsics:

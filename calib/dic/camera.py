@@ -66,6 +66,8 @@ class Camera:
                 f"rotation, translation: expected shapes (3, 3) and (3,), "
                 f"found {turn.shape} and {self.translation.shape}"
             )
+        if not np.isfinite(self.translation).all():
+            raise ValueError(f"translation: expected finite lengths, found {self.translation}")
         off = np.abs(turn @ turn.T - np.eye(3)).max()
         if not off < ROTATION_ERROR or np.linalg.det(turn) < 0:
             raise ValueError(f"rotation: expected an orthogonal matrix, found one off by {off:.2g}")
@@ -138,10 +140,17 @@ def rays(camera: Camera, pixels: Array) -> Array:
 
 @dataclass(frozen=True)
 class StereoRig:
-    """Two cameras in one frame; results are in that frame."""
+    """Two cameras in one frame; results are in that frame.
+
+    Raises ValueError for cameras at one place, which see no depth.
+    """
 
     left: Camera
     right: Camera
+
+    def __post_init__(self) -> None:
+        if not self.baseline > 0.0:
+            raise ValueError("translation: expected two cameras apart, found both at one place")
 
     @property
     def baseline(self) -> float:

@@ -1,50 +1,56 @@
-"""A region of the left image in the right one, by points matched between the two."""
+"""A region of one image in another, by points that were found in both."""
 
 from __future__ import annotations
 
 import numpy as np
+from scipy.ndimage import maximum_filter
+from scipy.spatial import cKDTree
 
 from calib.dic.distortion import Array
 from calib.dic.prepared import BoolArray
 
-DEGREES = (3, 2, 1)
-"""of the polynomial from right to left: as high as the number of points allows"""
-POINTS_PER_TERM = 4
-BESIDE = 0.4
-"""of the points' extent: how far beside them the polynomial is trusted"""
 
+def carried_mask(
+    mask: BoolArray,
+    before: Array,
+    after: Array,
+    gradient: Array,
+    radius: int,
+    shape: tuple[int, int],
+) -> BoolArray:
+    """(rows, columns) of another image, True where it shows what lies in `mask`.
 
-def carried_mask(mask: BoolArray, left: Array, right: Array, shape: tuple[int, int]) -> BoolArray:
-    """(rows, columns) of the right image, True where it shows what lies in `mask` of the left.
-
-    `left` and `right` (n, 2) are matched pixels; a smooth polynomial through them says what lies
-    between and beside them. Raises ValueError with fewer points than a plane map needs.
+    `before` and `after` (n, 2): pixels in the image of the mask and in the other, `gradient`
+    (n, 2, 2) of the displacement there. Pixels go by the tangent of the nearest point; False where
+    no point has them in its subset (`radius` px). A point keeps what the mask says of it.
     """
-    good = np.all(np.isfinite(left) & np.isfinite(right), axis=1)
-    low, high = right[good].min(axis=0), right[good].max(axis=0)
-    scale = np.maximum(high - low, 1.0)
+    found = np.zeros(shape, dtype=np.bool_)
+    here, there = (np.round(points).astype(np.int64) for points in (after, before))
+    inside = _within(here, shape)
+    before, after, gradient = before[inside], after[inside], gradient[inside]
+    here, there = here[inside], there[inside]
+    if not len(here):
+        return found
+    found[here[:, 1], here[:, 0]] = True
+    row, column = np.nonzero(maximum_filter(found, 2 * radius + 1))
+    pixels = np.column_stack([column, row]).astype(np.float64)
+    _, nearest = cKDTree(after).query(pixels)
+    back = np.linalg.inv(np.eye(2) + gradient)[nearest]
+    source = before[nearest] + np.einsum("nij,nj->ni", back, pixels - after[nearest])
+    found[row, column] = _looked_up(mask, np.round(source).astype(np.int64))
+    found[here[:, 1], here[:, 0]] = _looked_up(mask, there)
+    return found
 
-    def terms(points: Array, degree: int) -> Array:
-        x, y = ((points - low) / scale).T
-        powers = [(i, j) for i in range(degree + 1) for j in range(degree + 1 - i)]
-        return np.stack([x**i * y**j for i, j in powers], axis=1)
 
-    count = int(np.count_nonzero(good))
-    for degree in DEGREES:
-        needed = POINTS_PER_TERM * (degree + 1) * (degree + 2) // 2
-        if count >= needed:
-            break
-    else:
-        raise ValueError(f"points: found {count} matched between the cameras, expected {needed}")
-    fit = np.linalg.lstsq(terms(right[good], degree), left[good], rcond=None)[0]
-    row, column = np.mgrid[: shape[0], : shape[1]]
-    pixels = np.column_stack([column.ravel(), row.ravel()]).astype(np.float64)
-    # far from the points a polynomial is no map: only their surroundings are looked at
-    near = np.all((pixels > low - BESIDE * scale) & (pixels < high + BESIDE * scale), axis=1)
-    x, y = np.round(terms(pixels[near], degree) @ fit).astype(np.int64).T
-    inside = (x >= 0) & (x < mask.shape[1]) & (y >= 0) & (y < mask.shape[0])
-    seen = np.zeros(len(x), dtype=np.bool_)
-    seen[inside] = mask[y[inside], x[inside]]
-    found = np.zeros(len(pixels), dtype=np.bool_)
-    found[near] = seen
-    return found.reshape(shape)
+def _within(pixels: np.ndarray, shape: tuple[int, int]) -> BoolArray:
+    """(n,) whether pixels (n, 2), x and y, are in an image of this shape."""
+    return np.asarray(np.all((pixels >= 0) & (pixels < np.array(shape[::-1])), axis=1))
+
+
+def _looked_up(mask: BoolArray, pixels: np.ndarray) -> BoolArray:
+    """(n,) of the mask at pixels (n, 2), x and y, False beside it."""
+    inside = _within(pixels, (mask.shape[0], mask.shape[1]))
+    seen = np.zeros(len(pixels), dtype=np.bool_)
+    x, y = pixels[inside].T
+    seen[inside] = mask[y, x]
+    return seen

@@ -110,10 +110,9 @@ def correlate_prepared(
     report(task)
     if known.any():
         refine(task, np.flatnonzero(known))
-    if not known.all():
-        if not (results[:, 3] == Reason.VALID).any():
-            find_seeds(task, deformed_image)
-        propagate(task)
+    if not known.all() and not (results[:, 3] == Reason.VALID).any():
+        find_seeds(task, deformed_image)
+    propagate(task)
     return _correlation(carried(parameters, places - pixels), results, settings)
 
 

@@ -14,6 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from calib.dic.carried_mask import carried_mask
 from calib.dic.correlate import Correlation, correlate_prepared
 from calib.dic.interpolation import Array, Spline
 from calib.dic.prepared import BoolArray, Reference, as_image, deformed_spline, prepare
@@ -92,7 +93,8 @@ def next_state(
     for candidate, least in ((state.base, GOOD), (state.last, 0.0)):
         if candidate is not None and _broken(found, candidate.found).any():
             asked = replace(settings, min_zncc=max(settings.min_zncc, least))
-            found = _renewed(candidate, image, spline, points, asked, found, following())
+            start = _as_reference(candidate, reference, points, settings)
+            found = _renewed(candidate, start, image, spline, points, asked, found, following())
             base = candidate
     return State(Base(number, image, found), base)
 
@@ -124,8 +126,23 @@ def _broken(found: Correlation, before: Correlation) -> BoolArray:
     return np.asarray(weak & before.valid)
 
 
+def _as_reference(
+    base: Base, first: Reference, points: Array, settings: CorrelationSettings
+) -> Reference:
+    """The base image as a reference, in which the region of the first one has moved with it."""
+    mask = None
+    if not first.mask.all():
+        has, found = base.found.valid, base.found
+        places = points[has] + found.displacement[has]
+        shape = (base.image.shape[0], base.image.shape[1])
+        moved = (points[has], places, found.gradient[has])
+        mask = carried_mask(first.mask, *moved, settings.radius, shape)
+    return prepare(base.image, settings.degree, mask, settings.blur)
+
+
 def _renewed(
     base: Base,
+    renewed: Reference,
     image: Array,
     spline: Spline,
     points: Array,
@@ -133,11 +150,13 @@ def _renewed(
     found: Correlation,
     progress: Progress | None,
 ) -> Correlation:
-    """`found` with broken points measured from the base image, where that has less uncertainty."""
+    """`found` with broken points measured from the base image, where that has less uncertainty.
+
+    `renewed` is the base image as a reference.
+    """
     lost = np.flatnonzero(_broken(found, base.found))
     before = base.found
     places = points[lost] + before.displacement[lost]
-    renewed = prepare(base.image, settings.degree, blur=settings.blur)
     step = correlate_prepared(renewed, image, spline, places, settings, progress=progress)
     sigma_sum = np.hypot(before.sigma[lost], step.sigma)
     worse = found.valid[lost] & ~(sigma_sum.max(axis=1) < found.sigma[lost].max(axis=1))

@@ -179,7 +179,8 @@ def correlate_range(  # type: ignore[no-untyped-def]
         out = results[index]
         out[:] = np.nan
         out[4] = 0.0
-        if sub[3].sum() < limits[4] * side * side:
+        # the pixel of the point itself is in the middle
+        if sub[3, radius, radius] == 0.0 or sub[3].sum() < limits[4] * side * side:
             out[3] = OUTSIDE_REGION
             continue
         for trial in range(MOST_TRIALS):

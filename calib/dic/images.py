@@ -35,13 +35,14 @@ class GreyImage:
 def read_image(path: Path | str) -> GreyImage:
     """Read one image; colours become luminance.
 
-    Raises ValueError when the file is missing, no image, several, of a palette or of printing inks,
-    or not of 8 to 16 bit.
+    Raises ValueError when the file is missing, no image, a JPEG, several, of a palette or of
+    printing inks, or not of 8 to 16 bit.
     """
     path = Path(path)
     if not path.is_file():
         found = "a folder" if path.is_dir() else "no such file"
         raise ValueError(f"{path}: found {found}, expected an image (TIFF, PNG or BMP)")
+    _check_lossless(path)
     values = _values(path)
     _check_one_picture(path, values)
     if values.dtype == np.bool_ or values.dtype.kind not in "u" or values.dtype.itemsize > 2:
@@ -56,6 +57,16 @@ def read_image(path: Path | str) -> GreyImage:
     else:
         raise ValueError(f"{path}: expected one grey or colour image, found shape {values.shape}")
     return GreyImage(path.name, np.ascontiguousarray(grey), _full_scale(values, is_byte))
+
+
+def _check_lossless(path: Path) -> None:
+    """Refuse JPEG, whatever its name ends with: it keeps blocks of 8 px, not grey levels."""
+    with path.open("rb") as stream:
+        if stream.read(3) == b"\xff\xd8\xff":
+            raise ValueError(
+                f"{path}: expected an image without losses (TIFF, PNG or BMP), found a JPEG, whose "
+                "blocks of 8 px would be measured with the speckle"
+            )
 
 
 def _check_one_picture(path: Path, values: np.ndarray) -> None:

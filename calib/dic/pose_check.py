@@ -45,15 +45,8 @@ def check_belongs(rig: StereoRig, left: Array, right: Array, limit: float) -> No
 
     `limit` px for the median. Says so when the two cameras are swapped.
     """
-    distance = _median(rig, left, right)
-    swapped = _median(StereoRig(rig.right, rig.left), left, right)
-    # of two cameras alike the swapped lines are close too, but not as close as the true ones
-    if swapped < SWAPPED * min(distance, limit):
-        raise ValueError(
-            "left, right: the images, or those of the calibration, are swapped; points lie "
-            f"{distance:.2g} px from their epipolar lines, and {swapped:.2g} px with left and "
-            "right exchanged"
-        )
+    either = "left, right: the images, or those of the calibration,"
+    distance = check_sides(rig, left, right, limit, either)
     if distance <= limit:
         return
     raise ValueError(
@@ -61,6 +54,22 @@ def check_belongs(rig: StereoRig, left: Array, right: Array, limit: float) -> No
         f"epipolar lines, expected below {limit:g}; it is of another set-up, or the cameras have "
         "moved (refine_pose finds their pose again)"
     )
+
+
+def check_sides(rig: StereoRig, left: Array, right: Array, limit: float, subject: str) -> float:
+    """Median distance of matched pixels (n, 2) from their epipolar lines, px; inf for none.
+
+    Raises ValueError when the two cameras are swapped, of which `subject` names the images.
+    """
+    distance = _median(rig, left, right)
+    swapped = _median(StereoRig(rig.right, rig.left), left, right)
+    # of two cameras alike the swapped lines are close too, but not as close as the true ones
+    if swapped < SWAPPED * min(distance, limit):
+        raise ValueError(
+            f"{subject} are swapped; points lie {distance:.2g} px from their epipolar lines, and "
+            f"{swapped:.2g} px with left and right exchanged"
+        )
+    return distance
 
 
 def check_order(rig: StereoRig, left: Array, right: Array, found: float) -> None:

@@ -20,7 +20,7 @@ from calib.dic.carried_mask import carried_mask
 from calib.dic.correlate import correlate_prepared
 from calib.dic.distortion import Array
 from calib.dic.follow import State, next_state
-from calib.dic.pose_check import check_belongs, check_order, refine_pose
+from calib.dic.pose_check import check_belongs, check_order, check_sides, refine_pose
 from calib.dic.prepared import BoolArray, Reference, as_image, deformed_spline, prepare
 from calib.dic.progress import Progress, in_turn
 from calib.dic.settings import CorrelationSettings
@@ -177,7 +177,9 @@ def place_reference(
     there = None
     if mask is not None and not mask.all():
         shape = (right_grey.shape[0], right_grey.shape[1])
-        there = carried_mask(mask, points, kept, shape)
+        has = np.isfinite(kept).all(axis=1)
+        moved = (points[has], kept[has], match.gradient[has])
+        there = carried_mask(mask, *moved, options.radius, shape)
     return StereoReference(
         rig, left_ready, prepare(right_grey, options.degree, there, options.blur), points, kept,
         match.total, space, distance, reason.astype(np.int64), turned,
@@ -223,8 +225,7 @@ def frame_of(reference: StereoReference, tracked: Tracked, settings: StereoSetti
     placed = np.flatnonzero(reference.reason == StereoReason.VALID)
     left, right = tracked.left.last.found, tracked.right.last.found
     n = len(reference.left)
-    now_left = reference.left[placed] + left.displacement
-    now_right = reference.right[placed] + right.displacement
+    now_left, now_right = _now(reference, tracked)
     distance = epipolar_distance(reference.rig, now_left, now_right)
     of_placed = np.where(left.valid, StereoReason.VALID, StereoReason.LOST_LEFT)
     of_placed = np.where(left.valid & ~right.valid, StereoReason.LOST_RIGHT, of_placed)
@@ -243,6 +244,27 @@ def frame_of(reference: StereoReference, tracked: Tracked, settings: StereoSetti
     reason, epipolar = reference.reason.copy(), np.full(n, np.nan)
     reason[placed], epipolar[placed] = of_placed, distance
     return StereoFrame(reference.space.points, displacement, covariance, reason, epipolar)
+
+
+def median_distance(
+    reference: StereoReference, tracked: Tracked, settings: StereoSettings, subject: str
+) -> float:
+    """Of the points from their epipolar lines in the frame followed to, px; inf for no point.
+
+    Raises ValueError when the images of this frame, which `subject` names, are swapped.
+    """
+    limit = settings.max_median_epipolar
+    return check_sides(reference.rig, *_now(reference, tracked), limit, subject)
+
+
+def _now(reference: StereoReference, tracked: Tracked) -> tuple[Array, Array]:
+    """Where both cameras see the placed points in the frame followed to, (n_placed, 2) px each."""
+    assert tracked.left.last is not None and tracked.right.last is not None
+    placed = reference.reason == StereoReason.VALID
+    return (
+        reference.left[placed] + tracked.left.last.found.displacement,
+        reference.right[placed] + tracked.right.last.found.displacement,
+    )
 
 
 def _covariance(

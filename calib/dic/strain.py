@@ -16,7 +16,7 @@ Measure = Literal["green", "log", "engineering"]
 
 @dataclass(frozen=True)
 class Strain:
-    """Strain at points; NaN where too few neighbours are valid."""
+    """Strain at points; NaN where these are lost or too few neighbours are valid."""
 
     gradient: Array
     """(n, 2, 2) [[du/dx, du/dy], [dv/dx, dv/dy]]"""
@@ -35,9 +35,9 @@ def strain(
 ) -> Strain:
     """Fit displacement (n, 2) over points (n, 2) within `radius`, all in one unit of length.
 
-    NaN displacements are left out. A point needs half as many neighbours again as the polynomial
-    has terms (3 or 6). green: (F'F - 1)/2, log: half the logarithm of F'F, engineering: the
-    symmetric part of the gradient.
+    Points with a NaN displacement are left out, and have no strain. Others need half as many
+    neighbours again as the polynomial has terms (3 or 6). green: (F'F - 1)/2, log: half the
+    logarithm of F'F, engineering: the symmetric part of the gradient.
     Raises ValueError for a radius that is not positive, another order or another measure.
     """
     if not radius > 0:
@@ -52,8 +52,8 @@ def strain(
     good = np.flatnonzero(np.isfinite(displacement).all(axis=1))
     least = 3 * (3 if order == 1 else 6) // 2
     if good.size >= least:
-        around = cKDTree(points[good]).query_ball_point(points, radius)
-        for index, near in enumerate(around):
+        around = cKDTree(points[good]).query_ball_point(points[good], radius)
+        for index, near in zip(good, around, strict=True):
             chosen = good[near]
             if chosen.size < least:
                 continue

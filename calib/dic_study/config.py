@@ -6,6 +6,7 @@ field is also what a refusal says it expects.
 
 from __future__ import annotations
 
+from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -14,6 +15,7 @@ from pydantic.dataclasses import dataclass
 
 from calib.dic import CorrelationSettings
 from calib.dic.settings import MOST_BLUR
+from calib.simple_polygon import SIMPLE, encloses
 from calib.toml_file import Contradiction, Document, FileRefused, read_document, read_file
 
 STRICT = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False, use_attribute_docstrings=True)
@@ -36,6 +38,11 @@ class Images:
     times_s: tuple[Pixel, ...] | None = None
     """time of each deformed image, s"""
 
+    def __post_init__(self) -> None:
+        times = self.times_s or ()
+        if any(later < time for time, later in pairwise(times)):
+            raise Contradiction("times_s", times, "times that go on, as the images were taken")
+
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
 class Region:
@@ -52,6 +59,8 @@ class Region:
         box = self.rectangle_px
         if box is not None and not (box[0] < box[2] and box[1] < box[3]):
             raise Contradiction("rectangle_px", box, "left < right and top < bottom")
+        if self.polygon_px is not None and not encloses(self.polygon_px):
+            raise Contradiction("polygon_px", self.polygon_px, SIMPLE)
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)

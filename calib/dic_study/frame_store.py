@@ -23,7 +23,7 @@ from calib.dic.settings import CorrelationSettings
 from fe.atomic_file import replacing
 
 Anything = npt.NDArray[Any]
-VERSION = 3
+VERSION = 4
 
 
 def first_key(settings: CorrelationSettings, arrays: Sequence[Anything]) -> str:

@@ -21,7 +21,7 @@ def named_files(
 
     Raises Contradiction, at `key`, for a pattern that no file has.
     """
-    left_out = {folder / one for one in leave if one is not None}
+    left_out = {(folder / one).resolve() for one in leave if one is not None}
     paths: list[Path] = []
     for name in names:
         if "*" not in name:
@@ -30,7 +30,7 @@ def named_files(
         # a name may be absolute, the folder's own name is not a pattern
         pattern = Path(name) if Path(name).is_absolute() else Path(glob.escape(str(folder))) / name
         matching = sorted(glob.glob(str(pattern), recursive=True), key=natural_order)
-        found = [p for p in map(Path, matching) if p.is_file() and p not in left_out]
+        found = [p for p in map(Path, matching) if p.is_file() and p.resolve() not in left_out]
         if not found:
             but = " beside those of other keys" if left_out else ""
             raise Contradiction(key, name, f"the pattern of one or more files in {folder}{but}")

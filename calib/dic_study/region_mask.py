@@ -53,7 +53,8 @@ def check_room(mask: BoolArray, points: Array, settings: CorrelationSettings) ->
     left, right = (np.clip(x + by, 0, w) for by in (-settings.radius, settings.radius + 1))
     top, bottom = (np.clip(y + by, 0, h) for by in (-settings.radius, settings.radius + 1))
     count = sums[bottom, right] - sums[top, right] - sums[bottom, left] + sums[top, left]
-    share = float(count.max() / settings.subset**2)
+    measured = mask[y, x]
+    share = float(count[measured].max(initial=0) / settings.subset**2)
     if share < settings.min_share:
         wide, high = (int(np.ptp(np.flatnonzero(mask.any(axis=axis)))) + 1 for axis in (0, 1))
         raise ValueError(

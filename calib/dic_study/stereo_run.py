@@ -30,6 +30,7 @@ from calib.dic.surface_frame import SurfaceFrame, surface_frame, unturned
 from calib.dic.surface_strain import surface_strain
 from calib.dic_study import frame_store
 from calib.dic_study.bars import Bars, no_bars
+from calib.dic_study.camera_files import check_two_views, pairs, view_doubt
 from calib.dic_study.exposure import (
     check_exposure,
     check_repeat,
@@ -37,7 +38,7 @@ from calib.dic_study.exposure import (
     empty_frame,
     no_strain,
 )
-from calib.dic_study.named_files import check_files, check_series, named_files
+from calib.dic_study.named_files import check_files
 from calib.dic_study.pictures import save_png
 from calib.dic_study.plates import calibration_of
 from calib.dic_study.region_mask import check_room, region_mask
@@ -46,7 +47,6 @@ from calib.dic_study.stereo_config import StereoStudy
 from calib.dic_study.stereo_pictures import stereo_overlay
 from calib.dic_study.stereo_summary import sentence, summary
 from calib.stereo_points import error_length, point_frame, reference_frame
-from calib.toml_file import Contradiction
 from fe.atomic_file import replacing, write_text
 from fe.response import Array
 
@@ -76,18 +76,18 @@ def run_stereo(study: StereoStudy, folder: Path, out: Path, say: Say, bars: Bars
     Raises ValueError, in one sentence, for wrong input: no calibration that fits, swapped cameras,
     images of different sizes or numbers.
     """
-    left, right = _pairs(study, folder)
+    left, right = pairs(study, folder)
     calibration = calibration_of(study, folder, out / STORE, say)
     ready = _prepare(study, folder, calibration, say, bars)
     check_files(ready.left, left + right)
     for name in (POINTS, PICTURES, STORE):
         (out / name).mkdir(parents=True, exist_ok=True)
     write_calibration(out / CALIBRATION, _as_used(calibration, ready, study))
-    remove_stale(out, {path.stem for path in left}, say)
+    first = Path(study.images.reference).stem
+    remove_stale(out, {first, *(path.stem for path in left)}, say)
     scale = _scale_sd(ready, calibration)
     length = error_length(ready.reference, study.correlation.settings)
     times = study.images.times_s
-    first = Path(study.images.reference).stem
     write_points(
         out / POINTS / f"{first}.csv",
         reference_frame(ready.reference, first, None, ready.grid, ready.axes),
@@ -96,9 +96,12 @@ def run_stereo(study: StereoStudy, folder: Path, out: Path, say: Say, bars: Bars
     frames = []
     for number, paths in enumerate(zip(left, right, strict=True)):
         images = [read_image(path) for path in paths]
+        check_two_views(*images)
         key, stem = frame_store.next_key(key, images), paths[0].stem
         with bars(paths[0].name) as bar:
             before, again = _pair(out / STORE / f"{stem}.npz", key, images, ready, before, bar)
+        if doubt := view_doubt(ready.reference, before, study.settings, *images):
+            say(f"warning: {doubt}")
         found = frame_of(ready.reference, before, study.settings)
         frames.append(summary(paths[0], found))
         frame = point_frame(
@@ -136,24 +139,6 @@ def _pair(
     return tracked, True
 
 
-def _pairs(study: StereoStudy, folder: Path) -> tuple[tuple[Path, ...], tuple[Path, ...]]:
-    images, stereo = study.images, study.stereo
-    leave = {images.reference, stereo.right_reference, images.repeat}
-    left = named_files(images.deformed, folder, "images.deformed", leave)
-    right = named_files(stereo.right_deformed, folder, "stereo.right_deformed", leave)
-    if len(left) != len(right):
-        raise Contradiction(
-            "stereo.right_deformed", list(stereo.right_deformed),
-            f"{len(left)} files as images.deformed names, not {len(right)}",
-        )  # fmt: skip
-    check_series("images.deformed", left, images.times_s)
-    first = Path(images.reference).stem
-    if first in {path.stem for path in left}:
-        expected = "other names than the reference's (without its ending): results bear them"
-        raise Contradiction("images.deformed", first, expected)
-    return left, right
-
-
 def _as_used(calibration: Calibration, ready: Prepared, study: StereoStudy) -> Calibration:
     """What the points were made with: of a pose found again, how the plates fitted says nothing."""
     if not study.stereo.refine_pose:
@@ -166,6 +151,7 @@ def _prepare(
 ) -> Prepared:
     left = read_image(folder / study.images.reference)
     right = read_image(folder / study.stereo.right_reference)
+    check_two_views(left, right)
     for image in (left, right):
         _check_size(image, calibration)
     mask: BoolArray = region_mask(study.region, folder, left)

@@ -12,6 +12,7 @@ import numpy as np
 from pydantic import ConfigDict, Field
 from pydantic.dataclasses import dataclass
 
+from calib.simple_polygon import SIMPLE, encloses
 from calib.toml_file import Contradiction, FileRefused, read_document, read_file
 from fe.response import Array
 
@@ -135,22 +136,6 @@ Corner = tuple[Coordinate, Coordinate]
 Box = tuple[Coordinate, Coordinate, Coordinate, Coordinate]
 
 
-def _encloses(corners: tuple[Corner, ...]) -> bool:
-    """Whether a polygon has an area and no two of its sides cross."""
-    here = np.array(corners, dtype=np.float64)
-    then = np.roll(here, -1, axis=0)
-
-    def turns(places: Array) -> Array:
-        """(n, n) on which side of each of the polygon's sides each place lies."""
-        side, to = (then - here)[:, None], places - here[:, None]
-        signs: Array = np.sign(side[..., 0] * to[..., 1] - side[..., 1] * to[..., 0])
-        return signs
-
-    apart = turns(here) * turns(then) < 0  # the line of one side parts the ends of another
-    area = 0.5 * np.sum(here[:, 0] * then[:, 1] - here[:, 1] * then[:, 0])
-    return bool(abs(area) > 1e-9 and not np.any(apart & apart.T))
-
-
 @dataclass(frozen=True, kw_only=True, config=STRICT)
 class Mask:
     """[mask] What of the image is the sample, in x and y of [axes]."""
@@ -167,9 +152,8 @@ class Mask:
             box = getattr(self, key)
             if box is not None and not (box[0] < box[2] and box[1] < box[3]):
                 raise Contradiction(key, box, "left < right and bottom < top")
-        if self.polygon_mm is not None and not _encloses(self.polygon_mm):
-            expected = "corners one after the other around an area, whose sides do not cross"
-            raise Contradiction("polygon_mm", self.polygon_mm, expected)
+        if self.polygon_mm is not None and not encloses(self.polygon_mm):
+            raise Contradiction("polygon_mm", self.polygon_mm, SIMPLE)
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)

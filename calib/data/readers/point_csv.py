@@ -90,10 +90,11 @@ def read(source: Source, mm_per_px: float | None = None) -> DicSeries:
     lengths = values[:, [*range(6), *range(7, values.shape[1])]]
     finite = np.isfinite(lengths)
     wrong = (valid & ~finite[:, :6].all(axis=1)) | (~valid & (values[:, 6] != 0))
-    wrong |= (np.abs(lengths) > LARGEST["length"]).any(axis=1)
+    wrong |= (np.abs(lengths) > LARGEST["length"]).any(axis=1) | (values[:, 7:] < 0).any(axis=1)
     if wrong.any():
         row = int(np.argmax(wrong))
-        expected = f"valid 0 or 1, and with 1 finite values below {LARGEST['length']:g} mm"
+        limit = f"{LARGEST['length']:g} mm"
+        expected = f"valid 0 or 1, and with 1 finite values below {limit}, no sigma below 0"
         raise WrongFile(path, table.line(row), expected, shown(source.lines[table.line(row) - 1]))
     sigma = values[:, 7:] if len(layout.header) > len(COLUMNS) else None
     time = _time(source, head)

@@ -1,0 +1,75 @@
+"""Images that are said to be of two cameras: that they are, and of the right one each."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from calib.dic import GreyImage
+from calib.dic.stereo import StereoReference, StereoSettings, Tracked, median_distance
+from calib.dic_study.named_files import check_series, named_files
+from calib.dic_study.stereo_config import StereoStudy
+from calib.toml_file import Contradiction
+
+
+def pairs(study: StereoStudy, folder: Path) -> tuple[tuple[Path, ...], tuple[Path, ...]]:
+    """Deformed images of the left and the right camera in their order, by the files in `folder`.
+
+    Raises Contradiction for other numbers of them, names that results cannot bear, and files that
+    are named for both cameras.
+    """
+    images, stereo = study.images, study.stereo
+    leave = {images.reference, stereo.right_reference, images.repeat}
+    left = named_files(images.deformed, folder, "images.deformed", leave)
+    right = named_files(stereo.right_deformed, folder, "stereo.right_deformed", leave)
+    if len(left) != len(right):
+        raise Contradiction(
+            "stereo.right_deformed", list(stereo.right_deformed),
+            f"{len(left)} files as images.deformed names, not {len(right)}",
+        )  # fmt: skip
+    check_series("images.deformed", left, images.times_s)
+    first = Path(images.reference).stem
+    if first in {path.stem for path in left}:
+        expected = "other names than the reference's (without its ending): results bear them"
+        raise Contradiction("images.deformed", first, expected)
+    of_left = {path.resolve() for path in (folder / images.reference, *left)}
+    for key, paths in (
+        ("stereo.right_reference", (folder / stereo.right_reference,)),
+        ("stereo.right_deformed", right),
+    ):
+        for path in paths:
+            if path.resolve() in of_left:
+                raise Contradiction(key, path.name, "an image of the right camera alone")
+    return left, right
+
+
+def check_two_views(left: GreyImage, right: GreyImage) -> None:
+    """Raises ValueError for one picture under two names."""
+    if np.array_equal(left.grey, right.grey):
+        raise ValueError(
+            f"{right.name}: found the very picture of {left.name}, expected one of each camera"
+        )
+
+
+def view_doubt(
+    reference: StereoReference,
+    tracked: Tracked,
+    settings: StereoSettings,
+    left: GreyImage,
+    right: GreyImage,
+) -> str | None:
+    """What is doubtful of the pair of images followed to, if anything.
+
+    Raises ValueError when they are swapped.
+    """
+    subject = f"{left.name}, {right.name}: the images"
+    distance = median_distance(reference, tracked, settings, subject)
+    limit = settings.max_median_epipolar
+    if distance <= limit or not np.isfinite(distance):
+        return None
+    return (
+        f"{left.name}, {right.name}: points lie {distance:.1f} px from their epipolar lines, "
+        f"expected below {limit:g}; the images are of other cameras or moments, or the cameras "
+        "have moved since the reference images"
+    )
