@@ -40,8 +40,8 @@ def _check_own_file(out: Path, name: str) -> None:
     other = name_in(copy)
     if other not in (None, name):
         raise ValueError(
-            f"--out: found {out} of the study {other}, whose results this one would write over, "
-            f"expected a new folder or one of {name}"
+            f'--out: found {out} of the study "{other}", whose results this one would write over, '
+            f'expected a new folder or one of the study "{name}"'
         )
 
 

@@ -108,8 +108,9 @@ def load_run(path: Path) -> KeptRun:
         run = _read(path)
         key = run.key
     except Exception as error:  # zip, zlib and struct errors: a damaged file fails in many ways
+        found = str(error).removeprefix(f"{path}: ")
         raise ValueError(
-            f"{path}: damaged run of the campaign ({error}); delete it to run it again"
+            f"{path}: damaged run of the campaign ({found}); delete it to run it again"
         ) from error
     if key != match[1]:
         raise ValueError(

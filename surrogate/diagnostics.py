@@ -134,7 +134,8 @@ def diagnose(
     Raises ValueError when `training_set` is not the one of the emulator, or `held_out` is empty, of
     other steps or points, or has points of the training set.
     """
-    left_out = leave_one_out_residuals(emulator, training_set)
+    if training_set.fingerprint != emulator.header.fingerprint:
+        raise ValueError("training_set: is not the one the emulator was trained on; train again")
     if held_out is not None:
         if not len(held_out.ratios):
             raise ValueError("held_out: no run reached every travel; pass None or more runs")
@@ -142,6 +143,7 @@ def diagnose(
     truncation = None
     if emulator.field is not None:
         truncation = tuple(tuple(row) for row in emulator.field_truncation_std.tolist())
+    left_out = leave_one_out_residuals(emulator, training_set)
     return EmulatorDiagnostics(
         n_train=len(training_set.ratios),
         n_excluded=training_set.n_excluded,
@@ -275,9 +277,12 @@ class Residuals:
 def leave_one_out_residuals(emulator: Emulator, training_set: TrainingSet) -> Residuals:
     """Of the emulator's own training runs, each left out in turn, in closed form.
 
-    Raises ValueError when `training_set` is not the one of the emulator.
+    Of an emulator of forces the runs may have a field, and the other way round not. Raises
+    ValueError for runs at other inputs than the emulator's.
     """
-    if training_set.fingerprint != emulator.header.fingerprint:
+    processes = emulator.force.processes
+    inputs = processes.scaled(training_set.ratios)
+    if inputs.shape != processes.inputs.shape or not np.allclose(inputs, processes.inputs):
         raise ValueError("training_set: is not the one the emulator was trained on; train again")
     force, covariance = emulator.unit_force_leave_one_out()
     error, std, spread = None, None, None

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import pytest
 from cheaper_text import in_place_of
 from hypothesis import settings
+from threadpoolctl import threadpool_limits
 
 if TYPE_CHECKING:
     from calib.study.stages import StudyResult
@@ -17,6 +18,11 @@ if TYPE_CHECKING:
 # The same examples everywhere, and no limit on the time of one: machines differ.
 settings.register_profile("softcal", deadline=None, derandomize=True)
 settings.load_profile("softcal")
+
+# `make` sets it, too: parts of a study that a test runs by themselves are of one thread as a whole.
+for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ[name] = "1"
+threadpool_limits(limits=1)  # where a plugin of pytest has loaded NumPy before
 
 
 @pytest.fixture(scope="session")

@@ -292,7 +292,7 @@ def test_results_of_another_study_are_not_written_over(run_study, tmp_path, caps
     kept = (tmp_path / "study.toml").read_text()
     assert cli.main(["run", "virtual", "--out", str(tmp_path)]) == cli.WRONG_INPUT
     assert recorder.calls == [] and (tmp_path / "study.toml").read_text() == kept
-    said = f"--out: found {tmp_path} of the study x, whose results this one would write over, "
+    said = f'--out: found {tmp_path} of the study "x", whose results this one would write over, '
     assert said in capsys.readouterr().err
 
 

@@ -70,7 +70,9 @@ def test_csv_is_read_with_comments_and_columns_in_any_order(tmp_path: Path) -> N
     ("text", "parts"),
     [
         ("", ["found no data", "travel_mm"]),
-        (GOOD.splitlines()[0], ["found no data"]),
+        (GOOD.splitlines()[0], ["found a header alone", "expected a line for each travel"]),
+        (GOOD.replace(",", ";"), [":1:", "expected commas between the columns"]),
+        (GOOD.replace("1.3", '"1,3"'), [":3:", "'1,3'", "positive number with a decimal point"]),
         (GOOD.replace("force_sd_N", "sd"), [":1:", "sd", "force_sd_N"]),
         (GOOD.replace("1.3", "abc"), [":3:", "force_mean_N", "'abc'", "positive number"]),
         (GOOD.replace("1.3", "-1.3"), [":3:", "force_mean_N", "'-1.3'"]),

@@ -17,7 +17,7 @@ from closed_form_laboratory import EXPERIMENT, Truth, field_at, force_at, write_
 from calib.cli import main
 from calib.data.dataset_file import load_dataset, save_dataset
 from calib.data.qc import analyse, read_experiment
-from calib.data.qc.lab_files import static_folder
+from calib.data.qc.lab_files import sample_files, static_folder
 from calib.data.qc.pipeline import QcResult
 from calib.data.qc.results import FIGURE_NAMES
 from calib.data.qc.rules import Rules
@@ -252,6 +252,30 @@ def test_a_sample_whose_test_stopped_early_is_rejected_by_the_protocol(some):
     assert found.dataset.force_covariance is None, "of two samples it has no inverse"
 
 
+def test_a_clock_a_hold_off_rejects_the_sample_whose_frames_it_puts_into_wrong_holds(some):
+    """Three frames in holds 2 to 4 and one after them: one hold of four has none."""
+    folder = some("S1", "S2", "S3")
+    path = folder / "S2" / "frames.csv"
+    head, *rows = path.read_text().splitlines()
+    later = [f"{name},{float(time) + 7.6:.3f}" for name, time in (row.split(",") for row in rows)]
+    path.write_text("\n".join([head, *later]) + "\n")
+    found = analyse(folder)
+    [rejection] = found.rejections
+    assert (rejection.sample, rejection.value) == ("S2", 1)
+    assert "frames in no hold, while a hold has none" in rejection.text()
+    assert "clocks within camera.max_clock_offset_s, 5 s" in rejection.text()
+
+
+def test_frames_of_a_sample_are_in_dic_alone(some):
+    folder = some("S1", "S2")
+    (folder / "S1" / "dic-old").mkdir()
+    (folder / "S1" / "dic notes.txt").write_text("of the day")
+    assert [one.dic.name for one in sample_files(folder, read_experiment(folder))] == ["dic"] * 2
+    (folder / "S1" / "dic.mat").write_text("")
+    with pytest.raises(ValueError, match=r"S1: expected one of dic and dic\.\*.*found dic and dic"):
+        sample_files(folder, read_experiment(folder))
+
+
 @pytest.mark.lasting
 def test_a_force_far_from_the_others_is_rejected_where_a_rule_says_so(tmp_path):
     truths = {f"S{i}": GOOD[f"S{i}"] for i in range(1, 7)}
@@ -282,6 +306,21 @@ BREAKS = {
     "use": ("experiment.toml", "[2, 3, 4]", "[2, 3, 5]", "protocol.use[2]", "at most"),
     "order": ("experiment.toml", "[2, 3, 4]", "[2, 4, 3]", "protocol.use[2]", "more than"),
     "spacing": ("experiment.toml", "_mm = 0.4", "_mm = 1e-9", "field.spacing_mm", "at most 10000"),
+    "up": (
+        "experiment.toml",
+        "[machine]",
+        '[axes]\ny = "-y"\n[machine]',
+        ":13: axes.y",
+        "up by",
+    ),
+    "out": ("experiment.toml", "[machine]", '[axes]\nz = "-z"\n[machine]', "axes.z", "caves in"),
+    "size": (
+        "experiment.toml",
+        "[machine]",
+        "[specimen]\nheight_mm = 2500.0\n[machine]",
+        "specimen.height_mm",
+        "expected 0.1 to 1000: lengths are in mm",
+    ),
     "not toml": ("experiment.toml", "[protocol]", "[protocol", "experiment.toml:4", "TOML"),
     "machine": ("S2/machine.csv", "time_s,", "when,", "machine.csv", "columns"),
     "frames": ("S2/frames.csv", "frame,time_s", "image,time", "frames.csv:1", "columns frame"),

@@ -124,6 +124,13 @@ def test_a_dice_file_of_one_subset_is_a_series(put):
     np.testing.assert_allclose(found, [[0, 0, 0], [4e-3, -2e-3, 0], [8e-3, -4e-3, 0]])
 
 
+def test_dice_files_of_one_subset_each_are_not_frames_one_after_the_other(tmp_path):
+    for number in range(3):
+        (tmp_path / f"DICe_solution_{number}.txt").write_bytes(reader_samples.dice_subset())
+    found = refusal(read_dic, tmp_path, MM_PER_PX)
+    assert "a file for each frame" in found.expected and "one subset each" in found.found
+
+
 def test_dice_stereo_model_columns_are_read_instead_of_pixels(put):
     names = [f"MODEL_{kind}_{axis}" for kind in ("COORDINATES", "DISPLACEMENT") for axis in "XYZ"]
     head = "COORDINATE_X,COORDINATE_Y,DISPLACEMENT_X,DISPLACEMENT_Y,SIGMA,"

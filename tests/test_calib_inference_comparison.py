@@ -28,6 +28,7 @@ from calib.inference import (
 )
 from calib.inference.comparison import predictive_p_value
 from calib.inference.identifiability import with_noise
+from calib.inference.verdict import NONE_EXPLAINS
 
 PRIOR = Prior(
     Marginal("log_uniform", 0.003, 0.3), Marginal("uniform", 0, 1), Marginal("uniform", 0, 0.5)
@@ -64,6 +65,11 @@ def test_close_evidences_cannot_be_separated() -> None:
     assert "fits better" not in close.verdict
     split = compare([fit("stuck", 1.0, 0.5, 20.0), fit("sliding", 3.0)])
     assert "stuck fits better than sliding" in split.verdict
+
+
+def test_forces_that_no_hypothesis_explains_raise_the_question_of_units() -> None:
+    assert NONE_EXPLAINS in compare([fit("stuck", 1.0, 1e-90), fit("sliding", 3.0, 1e-4)]).verdict
+    assert NONE_EXPLAINS not in compare([fit("stuck", 1.0, 0.4), fit("sliding", 3.0, 0.0)]).verdict
 
 
 def test_support_takes_evidence_and_fit() -> None:

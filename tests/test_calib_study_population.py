@@ -279,6 +279,18 @@ def test_damaged_sample_forces_are_refused(
     assert str(path) in str(error.value) and len(str(error.value)) < 500
 
 
+def test_columns_of_sample_forces_come_in_any_order(tmp_path: Path) -> None:
+    path, turned = tmp_path / "forces.csv", tmp_path / "turned.csv"
+    path.write_text(csv_of(ANY))
+    rows = [line.split(",") for line in csv_of(ANY).splitlines() if not line.startswith("#")]
+    turned.write_text("\n".join(",".join(row[::-1]) for row in rows))
+    assert has_samples(turned)
+    samples = [read_sample_forces(one).samples for one in (path, turned)]
+    assert samples[0] is not None and samples[1] is not None
+    assert samples[0].names == samples[1].names
+    assert samples[0].force.tobytes() == samples[1].force.tobytes()
+
+
 def test_samples_that_are_copies_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "forces.csv"
     path.write_text(csv_of(np.tile(ANY[:1], (4, 1))))

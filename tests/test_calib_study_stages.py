@@ -395,8 +395,8 @@ def test_synthetic_data_that_exclude_the_load_cells_noise_stop_a_study_before_it
         run_stages(_context(study, tmp_path))
     least = load_data(tmp_path / "virtual").dataset.force_sd.min()
     assert str(caught.value) == (
-        "noise.load_cell_sd: found 2.0, expected less than the smallest SD between samples "
-        f"({least:g} N), a part of it"
+        "noise.load_cell_sd: found 2.0, expected less than the smallest SD between samples, "
+        f"{least:g} N in the data (if these are in N), a part of it"
     )
     assert not (tmp_path / "campaign").exists()
     assert not (tmp_path / "data.npz").exists()

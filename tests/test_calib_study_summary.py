@@ -13,12 +13,13 @@ import pytest
 from calib.inference.at_bound import AtBound
 from calib.inference.convergence import Convergence
 from calib.inference.coordinates import CONSTANTS
+from calib.inference.verdict import NONE_EXPLAINS
 from calib.study.summary import (
     Summary,
     format_table,
     summarise,
 )
-from calib.study.summary_files import to_csv, to_json
+from calib.study.summary_files import to_csv, to_frame, to_json
 from calib.study.summary_tables import constants_table, points_table
 
 GOOD = Convergence(ess_bulk=2000.0, ess_tail=1500.0, r_hat=1.001)
@@ -177,6 +178,20 @@ def test_synthetic_data_are_called_so_and_the_truth_stands_beside_the_posterior(
 def test_the_truth_is_not_shown_beside_a_hypothesis_that_did_not_make_the_data() -> None:
     provenance = _provenance() | {"truth_hypothesis": "sliding"}
     assert summarise("stuck", _draws(), dict.fromkeys(CONSTANTS, GOOD), provenance).truth is None
+
+
+def test_forces_that_no_hypothesis_explains_are_told_though_the_computation_is_good() -> None:
+    """As forces in mN: constants at the prior's bound, sampled well."""
+    wrong = _summary(predictive_p=1e-200)
+    assert wrong.contradicted and wrong.passed
+    said = format_table([wrong])
+    assert "CONTRADICTED  stuck: the forces lie outside what it can explain" in said
+    assert NONE_EXPLAINS in said
+    both = format_table([wrong, _summary(predictive_p=0.4)])
+    assert "CONTRADICTED  stuck" in both and NONE_EXPLAINS not in both
+    assert "CONTRADICTED" not in format_table([_summary()])  # of a posterior that holds no p
+    assert json.loads(to_json([wrong]))[0]["predictive_p"] == 1e-200
+    assert to_frame([wrong])["predictive_p"].tolist() == [1e-200] * len(wrong.constants)
 
 
 def test_the_printed_table_names_what_failed() -> None:

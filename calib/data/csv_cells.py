@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import re
 from pathlib import Path
 
 
@@ -26,3 +27,9 @@ def csv_text(path: Path) -> str:
     except UnicodeDecodeError:
         found = "bytes that are no UTF-8"
     raise ValueError(f"{path}: expected a text file that can be read, found {found}")
+
+
+def positive_number(cell: str) -> str:
+    """What is expected of a cell that holds none."""
+    has_comma = re.fullmatch(r"\s*[-+]?\d+,\d+\s*", cell, re.ASCII)
+    return "a positive number with a decimal point" if has_comma else "a positive number"

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from calib.data.csv_cells import csv_cells, csv_text
+from calib.data.csv_cells import csv_cells, csv_text, positive_number
 from calib.data.readers.wrong_file import shown
 from fe.response import Array
 
@@ -233,11 +233,18 @@ def _rows(path: Path) -> list[tuple[float, float, float, float]]:
         previous = rows[-2] if len(rows) > 1 else None
         _check_sequence(path, number, previous, rows[-1])
     if not rows:
+        if header is not None:
+            raise ValueError(f"{path}: found a header alone, expected a line for each travel")
         raise ValueError(f"{path}: found no data, expected the columns {', '.join(COLUMNS)}")
     return rows
 
 
 def _header(path: Path, number: int, cells: list[str]) -> list[str]:
+    if len(cells) == 1 and any(mark in cells[0] for mark in ";\t"):
+        raise ValueError(
+            f"{path}:{number}: found {shown(cells[0])}, expected commas between the columns (and "
+            "decimal points)"
+        )
     missing = [name for name in COLUMNS if name not in cells]
     if missing or len(cells) != len(COLUMNS):
         raise ValueError(
@@ -262,7 +269,7 @@ def _row(
 def _number(path: Path, number: int, column: str, cell: str) -> float:
     """A positive finite number; a whole one for n_samples."""
     whole = column == "n_samples"
-    expected = "a whole number, 2 or more, as an SD needs" if whole else "a positive number"
+    expected = "a whole number, 2 or more, as an SD needs" if whole else positive_number(cell)
     try:
         value = float(cell)
     except ValueError:

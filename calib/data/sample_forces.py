@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from calib.data.csv_cells import csv_cells, csv_text
+from calib.data.csv_cells import csv_cells, csv_text, positive_number
 from calib.data.dataset import Dataset, SampleData
 from calib.data.readers.wrong_file import shown
 from fe.response import Array
@@ -15,11 +15,11 @@ COLUMNS = ("sample", "travel_mm", "force_N")
 
 
 def has_samples(path: Path | str) -> bool:
-    """Whether the first line of a csv file that is no remark names these columns."""
+    """Whether the first line of a csv file that is no remark names these columns, in any order."""
     path = Path(path)
     try:
         lines = _lines(path)
-        return bool(lines) and csv_cells(path, *lines[0]) == list(COLUMNS)
+        return bool(lines) and sorted(csv_cells(path, *lines[0])) == sorted(COLUMNS)
     except ValueError:
         return False
 
@@ -36,11 +36,11 @@ def read_sample_forces(path: Path | str) -> Dataset:
     forces: dict[str, dict[float, float]] = {}
     lines = _lines(path)
     header = csv_cells(path, *lines[0]) if lines else []
-    if header != list(COLUMNS):
+    if sorted(header) != sorted(COLUMNS):
         found = f"columns {shown(', '.join(header))}" if lines else "no line"
         raise ValueError(f"{path}: found {found}, expected {', '.join(COLUMNS)}")
     for number, line in lines[1:]:
-        name, travel, force = _row(path, number, csv_cells(path, number, line))
+        name, travel, force = _row(path, number, header, csv_cells(path, number, line))
         own = forces.setdefault(name, {})
         if travel in own:
             raise ValueError(f"{path}:{number}: found {name} at {travel:g} mm again, expected once")
@@ -92,22 +92,24 @@ def _lines(path: Path) -> list[tuple[int, str]]:
     return [(n, line) for n, line in numbered if line.strip() and not line.lstrip().startswith("#")]
 
 
-def _row(path: Path, number: int, cells: list[str]) -> tuple[str, float, float]:
+def _row(path: Path, number: int, header: list[str], cells: list[str]) -> tuple[str, float, float]:
     if len(cells) != len(COLUMNS):
         raise ValueError(
             f"{path}:{number}: found {len(cells)} values, expected {', '.join(COLUMNS)}"
         )
-    if not cells[0]:
+    texts = dict(zip(header, cells, strict=True))
+    if not texts["sample"]:
         raise ValueError(f"{path}:{number}: sample: found an empty cell, expected a name")
     values = []
-    for column, cell in zip(COLUMNS[1:], cells[1:], strict=True):
+    for column in COLUMNS[1:]:
+        cell = texts[column]
         try:
             value = float(cell)
         except ValueError:
             value = np.nan
         if not (np.isfinite(value) and value > 0):
             raise ValueError(
-                f"{path}:{number}: {column}: found {shown(cell)}, expected a positive number"
+                f"{path}:{number}: {column}: found {shown(cell)}, expected {positive_number(cell)}"
             )
         values.append(value)
-    return cells[0], values[0], values[1]
+    return texts["sample"], values[0], values[1]

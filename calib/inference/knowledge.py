@@ -209,16 +209,22 @@ def _constants_sentence(moments: Moments, space: Space) -> str:
     text = ""
     if {"C10", "C01"} <= set(names):
         first, second = known.pop("C10"), known.pop("C01")
-        one_by_one = f"{100 * first:.2g} % and {100 * second:.2g} %"
+        one_by_one = f"{_percent(first)} and {_percent(second)}"
         if min(first, second) > SUM_ONLY * total:
-            text = f"C10 and C01 are known only as their sum, to {100 * total:.2g} % (one by one: "
+            text = f"C10 and C01 are known only as their sum, to {_percent(total)} (one by one: "
             text += f"{one_by_one})"
         else:
-            text = f"C10 and C01 are known to {one_by_one}, their sum to {100 * total:.2g} %"
+            text = f"C10 and C01 are known to {one_by_one}, their sum to {_percent(total)}"
     else:
-        text = f"mu is known to {100 * total:.2g} %"
-    others = "".join(f"; {name} to {100 * value:.2g} %" for name, value in known.items())
+        text = f"mu is known to {_percent(total)}"
+    others = "".join(f"; {name} to {_percent(value)}" for name, value in known.items())
     return f"{text}{others} (SD over mean)."
+
+
+def _percent(ratio: float) -> str:
+    """Two digits, and no power of ten."""
+    value = 100.0 * ratio
+    return f"{value:.2g} %" if value < 9.95 else f"{value:.0f} %"
 
 
 def _combinations(names: tuple[str, ...], whole: PartKnowledge) -> list[str]:

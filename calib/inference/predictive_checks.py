@@ -117,7 +117,8 @@ class Check:
     rmse: float
     """of the prediction, in the unit of the data: the median of forces, the mean field"""
     relative: float
-    """that error over the root mean square of the measured values"""
+    """of a force the prediction over the measured one less 1, else `rmse` over the root mean
+    square of the measured values"""
 
 
 def check_forces(
@@ -133,7 +134,7 @@ def check_forces(
             p_value=float(p[i]),
             coverage={prob: float(found[i]) for prob, found in inside.items()},
             rmse=float(abs(middle[i] - observed[i])),
-            relative=float(abs(middle[i] / observed[i] - 1.0)),
+            relative=float(middle[i] / observed[i] - 1.0),
         )
         for i in range(observed.size)
     ]

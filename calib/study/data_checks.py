@@ -54,7 +54,8 @@ def check_load_cell(study: Study, least: float) -> None:
     That SD contains the noise, and what is left of it is the samples' own.
     """
     if study.noise.load_cell_sd >= least:
-        expected = f"less than the smallest SD between samples ({least:g} N), a part of it"
+        expected = f"less than the smallest SD between samples, {least:g} N in the data (if these "
+        expected += "are in N), a part of it"
         raise Contradiction("noise.load_cell_sd", study.noise.load_cell_sd, expected)
 
 

@@ -34,7 +34,7 @@ from calib.study.predictive_tables import (
 )
 from calib.study.prior_stage import FACTS, prior_table
 from calib.study.report import Picture, Section, versions_table
-from calib.study.summary import Summary
+from calib.study.summary import Summary, judgement_lines
 from calib.study.summary_tables import constants_table, points_table
 from calib.study.tables import (
     Table,
@@ -131,9 +131,7 @@ def closing_lines(out: Path, study: Study, summaries: Sequence[Summary]) -> list
     for tables in _tables(findings, study).values():
         for table in tables:
             lines += [table.text(), ""]
-    lines += [f"FAILED  {failure}" for failure in findings.failures]
-    if not findings.failures:
-        lines.append("All diagnostics are within the limits of the study.")
+    lines += judgement_lines(summaries)
     places = (
         ("posterior", out / "posterior.nc"),
         ("report", out / "report.html"),

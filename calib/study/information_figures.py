@@ -22,7 +22,7 @@ def gains_figure(facts: Mapping[str, Any]) -> Figure:
         nested = plan["nested"]
         low = nested["lower"]["mean"] - nested["lower"]["error"]
         high = nested["upper"]["mean"] + nested["upper"]["error"]
-        label = "bounds of nested Monte Carlo" if place == 0 else None
+        label = "bounds of nested Monte Carlo, less and plus their errors" if place == 0 else None
         axis.plot([low, high], [place, place], color=INK, lw=1.5, label=label)
     for order, group in enumerate(groups):
         axis.barh(0, 0, color=COLOURS[order % len(COLOURS)], alpha=0.8, label=group)

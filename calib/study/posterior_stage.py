@@ -51,6 +51,7 @@ def run(context: Context) -> list[Path]:
 def provenance(out: Path, study: Study, data: StudyData) -> dict[str, object]:
     """Where the samples come from, and everything by which they are to be judged (JSON data)."""
     maps = read_json(out / "map.json")
+    compared = read_json(out / "comparison.json")["hypotheses"]
     diagnostics = load_diagnostics(out)
     sampler = study.sampler
     facts: dict[str, object] = {
@@ -67,6 +68,7 @@ def provenance(out: Path, study: Study, data: StudyData) -> dict[str, object]:
             h.name: _hypothesis(
                 out, study, h, maps[h.name], diagnostics[h.name], data.dataset.field is not None
             )
+            | {"predictive_p": compared[h.name]["predictive_p"]}
             for h in study.hypotheses
         },
         "study_file": plain(study),

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from calib.study.tables import Table, number
+from calib.study.tables import Table, number, percent
 
 COMPONENTS = ("x", "y", "z")
 
@@ -22,12 +22,13 @@ def force_checks_table(found: Mapping[str, Any]) -> Table:
         for name in names:
             check = found["hypotheses"][name]["force"][i]
             inside = "yes" if check["coverage"]["0.94"] else "NO"
-            row += [number(check["p_value"], 2), number(100 * check["relative"], 3), inside]
+            row += [number(check["p_value"], 2), percent(check["relative"]), inside]
         rows.append(tuple(row))
     return Table(
         "Predictive check of each force",
         tuple(columns),
         tuple(rows),
+        "off: the median prediction, from the measured mean. "
         "p: two-sided, of the measured mean among its replicates. The posterior was fitted to the "
         "same forces, so p-values crowd towards 1 where all is well; small ones are news.",
     )

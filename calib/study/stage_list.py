@@ -216,9 +216,16 @@ STAGES = (
         map_stage.run,
     ),
     Stage(
+        "compare",
+        "compare the hypotheses",
+        ("data", "check", "refine", "sample", "map"),
+        _sections("noise", "prior", "hypotheses"),
+        compare_stage.run,
+    ),
+    Stage(
         "posterior",
         "keep the posterior with its provenance",
-        ("data", "check", "refine", "sample", "map"),
+        ("data", "check", "refine", "sample", "map", "compare"),
         _study,
         posterior_stage.run,
     ),
@@ -228,13 +235,6 @@ STAGES = (
         ("data", "check", "refine", "sample"),
         _sections("hypotheses", "noise", "prior", "population", "sampler", "seed"),
         hierarchical_stage.run,
-    ),
-    Stage(
-        "compare",
-        "compare the hypotheses",
-        ("data", "check", "refine", "sample", "map"),
-        _sections("noise", "prior", "hypotheses"),
-        compare_stage.run,
     ),
     Stage(
         "predict",

@@ -18,6 +18,7 @@ from calib.inference.at_bound import AtBound, at_bound
 from calib.inference.convergence import Convergence, convergence
 from calib.inference.inference_data import load_inference_data, provenance_of
 from calib.inference.laws import DEFAULT_LAW
+from calib.inference.verdict import NONE_EXPLAINS, POOR_FIT
 from calib.study.figure_style import INTERVAL, Array, hdi
 from calib.study.further_table import further_table
 from calib.study.maxima_table import is_verified, largest_difference
@@ -72,6 +73,8 @@ class Summary:
     """bounds of the prior that the posterior leans on"""
     failures: tuple[str, ...]
     """diagnostics outside the limits of the study, one sentence each"""
+    predictive_p: float | None = None
+    """posterior predictive p-value of the forces' chi-square, where it is known"""
     mesh_remark: str = ""
     """a sentence where the posterior lies far from the last check of its mesh"""
     population: PopulationSummary | None = None
@@ -81,6 +84,11 @@ class Summary:
     def passed(self) -> bool:
         """Whether all diagnostics are within the limits of the study."""
         return not self.failures
+
+    @property
+    def contradicted(self) -> bool:
+        """Whether the forces lie outside what the hypothesis can explain, as `verdict` judges."""
+        return self.predictive_p is not None and self.predictive_p < POOR_FIT
 
 
 def load_summary(path: Path) -> list[Summary]:
@@ -168,7 +176,9 @@ def summarise(
         diagnostics=diagnostics,
         at_bound=at_bound,
         failures=tuple(failures),
-        mesh_remark=facts.get("mesh_remark", ""),  # posteriors of 0.3 before it have none
+        # posteriors of 0.3 before these have none
+        predictive_p=facts.get("predictive_p"),
+        mesh_remark=facts.get("mesh_remark", ""),
     )
 
 
@@ -226,6 +236,22 @@ def _unconverged(
             yield f"{name}: ESS ({label}) is {value:.0f}, below {limits['min_ess']:g}"
 
 
+def judgement_lines(summaries: Sequence[Summary]) -> list[str]:
+    """Whether the numbers may be relied on: what failed, and what the forces contradict."""
+    lines = [f"FAILED  {s.hypothesis}: {failure}" for s in summaries for failure in s.failures]
+    wrong = [s for s in summaries if s.contradicted]
+    lines += [
+        f"CONTRADICTED  {s.hypothesis}: the forces lie outside what it can explain (predictive p = "
+        f"{s.predictive_p:.2g}); its constants are of a model that does not hold"
+        for s in wrong
+    ]
+    if wrong and len(wrong) == len(summaries):
+        lines.append(NONE_EXPLAINS)
+    if all(summary.passed for summary in summaries):
+        lines.append("All diagnostics are within the limits of the study.")
+    return lines
+
+
 def format_table(summaries: Sequence[Summary]) -> str:
     """All tables for a terminal, and which diagnostics fail."""
     parts = []
@@ -236,9 +262,7 @@ def format_table(summaries: Sequence[Summary]) -> str:
         parts += [further.text(), ""] if further is not None else []
         for table in population_tables(summary.population, summary.hypothesis):
             parts += [table.text(), ""]
-    parts += [f"FAILED  {s.hypothesis}: {failure}" for s in summaries for failure in s.failures]
-    if all(summary.passed for summary in summaries):
-        parts.append("All diagnostics are within the limits of the study.")
+    parts += judgement_lines(summaries)
     first = summaries[0]
     parts.append(f"softcal {first.version}, seed {first.seed}; constants in {UNIT}")
     return "\n".join(parts)

@@ -47,6 +47,7 @@ def to_frame(summaries: Sequence[Summary]) -> pd.DataFrame:
             "constant": name,
             **values,
             "passed": summary.passed,
+            "predictive_p": summary.predictive_p,
         }
         for summary in summaries
         for of, name, values in (*_averaged(summary), *_of_population(summary.population))

@@ -21,6 +21,8 @@ FILE = "experiment.toml"
 MOST_POINTS = 10_000
 """of the data set: the correlation of their noise is a full matrix"""
 
+SMALLEST, LARGEST = 0.1, 1000.0
+"""of a specimen, mm, as in a study"""
 Positive = Annotated[float, Field(gt=0, lt=1e6)]
 NotNegative = Annotated[float, Field(ge=0, lt=1e6)]
 Coordinate = Annotated[float, Field(gt=-1e6, lt=1e6)]
@@ -41,6 +43,12 @@ class Specimen:
     """depth of the sample (z, along the bar pin), mm"""
     height_mm: Positive = 2.5
     """height of the sample (y), mm"""
+
+    def __post_init__(self) -> None:
+        for key in ("width_mm", "depth_mm", "height_mm"):
+            if not SMALLEST <= getattr(self, key) <= LARGEST:
+                expected = f"{SMALLEST:g} to {LARGEST:g}: lengths are in mm"
+                raise Contradiction(key, getattr(self, key), expected)
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
@@ -245,6 +253,13 @@ class Experiment:
         for index, name in enumerate(names):
             if name in names[:index]:
                 raise Contradiction(f"samples.{index}", name, "a folder that is not named before")
+
+
+def refused(folder: Path, key: str, found: object, expected: str) -> FileRefused:
+    """The error that names line and key of `experiment.toml` in `folder`, which has been read."""
+    path = folder / FILE
+    document = read_document(read_file(path, "experiment file"), str(path), "experiment file")
+    return document.refuse(Contradiction(key, found, expected).refusal())
 
 
 def read_experiment(folder: Path) -> Experiment:

@@ -55,20 +55,28 @@ def sample_files(folder: Path, experiment: Experiment) -> tuple[SampleFiles, ...
 
 def _is_sample(place: Path) -> bool:
     """Whether a folder holds a test-machine record, or frames with their times."""
-    return (place / MACHINE).exists() or ((place / FRAMES).exists() and any(place.glob(f"{DIC}*")))
+    return (place / MACHINE).exists() or ((place / FRAMES).exists() and bool(_dic_paths(place)))
+
+
+def _dic_paths(place: Path) -> list[Path]:
+    """`dic` and `dic.*` in the folder of a sample: what else begins so is something else."""
+    return sorted(path for path in place.iterdir() if path.name.partition(".")[0] == DIC)
 
 
 def _sample(folder: Path, name: str) -> SampleFiles:
     place = folder / name
     if Path(name).name != name or not place.is_dir():
         raise WrongFile(folder / FILE, None, f"samples: folders within {folder}", repr(name))
-    files = sorted(place.glob(f"{DIC}*"), key=lambda path: (path.name != DIC, path.name))
+    files = _dic_paths(place)
     for path in (place / MACHINE, place / FRAMES):
         if not path.is_file():
             found = "a folder" if path.is_dir() else "none"
             raise WrongFile(path, None, "a file of this sample", found)
     if not files:
         raise WrongFile(place / DIC, None, "a folder of DIC frames, or a file of all", "none")
+    if len(files) > 1:
+        found = " and ".join(path.name for path in files)
+        raise WrongFile(place, None, f"one of {DIC} and {DIC}.*, the frames of this sample", found)
     return SampleFiles(name, place / MACHINE, files[0], place / FRAMES)
 
 

@@ -22,6 +22,7 @@ from calib.data.qc.noise_floor import pooled_noise
 from calib.data.qc.quality import Rejection, Rule, broken, odd_forces, placement_rules
 from calib.data.qc.rules import Rules, inputs_under, under_rules
 from calib.data.qc.sample import REACH, Sample, read_sample
+from calib.data.qc.senses import check_senses
 from calib.data.qc.static_noise import StaticNoise, static_noise
 from calib.data.readers import WrongFile
 from calib.data.readers.frames import BoolArray
@@ -106,6 +107,7 @@ def analyse(
     files = sample_files(folder, experiment)
     points = face_points(experiment)
     samples, fields, limits = _samples(files, experiment, points, tell)
+    check_senses(folder, experiment, points, fields)
     rejections = [
         r for sample, own in zip(samples, limits, strict=True) for r in broken(sample, own)
     ]

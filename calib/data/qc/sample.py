@@ -190,6 +190,14 @@ def _frames_of_holds(
 
     Of several frames in one hold the last counts, as its force has relaxed the most.
     """
+    later = together.hold[1:]
+    missed = int(np.count_nonzero(later < 0))
+    if missed and later.size == numbers.size and not np.isin(numbers, later).all():
+        limit = experiment.camera.max_clock_offset_s
+        raise NotAsPlanned(
+            "frames in no hold, while a hold has none", missed,
+            f"0 of as many frames as holds: clocks within camera.max_clock_offset_s, {limit:g} s",
+        )  # fmt: skip
     use = experiment.protocol.use
     wanted = range(max(min(use) - 1, 1), max(use) + 2)
     chosen, places = [], []

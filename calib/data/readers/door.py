@@ -157,11 +157,20 @@ def _read_folder(path: Path, mm_per_px: float | None) -> DicSeries:
         else:
             # a damaged frame must not vanish: all frames after it would be one too early
             raise _unknown(Source(file), "DIC points as in the files beside it", [min(found)])
+    if len(parts) > 1 and _are_subsets(parts):
+        expected = "a file for each frame (DICe: separate_output_file_for_each_subset false)"
+        raise WrongFile(path, None, expected, "files of one subset each")
     notes = dict.fromkeys(note for part in parts for note in part.notes)
     if left_out:
         notes[f"left out: {', '.join(left_out)}"] = None
     frames = tuple(frame for part in parts for frame in part.frames)
     return DicSeries(parts[0].format, frames, tuple(notes))
+
+
+def _are_subsets(parts: list[DicSeries]) -> bool:
+    """Whether each file is of one point through all frames: one after the other they are none."""
+    single = all(frame.valid.size == 1 for part in parts for frame in part.frames)
+    return single and any(len(part.frames) > 1 for part in parts)
 
 
 def _recognised(source: Source) -> DicFormat | None:
