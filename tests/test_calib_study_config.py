@@ -160,6 +160,9 @@ WRONG = {
     "too many cells": ("[6, 3, 6]", "[6, 3, 6, 1]", "mesh.check", "[6, 3, 6, 1]", "three numbers"),
     "no cells": ("[4, 2, 4]", "[4, 0, 4]", "mesh.sampling[1]", "0", "greater than or equal to 1"),
     "check as good as the same": ("[6, 3, 6]", "[5, 2, 4]", "mesh.check", "[5, 2, 4]", "1.3 times"),
+    "endless cells": (
+        "[6, 3, 6]", "[600, 300, 600]", "mesh.check", "[600, 300, 600]", "at most 20,000 elements",
+    ),
     "coarse check": ("[6, 3, 6]", "[6, 1, 6]", "mesh.check", "[6, 1, 6]", "finer than the samp"),
     "coarse check of one": ("height = 2.7", "check = [4, 3, 4]", "hypothesis[1].check", "[4, 3, 4]",
                             "1.3 times"),

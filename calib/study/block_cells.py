@@ -9,12 +9,16 @@ from pydantic import Discriminator, Field, Tag
 from pydantic.dataclasses import dataclass
 
 from calib.study.prior_sections import STRICT
+from calib.toml_file.refusal import Contradiction
 from fe import Rings
 
 Count = Annotated[int, Field(ge=1)]
 Cells = tuple[Count, Count, Count]
 """numbers of elements along x, y, z of the quarter"""
 
+MOST_ELEMENTS = 20_000
+"""of a quarter: some 500,000 unknowns, five times those of the thesis' finest mesh; a factor of
+these takes tens of GB"""
 MIN_REFINEMENT = 1.3
 """less says too little of the error: it is read off a difference that gets small by itself"""
 
@@ -60,6 +64,13 @@ def n_elements(cells: Cells | RingCells | Rings) -> int:
     if isinstance(cells, RingCells | Rings):
         return cells.layers * cells.sectors * (cells.sectors + 2 * cells.rings)
     return math.prod(cells)
+
+
+def check_number(key: str, cells: Cells | RingCells | None) -> None:
+    """Raise Contradiction, at `key`, for a mesh that no machine here solves."""
+    if cells is not None and n_elements(cells) > MOST_ELEMENTS:
+        found = f"at most {MOST_ELEMENTS:,} elements in all, not {n_elements(cells):,}"
+        raise Contradiction(key, as_found(cells), found)
 
 
 def refinement(check: Cells | RingCells | Rings, sampling: Cells | RingCells | Rings) -> float:
