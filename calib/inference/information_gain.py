@@ -7,7 +7,7 @@ parameters and data. Pure NumPy; experiments are y = mean(x) + noise with a norm
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import solve_triangular
@@ -42,19 +42,29 @@ class NestedGain:
         return bool(low <= gain.mean <= high)
 
 
-def laplace_gain(jacobian: Array, covariance: Array, prior_covariance: Array) -> Gain:
+def laplace_gain(
+    jacobian: Array, covariance: Array, prior_covariance: Array, n_draws: int | None = None
+) -> Gain:
     """Closed form of a linear experiment, averaged over draws of the parameters.
 
     0.5 ln |I + C J^T S^-1 J| with the parameters' covariance C (p, p), derivatives J (m, n, p) at m
     draws and the noise S (n, n). Exact when the mean is linear and the parameters are normal
-    (Chaloner and Verdinelli, Stat. Sci. 10, 1995).
+    (Chaloner and Verdinelli, Stat. Sci. 10, 1995). Where C is that of `n_draws` independent draws,
+    the error holds what this leaves open: the gain changes by 0.5 tr(A C^-1 dC) with A = K (I +
+    K)^-1, K = C J^T S^-1 J, and dC is Wishart's, so that its variance is |A|^2 / (2 n_draws).
     """
     root = np.linalg.cholesky(prior_covariance)
     white = solve_triangular(np.linalg.cholesky(covariance), _columns(jacobian @ root), lower=True)
     parts = white.reshape(len(covariance), len(jacobian), -1).transpose(1, 0, 2)
     information = np.einsum("mni,mnj->mij", parts, parts)
-    values = 0.5 * np.linalg.slogdet(np.eye(len(root)) + information)[1]
-    return _gain(values)
+    whole = np.eye(len(root)) + information
+    gain = _gain(0.5 * np.linalg.slogdet(whole)[1])
+    if n_draws is None:
+        return gain
+    told = np.linalg.solve(whole, information).mean(axis=0)
+    return replace(
+        gain, error=float(np.hypot(gain.error, np.linalg.norm(told) / (2 * n_draws) ** 0.5))
+    )
 
 
 def nested_gain(

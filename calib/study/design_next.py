@@ -186,7 +186,7 @@ def weigh(plan: Plan, x: Array, names: tuple[str, ...], rng: np.random.Generator
     steps = np.array(plan.steps)
     planned = reduce_experiment(plan.likelihood, x, steps, with_field=plan.with_field)
     prior = np.cov(x, rowvar=False)
-    gain = laplace_gain(planned.jacobian[:N_LAPLACE], planned.covariance, prior)
+    gain = laplace_gain(planned.jacobian[:N_LAPLACE], planned.covariance, prior, len(x))
     n = min(N_OUTER, len(x) // 3)
     nested = nested_gain(planned.mean[:n], planned.mean[n:], planned.covariance, rng)
     return {
@@ -247,7 +247,7 @@ def gains_table(facts: dict[str, Any]) -> Table:
         "Expected information gain over the present posterior, if made once and with errors of its "
         "own, those of the mesh among them; a repeat cannot take away an error that it shares with "
         "the first. gain: closed form of a linear experiment, mean over posterior draws with its "
-        "Monte Carlo error. nested MC: lower and upper bound without linearity, with the larger "
+        "Monte Carlo error, most of it the same for all plans. nested MC: lower and upper bound without linearity, with the larger "
         "error; agree: closed form within them, by three errors. Where it says NO, go by the "
         "bounds: the closed form takes the posterior as normal, and of all posteriors with its "
         "covariance a normal one gains most, so it is too large where a posterior fills its prior. "
