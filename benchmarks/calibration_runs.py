@@ -57,7 +57,7 @@ CONTACTS = {"sliding": "slide", "stuck": "stick"}
 N_PLACED = 8
 """corners and centres of faces that come first in a design of (r, s)"""
 N_FINER, N_STUCK, N_OTHER, N_RUBBING = 12, 288, 100, 100
-EVEN = replace(DESIGNS[0], dense_below={})
+EVEN = replace(DESIGNS[0], dense_below=None)
 """runs that fill the box of (r, s) evenly, as the prior does"""
 
 Progress = Callable[[int, int], None]

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -52,9 +52,8 @@ class Design:
     """centres of faces that come next"""
     max_field_mm: float
     max_force_percent: float
-    dense_below: Mapping[str, float] = field(default_factory=dict)
-    """coordinates of which training runs are denser below so much above the lowest: of a distance t
-    from it ln(1 + t / this) is spread evenly"""
+    dense_below: float | None = None
+    """s below which training runs are denser: ln(1 + s / this) is spread evenly; None: s is"""
 
     @property
     def bounds(self) -> Array:
@@ -65,15 +64,15 @@ class Design:
 
     def training(self) -> Array:
         """(n_runs, d) factors: corners, faces, then a Sobol sequence of the coordinates."""
-        spread, low = self.bounds, self.bounds[:, 0]
-        scales = {self.names.index(name): scale for name, scale in self.dense_below.items()}
-        for at, scale in scales.items():
-            spread[at] = np.log1p((spread[at] - low[at]) / scale)
+        bounds, scale = self.bounds, self.dense_below
+        if scale is not None:
+            s = self.names.index("s")
+            bounds[s] = np.log1p(bounds[s] / scale)
         points = sobol_design(
-            self.n_runs, spread, TRAINING_SEED, n_corners=self.n_corners, n_faces=self.n_faces
+            self.n_runs, bounds, TRAINING_SEED, n_corners=self.n_corners, n_faces=self.n_faces
         )
-        for at, scale in scales.items():
-            points[:, at] = low[at] + scale * np.expm1(points[:, at])
+        if scale is not None:
+            points[:, s] = scale * np.expm1(points[:, s])
         return self.factors(points)
 
     def held_out(self, n: int, seed: int = HELD_OUT_SEED) -> Array:
@@ -104,8 +103,8 @@ class Design:
 
 
 DESIGNS = (
-    Design(("r", "s"), 32, None, 4, 1e-4, 0.1, {"s": 0.05}),
-    Design(("r", "s", "bulk"), 64, None, 6, 2e-4, 0.2, {"s": 0.05, "bulk": 0.7}),
+    Design(("r", "s"), 32, None, 4, 1e-4, 0.1, dense_below=0.05),
+    Design(("r", "s", "bulk"), 64, None, 6, 2e-4, 0.2, dense_below=0.05),
     Design(tuple(FACTORS), 160, 16, 0, 1e-3, 1.0),
 )
 

@@ -263,7 +263,17 @@ def test_a_clock_a_hold_off_rejects_the_sample_whose_frames_it_puts_into_wrong_h
     [rejection] = found.rejections
     assert (rejection.sample, rejection.value) == ("S2", 1)
     assert "frames in no hold, while a hold has none" in rejection.text()
-    assert "clocks within camera.max_clock_offset_s, 5 s" in rejection.text()
+    assert "is the camera's clock within camera.max_clock_offset_s, 5 s?" in rejection.text()
+
+
+def test_a_face_that_goes_in_is_told_and_no_more(some, capsys):
+    """A very compressible block may do so."""
+    folder = some("S1", "S2", text=EXPERIMENT + '[axes]\nz = "-z"\n')
+    assert main(["qc", str(folder)]) == 0
+    assert "warning: the face goes in by" in capsys.readouterr().out
+    (folder / "experiment.toml").write_text(EXPERIMENT)
+    assert main(["qc", str(folder)]) == 0
+    assert "warning" not in capsys.readouterr().out
 
 
 def test_frames_of_a_sample_are_in_dic_alone(some):
@@ -271,8 +281,13 @@ def test_frames_of_a_sample_are_in_dic_alone(some):
     (folder / "S1" / "dic-old").mkdir()
     (folder / "S1" / "dic notes.txt").write_text("of the day")
     assert [one.dic.name for one in sample_files(folder, read_experiment(folder))] == ["dic"] * 2
+    (folder / "S1" / "dic.toml").write_text("")
+    assert sample_files(folder, read_experiment(folder))[0].dic.name == "dic"
+    shutil.rmtree(folder / "S1" / "dic")
     (folder / "S1" / "dic.mat").write_text("")
-    with pytest.raises(ValueError, match=r"S1: expected one of dic and dic\.\*.*found dic and dic"):
+    with pytest.raises(
+        ValueError, match=r"S1: expected one of dic and dic\.\*.*found dic\.mat and"
+    ):
         sample_files(folder, read_experiment(folder))
 
 
@@ -313,7 +328,6 @@ BREAKS = {
         ":13: axes.y",
         "up by",
     ),
-    "out": ("experiment.toml", "[machine]", '[axes]\nz = "-z"\n[machine]', "axes.z", "caves in"),
     "size": (
         "experiment.toml",
         "[machine]",

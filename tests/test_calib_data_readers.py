@@ -202,6 +202,13 @@ def test_our_files_refuse_a_name_that_would_not_come_back(tmp_path):
         write_points(tmp_path / "x.csv", frame)
 
 
+def test_our_points_refuse_a_deviation_below_zero(tmp_path):
+    one = np.ones((1, 3))
+    frame = PointFrame("a", one, one, np.array([True]), np.array([[0.1, 0.1, -0.5]]))
+    write_points(tmp_path / "x.csv", frame)
+    assert "no sigma below 0" in refusal(read_dic, tmp_path / "x.csv").expected
+
+
 def test_our_points_are_counted_so_that_a_cut_file_is_refused(put):
     lines = reader_samples.points_csv().splitlines(keepends=True)
     error = refusal(read_dic, put(b"".join(lines[:-3])))

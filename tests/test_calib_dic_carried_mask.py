@@ -20,7 +20,9 @@ def test_a_region_goes_with_its_points_and_ends_where_their_subsets_end():
     x, y = np.meshgrid(np.arange(15.0, 70.0, 5), np.arange(20.0, 50.0, 5))
     points = np.column_stack([x.ravel(), y.ravel()])
     gradient = np.broadcast_to(F - np.eye(2), (len(points), 2, 2))
-    found = carried_mask(mask, points, moved(points), gradient, RADIUS, (140, 160))
+    found = carried_mask(
+        mask, points, moved(points), gradient, np.arange(len(points)), RADIUS, (140, 160)
+    )
     row, column = np.mgrid[:140, :160]
     pixels = np.stack([column, row], axis=-1)
     back = np.round((pixels - SHIFT) @ np.linalg.inv(F).T).astype(int)
@@ -43,7 +45,15 @@ def test_a_point_keeps_what_the_mask_says_of_it():
     mask[:, :20] = True
     points = np.array([[19.0, 10.0], [19.0, 25.0], [20.0, 30.0]])
     gradient = np.zeros((3, 2, 2))
-    found = carried_mask(mask, points, points + np.array([0.4, 0.0]), gradient, 3, (40, 40))
+    every = np.arange(3)
+    found = carried_mask(mask, points, points + np.array([0.4, 0.0]), gradient, every, 3, (40, 40))
     assert found[10, 19] and found[25, 19] and not found[30, 20]
-    far = carried_mask(mask, points, points + 100.0, gradient, 3, (40, 40))
+    far = carried_mask(mask, points, points + 100.0, gradient, every, 3, (40, 40))
     assert not far.any()
+
+
+def test_subsets_that_are_not_asked_for_are_not_carried():
+    mask = np.ones((40, 40), dtype=bool)
+    points = np.array([[10.0, 10.0], [30.0, 30.0]])
+    found = carried_mask(mask, points, points, np.zeros((2, 2, 2)), np.array([1]), 3, (40, 40))
+    assert found.sum() == 49 and found[27:34, 27:34].all()

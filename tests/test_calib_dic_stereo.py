@@ -16,7 +16,8 @@ from calib.cli import main
 from calib.data.readers import read_dic
 from calib.dic.calibration import Calibration
 from calib.dic.calibration_files import read_calibration, write_calibration
-from calib.dic.camera import StereoRig
+from calib.dic.camera import Camera, Intrinsics, StereoRig, epipolar_distance, project
+from calib.dic.pose_check import check_sides
 from calib.dic.stereo import (
     StereoReason,
     StereoSettings,
@@ -337,6 +338,62 @@ def test_a_stopped_series_goes_on_with_the_same_bits(folder, capsys, monkeypatch
     assert said.count("(kept)") == 1 and said.count("(measured)") == 1
     for name in ("points/left1.csv", "points/left2.csv", "left2-strain.csv", "dic.json"):
         assert (folder / "long-dic" / name).read_bytes() == (folder / "whole" / name).read_bytes()
+
+
+def _stage(folder, name, text):
+    (folder / f"{name}.toml").write_text(text)
+    return main(["dic", str(folder / f"{name}.toml")])
+
+
+@pytest.mark.lasting
+def test_a_dark_pair_is_told_and_the_series_goes_on(folder, capsys):
+    text = STUDY.format(right="right").replace("= 12", "= 24").replace("[2.5]", "[2.5, 3.5]")
+    for side in ("left", "right"):
+        io.imsave(folder / f"{side}3.tif", np.zeros((150, 300), np.uint16), check_contrast=False)
+        text = text.replace(f'["{side}1.tif"]', f'["{side}3.tif", "{side}1.tif"]')
+    assert _stage(folder, "dark", text) == 0
+    out = capsys.readouterr().out
+    assert "warning: no point was found in left3.tif" in out and "2/2 left1.tif: 32 of 32" in out
+
+
+@pytest.mark.lasting
+def test_cameras_that_have_moved_since_the_reference_are_told(folder, capsys):
+    """The right image 2 px lower than it was: no point is on its line, and a warning says why.
+
+    Sampson's distance shares the 2 px between both images.
+    """
+    text = STUDY.format(right="right").replace("= 12", "= 24")
+    text = text.replace('["left1.tif"]', '["left1.tif", "left4.tif"]')
+    text = text.replace('["right1.tif"]', '["right1.tif", "right4.tif"]')
+    (folder / "left4.tif").write_bytes((folder / "left1.tif").read_bytes())
+    lower = np.roll(io.imread(folder / "right1.tif"), 2, axis=0)
+    io.imsave(folder / "right4.tif", lower, check_contrast=False)
+    assert _stage(folder, "moved", text.replace("[2.5]", "[2.5, 3.5]")) == 0
+    out = capsys.readouterr().out
+    assert "warning: left4.tif, right4.tif: points lie 1." in out
+    assert "or the cameras have moved since the reference images" in out
+    assert out.count("from their epipolar lines") == 1
+
+
+def test_a_camera_that_drifts_is_not_taken_for_the_other_one():
+    """Nearly parallel cameras: 0.45 px bring points nearer to the wrong line than to their own."""
+    lens = Intrinsics(2000.0, 2000.0, 150.0, 75.0)
+    right = Camera(replace(lens, cy=75.3), np.eye(3), np.array([-20.0, 0.0, 0.0]))
+    rig = StereoRig(Camera(lens), right)
+    rng = np.random.default_rng(3)
+    x = np.column_stack([rng.uniform(-4, 4, (60, 2)), rng.uniform(98, 102, 60)])
+    left, seen = (
+        project(camera, x)[0] + 0.01 * rng.standard_normal((60, 2))
+        for camera in (rig.left, rig.right)
+    )
+    usual = float(np.median(np.abs(epipolar_distance(rig, left, seen))))
+    drifted = seen + np.array([0.0, -0.45])
+    distance = check_sides(rig, left, drifted, usual, "images")
+    exchanged = np.abs(epipolar_distance(StereoRig(rig.right, rig.left), left, drifted))
+    assert np.median(exchanged) < 0.5 * distance
+    with pytest.raises(ValueError, match="images are swapped"):
+        check_sides(rig, seen, left, usual, "images")
+    check_sides(rig, seen[:5], left[:5], usual, "images")  # by so few points nothing is said
 
 
 @pytest.mark.lasting

@@ -283,6 +283,11 @@ def test_frames_of_a_run_that_was_stopped_leave_no_points_behind_either(folder, 
     (folder / "study.toml").write_text(text.replace("[1.0, 2.0]", "[2.0]"))
     assert main(["dic", str(folder / "study.toml")]) == 0
     assert [path.name for path in points.iterdir()] == ["d2.csv"]
+    (folder / "study.toml").write_text(text.replace("[1.0, 2.0]", "[2.0]").replace("= 21", "= 25"))
+    with monkeypatch.context() as patch:
+        patch.setattr(sys.modules["calib.dic_study.run"], "next_state", stopped_at_the_second)
+        assert main(["dic", str(folder / "study.toml")]) != 0
+    assert not list(points.iterdir()), "points of other settings"
 
 
 def test_strains_and_points_of_a_sheared_field_are_with_y_up(folder, tmp_path):

@@ -68,8 +68,8 @@ def test_close_evidences_cannot_be_separated() -> None:
 
 
 def test_forces_that_no_hypothesis_explains_raise_the_question_of_units() -> None:
-    assert NONE_EXPLAINS in compare([fit("stuck", 1.0, 1e-90), fit("sliding", 3.0, 1e-4)]).verdict
-    assert NONE_EXPLAINS not in compare([fit("stuck", 1.0, 0.4), fit("sliding", 3.0, 0.0)]).verdict
+    assert NONE_EXPLAINS in compare([fit("stuck", 1.0, 1e-90), fit("sliding", 3.0, 1e-14)]).verdict
+    assert NONE_EXPLAINS not in compare([fit("stuck", 1.0, 1e-4), fit("sliding", 3.0, 0.0)]).verdict
 
 
 def test_support_takes_evidence_and_fit() -> None:

@@ -28,7 +28,7 @@ from calib.inference.fisher import (
     observed_information,
     spectrum,
 )
-from calib.inference.knowledge import knowledge
+from calib.inference.knowledge import _percent, knowledge
 from calib.inference.likelihood import Likelihood
 from calib.inference.nested import nested
 from calib.inference.profile import Profile, profile_likelihood
@@ -291,3 +291,10 @@ def test_a_profile_that_leaves_the_box_of_what_was_sampled_is_the_wide_ones() ->
     cut = replace(BOTH, prior=PRIOR.within(box))
     found = knowledge(BOTH, np.random.default_rng(3), 9, cut).profiles[1]
     assert found.values[0] == 0.0 and not found.open_ends[0]
+
+
+@pytest.mark.parametrize(
+    ("ratio", "said"), [(0.0123, "1.2 %"), (0.0996, "10 %"), (0.213, "21 %"), (1.02, "102 %")]
+)
+def test_shares_are_told_without_powers_of_ten(ratio: float, said: str) -> None:
+    assert _percent(ratio) == said

@@ -122,9 +122,9 @@ def _softcal(content: dict[str, Any]) -> Calibration:
     if "covariance" in content:
         covariance = np.array(content["covariance"], dtype=np.float64)
         if covariance.shape != (N_RIG, N_RIG) or not np.isfinite(covariance).all():
+            found = "others" if covariance.shape == (N_RIG, N_RIG) else f"shape {covariance.shape}"
             raise ValueError(
-                f"covariance: expected {N_RIG} x {N_RIG} finite numbers, found shape "
-                f"{covariance.shape}"
+                f"covariance: expected {N_RIG} x {N_RIG} finite numbers, found {found}"
             )
         quality["covariance"] = covariance
     columns, rows = content["size"]
@@ -143,7 +143,7 @@ def _quality(values: dict[str, Any]) -> dict[str, Any]:
         found = values["reprojection"]
         raise ValueError(f"quality.reprojection: expected two numbers, found {found}") from None
     return {
-        "sigma": {str(name): float(value) for name, value in values["sigma"].items()},
+        "sigma": {str(name): float(value) for name, value in values.get("sigma", {}).items()},
         "reprojection": (left, right),
         "per_pose": tuple((str(n), float(a), float(b)) for n, a, b in values["per_pose"]),
         **{name: kind(values[name]) for name, kind in QUALITY.items() if name in values},

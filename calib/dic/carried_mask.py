@@ -7,7 +7,7 @@ from scipy.ndimage import maximum_filter
 from scipy.spatial import cKDTree
 
 from calib.dic.distortion import Array
-from calib.dic.prepared import BoolArray
+from calib.dic.prepared import BoolArray, IntArray
 
 
 def carried_mask(
@@ -15,6 +15,7 @@ def carried_mask(
     before: Array,
     after: Array,
     gradient: Array,
+    wanted: IntArray,
     radius: int,
     shape: tuple[int, int],
 ) -> BoolArray:
@@ -22,12 +23,12 @@ def carried_mask(
 
     `before` and `after` (n, 2): pixels in the image of the mask and in the other, `gradient`
     (n, 2, 2) of the displacement there. Pixels go by the tangent of the nearest point; False where
-    no point has them in its subset (`radius` px). A point keeps what the mask says of it.
+    no subset (`radius` px) of the `wanted` (m,) among the points has them. These keep what the
+    mask says of them.
     """
     found = np.zeros(shape, dtype=np.bool_)
-    here, there = (np.round(points).astype(np.int64) for points in (after, before))
+    here, there = (np.round(points[wanted]).astype(np.int64) for points in (after, before))
     inside = _within(here, shape)
-    before, after, gradient = before[inside], after[inside], gradient[inside]
     here, there = here[inside], there[inside]
     if not len(here):
         return found

@@ -17,7 +17,7 @@ import numpy as np
 from calib.dic.carried_mask import carried_mask
 from calib.dic.correlate import Correlation, correlate_prepared
 from calib.dic.interpolation import Array, Spline
-from calib.dic.prepared import BoolArray, Reference, as_image, deformed_spline, prepare
+from calib.dic.prepared import BoolArray, IntArray, Reference, as_image, deformed_spline, prepare
 from calib.dic.progress import Progress, in_turn
 from calib.dic.reasons import Reason
 from calib.dic.settings import CorrelationSettings
@@ -93,8 +93,7 @@ def next_state(
     for candidate, least in ((state.base, GOOD), (state.last, 0.0)):
         if candidate is not None and _broken(found, candidate.found).any():
             asked = replace(settings, min_zncc=max(settings.min_zncc, least))
-            start = _as_reference(candidate, reference, points, settings)
-            found = _renewed(candidate, start, image, spline, points, asked, found, following())
+            found = _renewed(candidate, reference, image, spline, points, asked, found, following())
             base = candidate
     return State(Base(number, image, found), base)
 
@@ -127,22 +126,26 @@ def _broken(found: Correlation, before: Correlation) -> BoolArray:
 
 
 def _as_reference(
-    base: Base, first: Reference, points: Array, settings: CorrelationSettings
+    base: Base, first: Reference, points: Array, lost: IntArray, settings: CorrelationSettings
 ) -> Reference:
-    """The base image as a reference, in which the region of the first one has moved with it."""
+    """The base image as a reference, in which the region of the first one has moved with it.
+
+    As far as it concerns the `lost` (m,) among the points, which are valid in that image.
+    """
     mask = None
     if not first.mask.all():
         has, found = base.found.valid, base.found
         places = points[has] + found.displacement[has]
         shape = (base.image.shape[0], base.image.shape[1])
         moved = (points[has], places, found.gradient[has])
-        mask = carried_mask(first.mask, *moved, settings.radius, shape)
+        wanted = np.searchsorted(np.flatnonzero(has), lost)
+        mask = carried_mask(first.mask, *moved, wanted, settings.radius, shape)
     return prepare(base.image, settings.degree, mask, settings.blur)
 
 
 def _renewed(
     base: Base,
-    renewed: Reference,
+    first: Reference,
     image: Array,
     spline: Spline,
     points: Array,
@@ -150,13 +153,11 @@ def _renewed(
     found: Correlation,
     progress: Progress | None,
 ) -> Correlation:
-    """`found` with broken points measured from the base image, where that has less uncertainty.
-
-    `renewed` is the base image as a reference.
-    """
+    """`found` with broken points measured from the base image, where that has less uncertainty."""
     lost = np.flatnonzero(_broken(found, base.found))
     before = base.found
     places = points[lost] + before.displacement[lost]
+    renewed = _as_reference(base, first, points, lost, settings)
     step = correlate_prepared(renewed, image, spline, places, settings, progress=progress)
     sigma_sum = np.hypot(before.sigma[lost], step.sigma)
     worse = found.valid[lost] & ~(sigma_sum.max(axis=1) < found.sigma[lost].max(axis=1))

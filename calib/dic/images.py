@@ -64,8 +64,8 @@ def _check_lossless(path: Path) -> None:
     with path.open("rb") as stream:
         if stream.read(3) == b"\xff\xd8\xff":
             raise ValueError(
-                f"{path}: expected an image without losses (TIFF, PNG or BMP), found a JPEG, whose "
-                "blocks of 8 px would be measured with the speckle"
+                f"{path}: expected an image without losses (TIFF, PNG or BMP), found a JPEG, which "
+                "has blocks of 8 px that are not in the scene"
             )
 
 

@@ -24,6 +24,8 @@ HELD_RAD = 0.01
 stays as it was"""
 NOISE_PX = 0.02
 """of an epipolar distance, against which it is held"""
+AS_USUAL = 2.0
+"""times the distance in the reference images: of images that are of the right cameras"""
 SWAPPED = 0.5
 """of the distances as given: below this the cameras are swapped"""
 MOST_BEFORE = 0.9
@@ -46,7 +48,11 @@ def check_belongs(rig: StereoRig, left: Array, right: Array, limit: float) -> No
     `limit` px for the median. Says so when the two cameras are swapped.
     """
     either = "left, right: the images, or those of the calibration,"
-    distance = check_sides(rig, left, right, limit, either)
+    distance = _median(rig, left, right)
+    swapped = _median(_exchanged(rig), left, right)
+    # of two cameras alike the swapped lines are close too, but not as close as the true ones
+    if swapped < SWAPPED * min(distance, limit):
+        raise _swapped(either, distance, swapped)
     if distance <= limit:
         return
     raise ValueError(
@@ -56,20 +62,30 @@ def check_belongs(rig: StereoRig, left: Array, right: Array, limit: float) -> No
     )
 
 
-def check_sides(rig: StereoRig, left: Array, right: Array, limit: float, subject: str) -> float:
-    """Median distance of matched pixels (n, 2) from their epipolar lines, px; inf for none.
+def check_sides(rig: StereoRig, left: Array, right: Array, usual: float, subject: str) -> float:
+    """Median distance of matched pixels (n, 2) from their epipolar lines, px; inf for no point.
 
-    Raises ValueError when the two cameras are swapped, of which `subject` names the images.
+    Raises ValueError when the two images, which `subject` names, are exchanged: then points lie as
+    near the exchanged lines as they usually do, `usual` px, near their own. Not by few points, nor
+    where a camera has moved, which can bring points of nearly parallel cameras nearer to the wrong
+    line.
     """
-    distance = _median(rig, left, right)
-    swapped = _median(StereoRig(rig.right, rig.left), left, right)
-    # of two cameras alike the swapped lines are close too, but not as close as the true ones
-    if swapped < SWAPPED * min(distance, limit):
-        raise ValueError(
-            f"{subject} are swapped; points lie {distance:.2g} px from their epipolar lines, and "
-            f"{swapped:.2g} px with left and right exchanged"
-        )
+    distance, swapped = _median(rig, left, right), _median(_exchanged(rig), left, right)
+    n = int(np.isfinite(left + right).all(axis=1).sum())
+    if n >= LEAST_POINTS and swapped < SWAPPED * distance and swapped < AS_USUAL * usual:
+        raise _swapped(subject, distance, swapped)
     return distance
+
+
+def _exchanged(rig: StereoRig) -> StereoRig:
+    return StereoRig(rig.right, rig.left)
+
+
+def _swapped(subject: str, distance: float, swapped: float) -> ValueError:
+    return ValueError(
+        f"{subject} are swapped; points lie {distance:.2g} px from their epipolar lines, and "
+        f"{swapped:.2g} px with left and right exchanged"
+    )
 
 
 def check_order(rig: StereoRig, left: Array, right: Array, found: float) -> None:
@@ -78,7 +94,7 @@ def check_order(rig: StereoRig, left: Array, right: Array, found: float) -> None
     `found` is the RMS distance from the epipolar lines as given, px, by `refine_pose`.
     """
     try:
-        swapped = refine_pose(StereoRig(rig.right, rig.left), left, right).rms
+        swapped = refine_pose(_exchanged(rig), left, right).rms
     except ValueError:
         return
     if swapped < SWAPPED * found:

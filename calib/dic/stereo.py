@@ -179,7 +179,7 @@ def place_reference(
         shape = (right_grey.shape[0], right_grey.shape[1])
         has = np.isfinite(kept).all(axis=1)
         moved = (points[has], kept[has], match.gradient[has])
-        there = carried_mask(mask, *moved, options.radius, shape)
+        there = carried_mask(mask, *moved, np.arange(has.sum()), options.radius, shape)
     return StereoReference(
         rig, left_ready, prepare(right_grey, options.degree, there, options.blur), points, kept,
         match.total, space, distance, reason.astype(np.int64), turned,
@@ -246,15 +246,14 @@ def frame_of(reference: StereoReference, tracked: Tracked, settings: StereoSetti
     return StereoFrame(reference.space.points, displacement, covariance, reason, epipolar)
 
 
-def median_distance(
-    reference: StereoReference, tracked: Tracked, settings: StereoSettings, subject: str
-) -> float:
+def median_distance(reference: StereoReference, tracked: Tracked, subject: str) -> float:
     """Of the points from their epipolar lines in the frame followed to, px; inf for no point.
 
     Raises ValueError when the images of this frame, which `subject` names, are swapped.
     """
-    limit = settings.max_median_epipolar
-    return check_sides(reference.rig, *_now(reference, tracked), limit, subject)
+    placed = reference.reason == StereoReason.VALID
+    usual = float(np.median(np.abs(reference.epipolar[placed])))
+    return check_sides(reference.rig, *_now(reference, tracked), usual, subject)
 
 
 def _now(reference: StereoReference, tracked: Tracked) -> tuple[Array, Array]:

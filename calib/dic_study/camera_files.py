@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from calib.dic import GreyImage
-from calib.dic.stereo import StereoReference, StereoSettings, Tracked, median_distance
+from calib.dic.stereo import StereoReference, Tracked, median_distance
 from calib.dic_study.named_files import check_series, named_files
 from calib.dic_study.stereo_config import StereoStudy
 from calib.toml_file import Contradiction
@@ -46,7 +46,7 @@ def pairs(study: StereoStudy, folder: Path) -> tuple[tuple[Path, ...], tuple[Pat
 
 def check_two_views(left: GreyImage, right: GreyImage) -> None:
     """Raises ValueError for one picture under two names."""
-    if np.array_equal(left.grey, right.grey):
+    if np.array_equal(left.grey, right.grey) and np.ptp(left.grey) > 0.0:  # else none shows a thing
         raise ValueError(
             f"{right.name}: found the very picture of {left.name}, expected one of each camera"
         )
@@ -55,17 +55,16 @@ def check_two_views(left: GreyImage, right: GreyImage) -> None:
 def view_doubt(
     reference: StereoReference,
     tracked: Tracked,
-    settings: StereoSettings,
+    limit: float,
     left: GreyImage,
     right: GreyImage,
 ) -> str | None:
-    """What is doubtful of the pair of images followed to, if anything.
+    """What is doubtful of the pair of images followed to, points `limit` px off their lines.
 
     Raises ValueError when they are swapped.
     """
     subject = f"{left.name}, {right.name}: the images"
-    distance = median_distance(reference, tracked, settings, subject)
-    limit = settings.max_median_epipolar
+    distance = median_distance(reference, tracked, subject)
     if distance <= limit or not np.isfinite(distance):
         return None
     return (

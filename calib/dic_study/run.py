@@ -95,7 +95,7 @@ def _run_one_camera(study: DicStudy, folder: Path, out: Path, say: Say, bars: Ba
     check_files(ready.reference, paths)
     for name in (POINTS, PICTURES, STORE):
         (out / name).mkdir(parents=True, exist_ok=True)
-    remove_stale(out, {path.stem for path in paths}, say)
+    remove_stale(out, ready.key, {path.stem for path in paths}, say)
     for warning in ready.judged.warnings:
         say(f"warning: {warning}")
     frames = []

@@ -15,35 +15,42 @@ from fe.atomic_file import write_text
 
 ENDS = ("points/{}.csv", "pictures/{}.png", "pictures/{}-lost.png", "{}-strain.csv")
 NAMED = "frames/named.json"
-"""frames of the last run, whether it came to its end or not"""
+"""key and frames of the last run, whether it came to its end or not"""
 
 
-def remove_stale(out: Path, stems: set[str], say: Callable[[str], None]) -> None:
+def remove_stale(out: Path, key: str, stems: set[str], say: Callable[[str], None]) -> None:
     """Take away results of the last run's frames that `stems` does not name, and keep `stems`.
 
-    What is needed to go on stays, so that a frame which comes back is not measured again.
+    Of all of its frames where `key`, of all that frames follow from, was another: a run that is
+    stopped would leave some of them. What is needed to go on stays, so that a frame which comes
+    back is not measured again.
     """
-    for stem in sorted(_named_before(out) - stems):
+    last_key, before = _last(out)
+    gone = before if last_key not in (None, key) else before - stems
+    for stem in sorted(gone):
         paths = [out / end.format(stem) for end in ENDS]
         if not any(path.exists() for path in paths):
             continue
         for path in paths:
             path.unlink(missing_ok=True)
-        say(f"removed the results of {stem}, which the study no longer names")
-    write_text(out / NAMED, json.dumps(sorted(stems)) + "\n")
+        why = "are of other settings" if stem in stems else "the study no longer names"
+        say(f"removed the results of {stem}, which {why}")
+    write_text(out / NAMED, json.dumps({"key": key, "frames": sorted(stems)}) + "\n")
 
 
-def _named_before(out: Path) -> set[str]:
-    """Frames of the last run; where it was of an older version, by its `dic.json`."""
+def _last(out: Path) -> tuple[str | None, set[str]]:
+    """Key and frames of the last run; of an older version the frames alone, by its `dic.json`."""
     try:
-        return set(json.loads((out / NAMED).read_text(encoding="utf-8")))
-    except (OSError, ValueError, TypeError):
+        last = json.loads((out / NAMED).read_text(encoding="utf-8"))
+        return str(last["key"]), set(last["frames"])
+    except (OSError, ValueError, KeyError, TypeError):
         pass
     try:
-        before = json.loads((out / "dic.json").read_text(encoding="utf-8"))["frames"]
-        return {Path(frame["image"]).stem for frame in before}
+        report = json.loads((out / "dic.json").read_text(encoding="utf-8"))
+        images = [*(frame["image"] for frame in report["frames"]), report["reference"]]
+        return None, {Path(image).stem for image in images}
     except (OSError, ValueError, KeyError, TypeError):
-        return set()
+        return None, set()
 
 
 def finite(judged: Quality) -> dict[str, Any]:

@@ -19,6 +19,7 @@ from calib.dic.prepared import BoolArray
 from calib.dic.progress import Progress
 from calib.dic.scale_error import scale_sd
 from calib.dic.stereo import (
+    StereoFrame,
     StereoReason,
     StereoReference,
     Tracked,
@@ -84,7 +85,7 @@ def run_stereo(study: StereoStudy, folder: Path, out: Path, say: Say, bars: Bars
         (out / name).mkdir(parents=True, exist_ok=True)
     write_calibration(out / CALIBRATION, _as_used(calibration, ready, study))
     first = Path(study.images.reference).stem
-    remove_stale(out, {first, *(path.stem for path in left)}, say)
+    remove_stale(out, ready.key, {first, *(path.stem for path in left)}, say)
     scale = _scale_sd(ready, calibration)
     length = error_length(ready.reference, study.correlation.settings)
     times = study.images.times_s
@@ -100,7 +101,8 @@ def run_stereo(study: StereoStudy, folder: Path, out: Path, say: Say, bars: Bars
         key, stem = frame_store.next_key(key, images), paths[0].stem
         with bars(paths[0].name) as bar:
             before, again = _pair(out / STORE / f"{stem}.npz", key, images, ready, before, bar)
-        if doubt := view_doubt(ready.reference, before, study.settings, *images):
+        limit = study.settings.max_median_epipolar
+        if doubt := view_doubt(ready.reference, before, limit, *images):
             say(f"warning: {doubt}")
         found = frame_of(ready.reference, before, study.settings)
         frames.append(summary(paths[0], found))
@@ -111,14 +113,19 @@ def run_stereo(study: StereoStudy, folder: Path, out: Path, say: Say, bars: Bars
         has_strain = _write(out, stem, frame, ready, again)
         done = "measured" if again else "kept"
         say(f"{number + 1}/{len(left)} {paths[0].name}: {sentence(found, ready.axes)} ({done})")
-        if not found.valid.any():
-            say(f"warning: {empty_frame(*images)}")
-        elif not has_strain:
-            say(f"warning: {no_strain('stereo.strain_radius_mm')}")
+        if lack := _lack(found, has_strain, images):
+            say(f"warning: {lack}")
     _report(out, ready, calibration, scale, frames)
     check_series_found(frames, ready.left.name)
     say(f"wrote {out}")
     return out
+
+
+def _lack(found: StereoFrame, has_strain: bool, images: list[GreyImage]) -> str | None:
+    """What a pair of images was to give and has not."""
+    if not found.valid.any():
+        return empty_frame(*images)
+    return None if has_strain else no_strain("stereo.strain_radius_mm")
 
 
 def _pair(

@@ -15,6 +15,8 @@ STRONG = float(np.log(20.0))
 """ln Bayes factor called decisive here: 20 to 1, "strong" in Kass & Raftery, JASA 90 (1995) 773"""
 POOR_FIT = 0.01
 """posterior predictive p-value below which the forces contradict a hypothesis"""
+HOPELESS = 1e-10
+"""the same where it is of everything: rather of the data than of the hypotheses"""
 NONE_EXPLAINS = (
     "No hypothesis explains the forces: before contact and law are asked, see whether they are in "
     "N and the travel in mm."
@@ -53,7 +55,7 @@ def verdict_of(fits: tuple[HypothesisFit, ...]) -> str:
     for fit in fits:
         word = "contradict" if fit.contradicted else "are compatible with"
         sentences.append(f"The forces {word} {fit.name} (predictive p = {fit.p_value:.3g}).")
-    if all(fit.contradicted for fit in fits):
+    if all(fit.p_value < HOPELESS for fit in fits):
         sentences.append(NONE_EXPLAINS)
     return " ".join(sentences)
 

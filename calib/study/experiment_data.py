@@ -18,6 +18,7 @@ from calib.data.qc import FILE, QcResult, analyse, read_experiment
 from calib.data.qc.lab_files import input_hash, sample_files
 from calib.data.qc.results import DATASET, FIGURES, key_of, write_results
 from calib.data.qc.rules import Rules, inputs_under
+from calib.data.qc.senses import sense_doubts
 from calib.data.qc.statistics import (
     eligibility_table,
     force_table,
@@ -123,9 +124,10 @@ def _written(result: QcResult, out: Path, with_figures: bool) -> list[Path]:
 
 
 def qc_lines(result: QcResult, paths: list[Path]) -> list[str]:
-    """What `calib qc` prints: each rejection, tables, and where the results are."""
+    """What `calib qc` prints: each rejection, doubts, tables, and where the results are."""
     tables = (eligibility_table, force_table, noise_table)
     lines = [rejection.text() for rejection in result.rejections]
+    lines += [f"warning: {doubt}" for doubt in sense_doubts(result.experiment, result.fields)]
     lines += ["", *(f"{table_text(table(result))}\n" for table in tables)]
     lines += [requirements_text(requirements(result)), ""]
     if result.experiment.synthetic:

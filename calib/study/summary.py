@@ -18,7 +18,7 @@ from calib.inference.at_bound import AtBound, at_bound
 from calib.inference.convergence import Convergence, convergence
 from calib.inference.inference_data import load_inference_data, provenance_of
 from calib.inference.laws import DEFAULT_LAW
-from calib.inference.verdict import NONE_EXPLAINS, POOR_FIT
+from calib.inference.verdict import HOPELESS, NONE_EXPLAINS, POOR_FIT
 from calib.study.figure_style import INTERVAL, Array, hdi
 from calib.study.further_table import further_table
 from calib.study.maxima_table import is_verified, largest_difference
@@ -245,7 +245,7 @@ def judgement_lines(summaries: Sequence[Summary]) -> list[str]:
         f"{s.predictive_p:.2g}); its constants are of a model that does not hold"
         for s in wrong
     ]
-    if wrong and len(wrong) == len(summaries):
+    if all(s.predictive_p is not None and s.predictive_p < HOPELESS for s in summaries):
         lines.append(NONE_EXPLAINS)
     if all(summary.passed for summary in summaries):
         lines.append("All diagnostics are within the limits of the study.")

@@ -55,7 +55,7 @@ def sample_files(folder: Path, experiment: Experiment) -> tuple[SampleFiles, ...
 
 def _is_sample(place: Path) -> bool:
     """Whether a folder holds a test-machine record, or frames with their times."""
-    return (place / MACHINE).exists() or ((place / FRAMES).exists() and bool(_dic_paths(place)))
+    return (place / MACHINE).exists() or ((place / FRAMES).exists() and any(place.glob(f"{DIC}*")))
 
 
 def _dic_paths(place: Path) -> list[Path]:
@@ -74,6 +74,8 @@ def _sample(folder: Path, name: str) -> SampleFiles:
             raise WrongFile(path, None, "a file of this sample", found)
     if not files:
         raise WrongFile(place / DIC, None, "a folder of DIC frames, or a file of all", "none")
+    if files[0].is_dir():  # `dic` sorts before `dic.toml` and the like, which are beside it
+        files = files[:1]
     if len(files) > 1:
         found = " and ".join(path.name for path in files)
         raise WrongFile(place, None, f"one of {DIC} and {DIC}.*, the frames of this sample", found)

@@ -196,7 +196,7 @@ def _frames_of_holds(
         limit = experiment.camera.max_clock_offset_s
         raise NotAsPlanned(
             "frames in no hold, while a hold has none", missed,
-            f"0 of as many frames as holds: clocks within camera.max_clock_offset_s, {limit:g} s",
+            f"0 (is the camera's clock within camera.max_clock_offset_s, {limit:g} s?)",
         )  # fmt: skip
     use = experiment.protocol.use
     wanted = range(max(min(use) - 1, 1), max(use) + 2)
