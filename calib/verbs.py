@@ -263,6 +263,11 @@ def laboratory_verb(arguments: argparse.Namespace) -> int:
 
     settings = chosen(arguments.samples, arguments.format, arguments.machine_format)
     check_new(arguments.folder)
+    if arguments.folder.resolve() in (runs := arguments.runs.resolve(), *runs.parents):
+        raise ValueError(
+            f"--runs: found {arguments.runs} within {arguments.folder}, which the laboratory is to "
+            "have for itself, expected a folder beside it"
+        )
     # before minutes of simulations
     make_folder("DIR", arguments.folder)
     make_folder("--runs", arguments.runs)

@@ -16,7 +16,13 @@ from calib.virtual import Cameras, LaboratorySettings, Placing, make_laboratory
 from calib.virtual.correlated_noise import correlated_noise, torus_amplitudes
 from calib.virtual.dic_frames import dic_frames
 from calib.virtual.front_view import grid_spacing, view
-from calib.virtual.laboratory_settings import MACHINE_FORMATS, POINT_FORMATS
+from calib.virtual.laboratory_settings import (
+    MACHINE_FORMATS,
+    POINT_FORMATS,
+    Protocol,
+    Rubber,
+)
+from calib.virtual.photographs import Studio, photograph
 from calib.virtual.placement import Placement, place
 from calib.virtual.point_files import POINT_WRITERS, write_frames
 
@@ -102,6 +108,33 @@ def test_an_experiment_that_is_there_is_not_written_over(tmp_path) -> None:
         make_laboratory(tmp_path, analytic_truth(), settings, 1)
 
 
+def test_a_laboratory_that_fails_half_way_leaves_nothing(tmp_path, monkeypatch) -> None:
+    """Else quality control would take the part for a whole one."""
+    settings = LaboratorySettings(samples=2, cameras=SMALL, placing=Placing(misplaced=0))
+    said = []
+
+    def stopped(line: str) -> None:
+        said.append(line)
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        make_laboratory(tmp_path, analytic_truth(), settings, 1, stopped)
+    assert said == ["S01 written"] and not list(tmp_path.iterdir())
+    assert len(make_laboratory(tmp_path, analytic_truth(), settings, 1)) == 2
+
+
+def test_photographs_replace_the_files_of_softcal_alone(tmp_path) -> None:
+    cameras = replace(SMALL, format="matchid-2024")
+    settings = LaboratorySettings(samples=1, cameras=cameras, placing=Placing(misplaced=0))
+    samples = make_laboratory(tmp_path, analytic_truth(), settings, 1)
+    before = {name: path.read_bytes() for name, path in files_of(tmp_path).items()}
+    with pytest.raises(
+        ValueError, match="static: expected frames of softcal points csv, found Mat"
+    ):
+        photograph(tmp_path, analytic_truth(), samples, Studio(), 1)
+    assert {name: path.read_bytes() for name, path in files_of(tmp_path).items()} == before
+
+
 def test_the_command_makes_a_laboratory_and_refuses_in_one_sentence(
     tmp_path, monkeypatch, capsys
 ) -> None:
@@ -134,6 +167,7 @@ def test_folders_of_a_laboratory_are_refused_before_the_truth_is_solved(
         (["lab", "--runs", str(within)], "--runs: found the file file, expected a folder or a new"),
         ([str(within)], "DIR: found the file file, expected a folder or a new name"),
         (["file"], "file: found something there, expected a new or empty folder"),
+        (["lab", "--runs", "lab/runs"], "--runs: found lab/runs within lab, which the laboratory"),
     ):
         assert main(["laboratory", *options]) == 2
         said = capsys.readouterr().err
@@ -228,6 +262,17 @@ def test_as_many_samples_as_asked_are_clearly_beyond_a_limit_and_the_others_clea
         (lambda: Cameras(format="vic"), "format: expected one of davis-csv"),  # type: ignore[arg-type]
         (lambda: Cameras(grid=(2, 50)), "grid: expected 4 points"),
         (lambda: Cameras(reference_share=1.0), r"reference_share: expected in \[0, 1\)"),
+        (lambda: Cameras(grid=(30.5, 8)), "grid: expected 4 points"),  # type: ignore[arg-type]
+        (lambda: Cameras(lost_share=2.0), r"expected shares in \[0, 1\]"),
+        (lambda: Cameras(static_frames=1), "static_frames: expected 2 or more"),
+        (lambda: Placing(angle_sd_deg=float("nan")), "angle_sd_deg: expected 0 or more"),
+        (lambda: Rubber(relaxing_shares=(float("nan"), 0.1)), "relaxing_shares: expected shares"),
+        (lambda: Protocol(increments=2.5), "increments: expected a whole number"),  # type: ignore[arg-type]
+        (
+            lambda: LaboratorySettings(protocol=Protocol(hold_s=10.0)),
+            "trigger_s: expected between 1.2 and hold_s less that .8.8 s.",
+        ),
+        (lambda: LaboratorySettings(protocol=Protocol(rest_s=0.0)), "rest_s: expected more than"),
         (lambda: LaboratorySettings(samples=3), "misplaced: expected at most the 3 samples"),
         (lambda: LaboratorySettings(use=(9, 10)), "use: expected increments of 1 to 9"),
         (lambda: LaboratorySettings(machine_format="x"), "machine_format: expected one of"),  # type: ignore[arg-type]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -11,7 +12,7 @@ import numpy as np
 
 from calib.virtual.dic_frames import dic_frames
 from calib.virtual.front_view import FrontView, grid_spacing, view
-from calib.virtual.laboratory_settings import LaboratorySettings
+from calib.virtual.laboratory_settings import BEFORE_APPROACH, LaboratorySettings
 from calib.virtual.machine_files import MACHINE_WRITERS
 from calib.virtual.machine_run import MachineRun, run_machine
 from calib.virtual.placement import Placement, place
@@ -56,9 +57,26 @@ def make_laboratory(
     """Write a laboratory into the new or empty `folder` and return what is true of it.
 
     The same truth, settings and seed give the same bytes. Raises ValueError when the folder holds
-    something already, and when the truth does not reach the protocol's last travel.
+    something already, and when the truth does not reach the protocol's last travel. Stopped or
+    failed, nothing is left in it.
     """
     check_new(folder)
+    try:
+        return _written(folder, truth, settings, seed, say)
+    except BaseException:
+        # a part of a laboratory would be taken for one, and be in the way of the next try
+        for path in folder.iterdir() if folder.exists() else ():
+            shutil.rmtree(path) if path.is_dir() else path.unlink()
+        raise
+
+
+def _written(
+    folder: Path,
+    truth: TruthResponse,
+    settings: LaboratorySettings,
+    seed: int,
+    say: Callable[[str], None],
+) -> tuple[SampleTruth, ...]:
     placing_seed, static_seed, *sample_seeds = np.random.SeedSequence(seed).spawn(
         settings.samples + 2
     )
@@ -120,7 +138,9 @@ def _trigger_times(
 ) -> Array:
     """The reference is taken before the approach, the others in the holds, all by hand."""
     cameras = settings.cameras
-    at = np.append(run.programme.approach - 2.0, run.programme.hold_start + cameras.trigger_s)
+    at = np.append(
+        run.programme.approach - BEFORE_APPROACH, run.programme.hold_start + cameras.trigger_s
+    )
     times: Array = at + cameras.trigger_sd_s * rng.standard_normal(at.size)
     return times
 

@@ -32,6 +32,10 @@ class Protocol:
 
     def __post_init__(self) -> None:
         _above_zero(self, "increment_mm", "increments", "hold_s", "speed_mm_per_s", "slack_mm")
+        for name in ("increments", "preconditioning_cycles"):
+            if not isinstance(getattr(self, name), int):
+                found = getattr(self, name)
+                raise ValueError(f"{name}: expected a whole number, found {found}")
         _not_negative(
             self, "preconditioning_cycles", "preconditioning_travel_mm", "rest_s", "contact_s"
         )
@@ -59,9 +63,14 @@ class Rubber:
                 f"relaxing_s: expected {len(self.relaxing_shares)} times, one a share, "
                 f"found {len(self.relaxing_s)}"
             )
+        if not all(0.0 <= share < 1.0 for share in self.relaxing_shares):
+            raise ValueError(
+                f"relaxing_shares: expected shares in [0, 1), found {self.relaxing_shares}"
+            )
         if not all(time > 0 for time in self.relaxing_s):
             raise ValueError(f"relaxing_s: expected times above 0 s, found {self.relaxing_s}")
         _above_zero(self, "settling_cycles")
+        _not_negative(self, "first_cycle_excess")
 
 
 @dataclass(frozen=True)
@@ -130,13 +139,23 @@ class Cameras:
             raise ValueError(
                 f"format: expected one of {', '.join(POINT_FORMATS)}, found {self.format!r}"
             )
-        if min(self.grid) < 4:
+        if min(self.grid) < 4 or not all(isinstance(n, int) for n in self.grid):
             raise ValueError(f"grid: expected 4 points or more each way, found {self.grid}")
         if min(self.noise_mm) < 0.0:
             raise ValueError(f"noise_mm: expected SDs of 0 or more, found {self.noise_mm}")
         if not 0.0 <= self.reference_share < 1.0:
             raise ValueError(f"reference_share: expected in [0, 1), found {self.reference_share}")
-        _above_zero(self, "correlation_mm", "static_frames")
+        shares = (self.lost_share, self.outlier_share, self.least_seen)
+        if not all(0.0 <= share <= 1.0 for share in shares):
+            raise ValueError(
+                f"lost_share, outlier_share, least_seen: expected shares in [0, 1], found {shares}"
+            )
+        if not (isinstance(self.static_frames, int) and self.static_frames >= 2):
+            raise ValueError(f"static_frames: expected 2 or more, found {self.static_frames}")
+        _above_zero(self, "correlation_mm")
+        _not_negative(
+            self, "margin_mm", "hidden_mm", "edge_mm", "outlier_mm", "clock_s", "trigger_sd_s"
+        )
 
 
 @dataclass(frozen=True)
@@ -164,7 +183,10 @@ class Placing:
 
     def __post_init__(self) -> None:
         _above_zero(self, "max_angle_deg", "max_x_shift_mm", "safe_share")
-        _not_negative(self, "misplaced", "clear_share", "stiffness_sd")
+        _not_negative(
+            self, "misplaced", "clear_share", "stiffness_sd", "angle_sd_deg", "x_shift_sd_mm",
+            "camera_roll_deg", "camera_tilt_deg",
+        )  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -194,12 +216,34 @@ class LaboratorySettings:
                 f"machine_format: expected one of {', '.join(MACHINE_FORMATS)}, "
                 f"found {self.machine_format!r}"
             )
+        self._check_triggers()
         if not self.use or not set(self.use) <= set(range(1, self.protocol.increments + 1)):
             raise ValueError(
                 f"use: expected increments of 1 to {self.protocol.increments}, found {self.use}"
             )
 
+    def _check_triggers(self) -> None:
+        """A frame is of the hold, or the rest, that its time says."""
+        cameras, protocol = self.cameras, self.protocol
+        late = SURE * cameras.trigger_sd_s
+        if not late < cameras.trigger_s < protocol.hold_s - late:
+            raise ValueError(
+                f"trigger_s: expected between {late:g} and hold_s less that "
+                f"({protocol.hold_s - late:g} s), {SURE:g} trigger_sd_s from both ends of a hold, "
+                f"found {cameras.trigger_s:g}"
+            )
+        least = BEFORE_APPROACH + late
+        if not protocol.rest_s > least:
+            raise ValueError(
+                f"rest_s: expected more than {least:g} s, since the reference is taken "
+                f"{BEFORE_APPROACH:g} s before the approach, found {protocol.rest_s:g}"
+            )
 
+
+BEFORE_APPROACH = 2.0
+"""s: when the reference image is taken"""
+SURE = 4.0
+"""SDs of the hand that presses the trigger"""
 MISPLACED_SHARE = 1 / 3
 """of samples, where the number of the misplaced is not asked for"""
 

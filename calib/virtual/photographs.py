@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from calib.data.readers import PointFrame, read_dic, write_points
+from calib.data.readers.point_csv import NAME as SOFTCAL
 from calib.dic.camera import Camera, project
 from calib.dic.settings import CorrelationSettings
 from calib.dic.stereo import StereoSettings, Tracked, follow_pair, place_reference
@@ -73,6 +74,9 @@ def photograph(
 
     Raises ValueError when its files are of another format.
     """
+    for place in (folder / "static", *(folder / sample.name / "dic" for sample in samples)):
+        if (found := read_dic(place).format) != SOFTCAL:
+            raise ValueError(f"{place}: expected frames of {SOFTCAL}, found {found}")
     static_seed, *seeds = np.random.SeedSequence(seed).spawn(len(samples) + 1)
     at_rest = np.zeros(studio.static_frames + 1)
     frames = dic_series(
@@ -90,10 +94,7 @@ def photograph(
 
 
 def _replace(folder: Path, frames: Sequence[PointFrame]) -> None:
-    old = sorted(folder.iterdir())
-    if not old or any(path.suffix != ".csv" for path in old):
-        raise ValueError(f"{folder}: expected frames of softcal's format, found others")
-    for path in old:
+    for path in sorted(folder.iterdir()):
         path.unlink()
     for frame in frames:
         write_points(folder / f"{frame.name}.csv", frame)

@@ -21,7 +21,8 @@ class Placement:
     x_shift: float
     """mm, of the pin's axis from the sample's centre along x"""
     angle: float
-    """degrees, of the sample's front face about its height"""
+    """degrees, of the sample's front face about its height (y, upwards) by the right hand: what
+    quality control calls the angle, dz/dx seen from above, has the other sign"""
     roll: float
     """degrees, of the sample in the cameras' frame about their line of sight"""
     tilt: float

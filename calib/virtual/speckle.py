@@ -23,7 +23,8 @@ class SpeckleSettings:
     """How speckles look. Raises ValueError when a number is impossible."""
 
     diameter: float = 0.06
-    """of a spot where it is half as dark as in its middle, mm"""
+    """of a spot where its paint is half as thick as in its middle, mm: 0.74 of where it is half as
+    dark"""
     spacing: float = 0.085
     """between neighbouring spots, mm"""
     jitter: float = 0.35
