@@ -25,7 +25,7 @@ stays as it was"""
 NOISE_PX = 0.02
 """of an epipolar distance, against which it is held"""
 AS_USUAL = 2.0
-"""times the distance in the reference images: of images that are of the right cameras"""
+"""times the median distance in the reference images: what images of the right cameras stay below"""
 SWAPPED = 0.5
 """of the distances as given: below this the cameras are swapped"""
 MOST_BEFORE = 0.9
@@ -47,12 +47,11 @@ def check_belongs(rig: StereoRig, left: Array, right: Array, limit: float) -> No
 
     `limit` px for the median. Says so when the two cameras are swapped.
     """
-    either = "left, right: the images, or those of the calibration,"
     distance = _median(rig, left, right)
     swapped = _median(_exchanged(rig), left, right)
     # of two cameras alike the swapped lines are close too, but not as close as the true ones
     if swapped < SWAPPED * min(distance, limit):
-        raise _swapped(either, distance, swapped)
+        raise _swapped("left, right: the images, or those of the calibration,", distance, swapped)
     if distance <= limit:
         return
     raise ValueError(

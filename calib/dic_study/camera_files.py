@@ -59,9 +59,9 @@ def view_doubt(
     left: GreyImage,
     right: GreyImage,
 ) -> str | None:
-    """What is doubtful of the pair of images followed to, points `limit` px off their lines.
+    """Why the pair of images followed to is doubtful: points farther from their lines than `limit`.
 
-    Raises ValueError when they are swapped.
+    In px, in the median; None where it is not. Raises ValueError when the two are swapped.
     """
     subject = f"{left.name}, {right.name}: the images"
     distance = median_distance(reference, tracked, subject)

@@ -16,7 +16,7 @@ STRONG = float(np.log(20.0))
 POOR_FIT = 0.01
 """posterior predictive p-value below which the forces contradict a hypothesis"""
 HOPELESS = 1e-10
-"""the same where it is of everything: rather of the data than of the hypotheses"""
+"""predictive p-value of all hypotheses below which the data are doubted before the hypotheses"""
 NONE_EXPLAINS = (
     "No hypothesis explains the forces: before contact and law are asked, see whether they are in "
     "N and the travel in mm."

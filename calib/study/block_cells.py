@@ -17,8 +17,7 @@ Cells = tuple[Count, Count, Count]
 """numbers of elements along x, y, z of the quarter"""
 
 MOST_ELEMENTS = 20_000
-"""of a quarter: some 500,000 unknowns, five times those of the thesis' finest mesh; a factor of
-these takes tens of GB"""
+"""of a quarter: some 500,000 unknowns, two and a half times those of the thesis' finest mesh"""
 MIN_REFINEMENT = 1.3
 """less says too little of the error: it is read off a difference that gets small by itself"""
 
@@ -66,11 +65,11 @@ def n_elements(cells: Cells | RingCells | Rings) -> int:
     return math.prod(cells)
 
 
-def check_number(key: str, cells: Cells | RingCells | None) -> None:
-    """Raise Contradiction, at `key`, for a mesh that no machine here solves."""
+def check_size(key: str, cells: Cells | RingCells | None) -> None:
+    """Raise Contradiction, at `key`, for a mesh of more than `MOST_ELEMENTS`: a slip of the pen."""
     if cells is not None and n_elements(cells) > MOST_ELEMENTS:
-        found = f"at most {MOST_ELEMENTS:,} elements in all, not {n_elements(cells):,}"
-        raise Contradiction(key, as_found(cells), found)
+        expected = f"at most {MOST_ELEMENTS:,} elements in all, not {n_elements(cells):,}"
+        raise Contradiction(key, as_found(cells), expected)
 
 
 def refinement(check: Cells | RingCells | Rings, sampling: Cells | RingCells | Rings) -> float:

@@ -247,10 +247,10 @@ def gains_table(facts: dict[str, Any]) -> Table:
         "Expected information gain over the present posterior, if made once and with errors of its "
         "own, those of the mesh among them; a repeat cannot take away an error that it shares with "
         "the first. gain: closed form of a linear experiment, mean over posterior draws with its "
-        "Monte Carlo error, most of it the same for all plans. nested MC: lower and upper bound "
-        "without linearity, with the larger error; agree: closed form within them, by three "
-        "errors. Where it says NO, go by the bounds: the closed form takes the posterior as "
-        "normal, and of all posteriors with its covariance a normal one gains most, so it is too "
-        "large where a posterior fills its prior. What is not linear can move it either way."
-        + camera,
+        "Monte Carlo error, in part shared by all plans, which are weighed by the same draws. "
+        "nested MC: lower and upper bound without linearity, with the larger error; agree: closed "
+        "form within them, by three errors. Where it says NO, go by the bounds: the closed form "
+        "takes the posterior as normal, and of all posteriors with its covariance a normal one "
+        "gains most, so it is too large where a posterior fills its prior. What is not linear can "
+        "move it either way." + camera,
     )

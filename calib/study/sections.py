@@ -19,7 +19,7 @@ from calib.study.block_cells import (
     Cells,
     Count,
     as_found,
-    check_number,
+    check_size,
     finer_than,
     is_finer,
     shows_error,
@@ -96,7 +96,7 @@ class Virtual:
     """share of the noise variance that the reference image gives to all increments"""
 
     def __post_init__(self) -> None:
-        check_number("cells", self.cells)
+        check_size("cells", self.cells)
         check_stiffness(self.C10, self.C01)
 
 
@@ -182,8 +182,8 @@ class Mesh:
     mesh; 1 is the same surface, whose compliance is neither corrected for nor stated"""
 
     def __post_init__(self) -> None:
-        check_number("sampling", self.sampling)
-        check_number("check", self.check)
+        check_size("sampling", self.sampling)
+        check_size("check", self.check)
         if not shows_error(self.check, self.sampling):
             raise Contradiction("check", as_found(self.check), finer_than(self.sampling))
         if self.check_stiffening != 1.0 and self.check_stiffening < LEAST_STIFFENING:
@@ -219,8 +219,8 @@ class Hypothesis:
     error under this hypothesis; without it mesh.check"""
 
     def __post_init__(self) -> None:
-        check_number("sampling", self.sampling)
-        check_number("check", self.check)
+        check_size("sampling", self.sampling)
+        check_size("check", self.check)
         for key in ("pin", "base"):
             if not _is_contact(getattr(self, key)):
                 expected = "'stick', 'slide' or a coefficient of friction of 0 or more"

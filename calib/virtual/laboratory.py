@@ -65,8 +65,11 @@ def make_laboratory(
         return _written(folder, truth, settings, seed, say)
     except BaseException:
         # a part of a laboratory would be taken for one, and be in the way of the next try
-        for path in folder.iterdir() if folder.exists() else ():
-            shutil.rmtree(path) if path.is_dir() else path.unlink()
+        for path in folder.glob("*"):
+            if path.is_dir():
+                shutil.rmtree(path)
+            else:
+                path.unlink()
         raise
 
 
@@ -77,6 +80,7 @@ def _written(
     seed: int,
     say: Callable[[str], None],
 ) -> tuple[SampleTruth, ...]:
+    """All files of a laboratory, `truth.json` last."""
     placing_seed, static_seed, *sample_seeds = np.random.SeedSequence(seed).spawn(
         settings.samples + 2
     )

@@ -15,7 +15,7 @@ import numpy.typing as npt
 from fe.response import Array
 
 REACH = 2.6
-"""radii beyond which a spot is left out: 1.2e-3 of its depth"""
+"""radii beyond which a spot is left out: 1.2e-3 of its paint"""
 
 
 @dataclass(frozen=True)
