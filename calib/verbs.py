@@ -230,15 +230,24 @@ def studies_verb(_: argparse.Namespace) -> int:
 
 def lens_verb(arguments: argparse.Namespace) -> int:
     """Find lens and set-up of stereo images."""
-    from calib.optics import load_design, published_checks, published_limits, search, tables
+    from calib.optics import (
+        load_design,
+        out_of_reach,
+        published_checks,
+        published_limits,
+        search,
+        tables,
+    )
 
     figure: Path | None = arguments.figure
     if figure is not None and figure.suffix.lower() != ".png":
         raise ValueError(f"--figure: found {figure}, expected a file name that ends in .png")
     if figure is not None:
         make_folder("--figure", figure.parent)
-    found = search(load_design(arguments.design or "sample-4mm"))
-    remarks = list(tables.verdicts(found))
+    design = load_design(arguments.design or "sample-4mm")
+    found = search(design)
+    remarks = [f"{text}; it is left out" for text in out_of_reach(design)]
+    remarks += tables.verdicts(found)
     if arguments.design is None:
         checks = published_checks()
         print(tables.checks_table(checks), end="\n\n")

@@ -133,6 +133,7 @@ def test_files_that_are_none_are_refused_in_one_sentence(tmp_path, content, word
         ("quality.reprojection", [0.1], "quality.reprojection: expected two numbers, found"),
         ("covariance", [[1.0, 0.0], [0.0, 1.0]], "covariance: expected 26 x 26 finite numbers"),
         ("covariance", np.full((26, 26), np.nan).tolist(), "covariance: expected 26 x 26 finite"),
+        ("size", [640, -480], "size: expected columns and rows above 0, found 640 and -480"),
         ("relative.translation", [0.0, 0.0, 0.0], "expected two cameras apart"),
         ("relative.translation", [np.nan, 0.0, 0.0], "translation: expected finite lengths"),
     ],

@@ -290,6 +290,21 @@ def test_frames_of_a_run_that_was_stopped_leave_no_points_behind_either(folder, 
     assert not list(points.iterdir()), "points of other settings"
 
 
+def test_frames_after_one_whose_image_changed_are_gone_when_the_run_is_stopped(
+    folder, pattern, monkeypatch
+):
+    assert main(["dic", str(folder / "study.toml")]) == 0
+    points = folder / "study-dic" / "points"
+    io.imsave(folder / "d1.bmp", grey(pattern, 9, X + 1.0), check_contrast=False)
+
+    def stopped(*given):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(sys.modules["calib.dic_study.run"], "next_state", stopped)
+    assert main(["dic", str(folder / "study.toml")]) != 0
+    assert not list(points.iterdir()), "d2 was followed from the d1 of before"
+
+
 def test_strains_and_points_of_a_sheared_field_are_with_y_up(folder, tmp_path):
     """U = 0.03 y and v = 0.01 x with y down are shears of the other sign with y up."""
     study = read_study(folder / "study.toml").checked(DicStudy)

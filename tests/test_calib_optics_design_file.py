@@ -96,6 +96,19 @@ def test_a_lens_that_reaches_nothing_within_the_room_is_named(tmp_path: Path) ->
         search(load_design(write(tmp_path, text)))
 
 
+def test_a_lens_out_of_reach_is_told_and_does_not_end_the_search_of_others(
+    tmp_path: Path, capsys
+) -> None:
+    lens = GOOD[GOOD.index("[[lens]]") : GOOD.index("[search]")]
+    near = lens.replace('"85"', '"near"').replace("= 850", "= 350")
+    text = GOOD.replace("[0, 20]", "[0]").replace("[search]", f"{near}[search]")
+    cli.main(["lens", str(write(tmp_path, f"{text}farthest = 500\n"))])
+    said = capsys.readouterr()
+    assert "lens '85' focuses with these tubes; it is left out" in said.err
+    assert said.out.count("near ") == 1
+    assert "\n85 " not in said.out
+
+
 def test_lens_without_a_file_prints_the_thesis_tables_and_the_4_mm_search(capsys) -> None:
     assert cli.main(["lens"]) == 0
     said = capsys.readouterr()

@@ -138,6 +138,15 @@ def test_the_reason_names_what_changed(tmp_path: Path) -> None:
     assert "a.npz is missing" in why_stale(tmp_path, "simulate", inputs, "1")[1]
 
 
+def test_a_stage_that_was_stopped_is_told_from_one_that_never_began(tmp_path: Path) -> None:
+    artifacts.mark_begun(tmp_path, "simulate")
+    assert why_stale(tmp_path, "simulate", {}, "1")[1] == "stopped before its end"
+    record = _finished(tmp_path)
+    assert why_stale(tmp_path, "simulate", dict(record.inputs), "1")[1] == ""
+    artifacts.record_path(tmp_path, "simulate").unlink()
+    assert why_stale(tmp_path, "simulate", {}, "1")[1] == "not run yet"
+
+
 def test_a_damaged_record_means_the_stage_runs_again(tmp_path: Path) -> None:
     record = _finished(tmp_path)
     write_bytes(artifacts.record_path(tmp_path, "simulate"), b"{")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -92,6 +93,9 @@ def laboratory(tmp_path, seed):
     )
     samples = make_laboratory(tmp_path / "lab", truth, settings, seed)
     photograph(tmp_path / "lab", truth, samples, studio, seed)
+    told = json.loads((tmp_path / "lab" / "truth.json").read_text())
+    assert told["photographs"]["studio"]["spacing_mm"] == 0.3
+    assert set(told["settings"]["cameras"]) == {"clock_s", "trigger_s", "trigger_sd_s"}
     return truth, analyse(tmp_path / "lab")
 
 

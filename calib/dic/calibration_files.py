@@ -127,12 +127,19 @@ def _softcal(content: dict[str, Any]) -> Calibration:
                 f"covariance: expected {N_RIG} x {N_RIG} finite numbers, found {found}"
             )
         quality["covariance"] = covariance
-    columns, rows = content["size"]
     return Calibration(
         StereoRig(Camera(cameras[0]), right),
-        (int(columns), int(rows)),
+        _size(content["size"]),
         **quality,
     )
+
+
+def _size(values: Any) -> tuple[int, int]:
+    """Columns and rows of the images; none of both where they are not known."""
+    columns, rows = (int(value) for value in values)
+    if (columns, rows) != (0, 0) and min(columns, rows) < 1:
+        raise ValueError(f"size: expected columns and rows above 0, found {columns} and {rows}")
+    return columns, rows
 
 
 def _quality(values: dict[str, Any]) -> dict[str, Any]:
@@ -197,7 +204,7 @@ def _vic3d(root: ElementTree.Element) -> Calibration:
         pose = _numbers(node.findtext("orientation"))
         cameras.append(Camera(_lens(_numbers(node.text)), _turn(pose[:3]), pose[3:6]))
     mask = root.find(".//polygonmask")
-    size = (0, 0) if mask is None else (int(mask.get("width", 0)), int(mask.get("height", 0)))
+    size = (0, 0) if mask is None else _size((mask.get("width", 0), mask.get("height", 0)))
     return Calibration(_from_first(*cameras), size)
 
 

@@ -43,7 +43,7 @@ from calib.dic_study.named_files import check_files, check_series, named_files
 from calib.dic_study.pictures import lost_points, overlay, save_png
 from calib.dic_study.point_frame import point_frame
 from calib.dic_study.region_mask import check_room, region_mask
-from calib.dic_study.stale_frames import finite, remove_stale
+from calib.dic_study.stale_frames import finite, remove_following, remove_stale
 from calib.dic_study.stereo_config import StereoStudy, has_stereo
 from calib.dic_study.stereo_run import run_stereo
 from calib.toml_file import Contradiction
@@ -104,7 +104,11 @@ def _run_one_camera(study: DicStudy, folder: Path, out: Path, say: Say, bars: Ba
         image = read_image(file)
         key = frame_store.next_key(key, [image])
         with bars(file.name) as bar:
-            state, again = _frame(out / STORE / f"{file.stem}.npz", key, image, ready, state, bar)
+            store = out / STORE / f"{file.stem}.npz"
+            stored = frame_store.load(store, key, [state], [image])
+            if again := stored is None:
+                remove_following(out, [path.stem for path in paths[number:]])
+            state = stored[0] if stored else _measure(store, key, image, ready, state, bar)
         assert state.last is not None
         found = state.last.found
         frames.append(_summary(file, found))
@@ -140,16 +144,13 @@ def _prepare(study: DicStudy, folder: Path) -> Prepared:
     return Prepared(reference, image, points, grid, judged, settings, key)
 
 
-def _frame(
+def _measure(
     store: Path, key: str, image: GreyImage, ready: Prepared, state: State, bar: Progress
-) -> tuple[State, bool]:
-    """The state after one more frame, and whether it was measured now."""
-    stored = frame_store.load(store, key, [state], [image])
-    if stored is not None:
-        return stored[0], False
+) -> State:
+    """The state after one more frame, which is kept."""
     state = next_state(ready.ready, image.grey, ready.points, ready.settings, state, bar)
     frame_store.save(store, key, [state])
-    return state, True
+    return state
 
 
 def _summary(path: Path, found: Correlation) -> dict[str, Any]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -28,14 +28,28 @@ def remove_stale(out: Path, key: str, stems: set[str], say: Callable[[str], None
     last_key, before = _last(out)
     gone = before if last_key not in (None, key) else before - stems
     for stem in sorted(gone):
-        paths = [out / end.format(stem) for end in ENDS]
-        if not any(path.exists() for path in paths):
+        if not _remove(out, stem):
             continue
-        for path in paths:
-            path.unlink(missing_ok=True)
         why = "are of other settings" if stem in stems else "the study no longer names"
         say(f"removed the results of {stem}, which {why}")
     write_text(out / NAMED, json.dumps({"key": key, "frames": sorted(stems)}) + "\n")
+
+
+def remove_following(out: Path, stems: Iterable[str]) -> None:
+    """Take away results of frames that follow one which is measured again.
+
+    They are followed from it, so that those of an earlier run would be of other images.
+    """
+    for stem in stems:
+        _remove(out, stem)
+
+
+def _remove(out: Path, stem: str) -> bool:
+    """Take away all results of a frame; whether there were any."""
+    paths = [path for end in ENDS if (path := out / end.format(stem)).exists()]
+    for path in paths:
+        path.unlink()
+    return bool(paths)
 
 
 def _last(out: Path) -> tuple[str | None, set[str]]:

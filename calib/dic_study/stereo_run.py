@@ -43,7 +43,7 @@ from calib.dic_study.named_files import check_files
 from calib.dic_study.pictures import save_png
 from calib.dic_study.plates import calibration_of
 from calib.dic_study.region_mask import check_room, region_mask
-from calib.dic_study.stale_frames import finite, remove_stale
+from calib.dic_study.stale_frames import finite, remove_following, remove_stale
 from calib.dic_study.stereo_config import StereoStudy
 from calib.dic_study.stereo_pictures import stereo_overlay
 from calib.dic_study.stereo_summary import sentence, summary
@@ -100,7 +100,11 @@ def run_stereo(study: StereoStudy, folder: Path, out: Path, say: Say, bars: Bars
         check_two_views(*images)
         key, stem = frame_store.next_key(key, images), paths[0].stem
         with bars(paths[0].name) as bar:
-            before, again = _pair(out / STORE / f"{stem}.npz", key, images, ready, before, bar)
+            store = out / STORE / f"{stem}.npz"
+            stored = frame_store.load(store, key, before, images)
+            if again := stored is None:
+                remove_following(out, [path.stem for path in left[number:]])
+            before = Tracked(*stored) if stored else _pair(store, key, images, ready, before, bar)
         limit = study.settings.max_median_epipolar
         if doubt := view_doubt(ready.reference, before, limit, *images):
             say(f"warning: {doubt}")
@@ -135,15 +139,12 @@ def _pair(
     ready: Prepared,
     before: Tracked,
     bar: Progress,
-) -> tuple[Tracked, bool]:
-    """Both cameras after one more pair of images, and whether it was measured now."""
-    stored = frame_store.load(store, key, before, images)
-    if stored is not None:
-        return Tracked(*stored), False
+) -> Tracked:
+    """Both cameras after one more pair of images, which is kept."""
     left, right = (image.grey for image in images)
     _, tracked = follow_pair(ready.reference, left, right, ready.study.settings, before, bar)
     frame_store.save(store, key, tracked)
-    return tracked, True
+    return tracked
 
 
 def _as_used(calibration: Calibration, ready: Prepared, study: StereoStudy) -> Calibration:

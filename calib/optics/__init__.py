@@ -7,7 +7,7 @@ tables and the reading of TOML files.
 from calib.optics.design_file import Camera, Design, Lens, Limits, Sample, load_design
 from calib.optics.published import Check, published_checks
 from calib.optics.published_limits import published_limits
-from calib.optics.search import Found, search
+from calib.optics.search import Found, out_of_reach, search
 from calib.optics.setup import Setup, View, conditions, view
 
 __all__ = [
@@ -22,6 +22,7 @@ __all__ = [
     "View",
     "conditions",
     "load_design",
+    "out_of_reach",
     "published_checks",
     "published_limits",
     "search",

@@ -56,10 +56,39 @@ def search(design: Design) -> tuple[Found, ...]:
     """The best set-up with every lens: feasible ones first, those with more subsets before others.
 
     All apertures, angles and tubes are combined with distances in a geometric series over the
-    reach of each tube; ties go to the first in that order.
+    reach of each tube; ties go to the first in that order. Lenses that reach nothing
+    (`out_of_reach`) are left out; raises ValueError where none is left.
     """
-    found = [_search_lens(lens, design) for lens in design.lenses]
+    lacking = {lens for lens, _ in _beyond(design)}
+    if len(lacking) == len(design.lenses):
+        raise ValueError("; ".join(out_of_reach(design)))
+    found = [_search_lens(lens, design) for lens in design.lenses if lens not in lacking]
     return tuple(sorted(found, key=_rank))
+
+
+def out_of_reach(design: Design) -> tuple[str, ...]:
+    """A sentence for every lens that focuses on nothing within `search.farthest`."""
+    return tuple(
+        f"search.farthest: found {design.search.farthest:g} mm, expected at least "
+        f"{shortest:.0f} mm, the nearest that lens {lens.name!r} focuses with these tubes"
+        for lens, shortest in _beyond(design)
+    )
+
+
+def _beyond(design: Design) -> list[tuple[Lens, float]]:
+    """Lenses whose shortest object distance, mm, is too far."""
+    nearest = [
+        (
+            lens,
+            min(
+                reach(lens, focal, tube, np.inf)[0]
+                for focal in lens.focal_lengths
+                for tube in design.search.extension_tubes
+            ),
+        )
+        for lens in design.lenses
+    ]
+    return [(lens, shortest) for lens, shortest in nearest if shortest > design.search.farthest]
 
 
 def _rank(found: Found) -> tuple[bool, float]:
@@ -91,16 +120,6 @@ def _places(lens: Lens, design: Design) -> Iterator[tuple[float, float, float]]:
 
 def _search_lens(lens: Lens, design: Design) -> Found:
     places = np.array(list(_places(lens, design)))
-    if not places.size:
-        shortest = min(
-            reach(lens, focal, tube, np.inf)[0]
-            for focal in lens.focal_lengths
-            for tube in design.search.extension_tubes
-        )
-        raise ValueError(
-            f"search.farthest: found {design.search.farthest:g} mm, expected at least "
-            f"{shortest:.0f} mm, the nearest that lens {lens.name!r} focuses with these tubes"
-        )
     grid = Setup(
         focal_length=places[:, 0, None, None],
         object_distance=places[:, 2, None, None],

@@ -165,6 +165,16 @@ def read_record(out: Path, stage: str) -> StageRecord | None:
 def write_record(out: Path, record: StageRecord) -> None:
     """Keep the record of a finished stage."""
     write_json(record_path(out, record.stage), record)
+    _begun_path(out, record.stage).unlink(missing_ok=True)
+
+
+def mark_begun(out: Path, stage: str) -> None:
+    """Say that a stage has begun; what it keeps meanwhile is not lost if it is stopped."""
+    write_bytes(_begun_path(out, stage), b"")
+
+
+def _begun_path(out: Path, stage: str) -> Path:
+    return record_path(out, stage).with_suffix(".begun")
 
 
 def why_stale(
@@ -177,7 +187,8 @@ def why_stale(
     """
     record = read_record(out, stage)
     if record is None:
-        return None, "not run yet"
+        begun = _begun_path(out, stage).exists()
+        return None, "stopped before its end" if begun else "not run yet"
     if record.version != version:
         return record, f"made by version {record.version}, this is {version}"
     if record.inputs != dict(inputs):

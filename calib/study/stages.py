@@ -17,6 +17,7 @@ from calib.study.artifacts import (
     StageRecord,
     hash_of,
     hash_of_file,
+    mark_begun,
     read_record,
     why_stale,
     write_record,
@@ -112,6 +113,7 @@ def _base(context: Context, inputs: dict[str, str]) -> str:
 
 def _run_stage(context: Context, stage: Stage, inputs: dict[str, str]) -> StageRecord:
     start = time.perf_counter()
+    mark_begun(context.out, stage.name)
     paths = stage.run(context)
     record = StageRecord(
         stage=stage.name,

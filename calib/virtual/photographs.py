@@ -6,8 +6,9 @@ samples and of its static series are made again from what two virtual cameras se
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -19,15 +20,18 @@ from calib.dic.settings import CorrelationSettings
 from calib.dic.stereo import StereoSettings, Tracked, follow_pair, place_reference
 from calib.stereo_points import point_frame, reference_frame
 from calib.virtual.cameras import CameraPair
-from calib.virtual.laboratory import SampleTruth
+from calib.virtual.laboratory import TRUTH_FILE, SampleTruth
 from calib.virtual.placement import Placement
 from calib.virtual.render import Pin, render
 from calib.virtual.sensor import Glare, Sensor, expose
 from calib.virtual.speckle import Speckle, SpeckleSettings, make_speckle
 from calib.virtual.surface import Surface, make_surface
 from calib.virtual.truth import TruthResponse
+from fe.atomic_file import write_text
 from fe.response import Array
 
+KEPT = ("clock_s", "trigger_s", "trigger_sd_s")
+"""settings of a laboratory's cameras that hold for photographs, too: when frames are taken"""
 PIN_BEYOND = 0.3
 """mm by which the pin stands out beyond the farthest point of the face"""
 STRAIGHT = Placement(0.0, 0.0, 0.0, 0.0, (0.4, -1.1, 2.0), 1.0, "")
@@ -72,11 +76,13 @@ def photograph(
 ) -> None:
     """Replace the DIC files of a laboratory written as `softcal` by those of photographs.
 
+    `truth.json` states the studio then, and of the cameras before only when they took frames.
     Raises ValueError when its files are of another format.
     """
     for place in (folder / "static", *(folder / sample.name / "dic" for sample in samples)):
         if (found := read_dic(place).format) != SOFTCAL:
             raise ValueError(f"{place}: expected frames of {SOFTCAL}, found {found}")
+    _tell_truth(folder, studio, seed)
     static_seed, *seeds = np.random.SeedSequence(seed).spawn(len(samples) + 1)
     at_rest = np.zeros(studio.static_frames + 1)
     frames = dic_series(
@@ -91,6 +97,15 @@ def photograph(
         rng = np.random.default_rng(own)
         _replace(place, dic_series(truth, sample.placement, travel, time, studio, rng))
         say(f"{sample.name} photographed")
+
+
+def _tell_truth(folder: Path, studio: Studio, seed: int) -> None:
+    """State the cameras that took the photographs in place of those whose files they replace."""
+    content = json.loads((folder / TRUTH_FILE).read_text(encoding="utf-8"))
+    before = content["settings"]["cameras"]
+    content["settings"]["cameras"] = {name: before[name] for name in KEPT}
+    content["photographs"] = {"seed": seed, "studio": asdict(studio)}
+    write_text(folder / TRUTH_FILE, json.dumps(content, indent=1) + "\n")
 
 
 def _replace(folder: Path, frames: Sequence[PointFrame]) -> None:
