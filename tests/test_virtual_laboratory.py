@@ -213,6 +213,17 @@ def test_points_behind_the_pin_and_beside_the_face_are_hidden() -> None:
     assert not seen.seen[3, behind].any()
 
 
+@pytest.mark.parametrize("length", [0.3, 2.5])
+def test_noise_of_any_length_has_unit_variance_and_its_correlation(length) -> None:
+    """By the spectrum, without draws; e^-8 is cut off of short lengths, 1 % of long ones."""
+    grid, spacing = (200, 50), (0.052, 0.058)
+    spectrum = torus_amplitudes(grid, spacing, length) ** 2
+    found = np.fft.fft2(spectrum).real[:200, :50]
+    away = np.hypot(spacing[0] * np.arange(200)[:, None], spacing[1] * np.arange(50))
+    assert found[0, 0] == pytest.approx(1.0, abs=1e-12)
+    assert np.abs(found - np.exp(-away / length)).max() < (0.01 if length > 1.0 else np.exp(-8.0))
+
+
 def test_noise_has_the_stated_size_correlation_and_common_part() -> None:
     """Over 300 draws of a pair of frames; false alarms below 1e-4 at these margins (fixed seed)."""
     cameras = replace(SMALL, lost_share=0.0, outlier_share=0.0)

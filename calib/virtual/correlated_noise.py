@@ -16,7 +16,8 @@ def torus_amplitudes(grid: tuple[int, int], spacing: tuple[float, float], length
 
     The torus holds the grid and its surroundings, so that no point sees another from both sides
     (circulant embedding: Dietrich and Newsam, SIAM J. Sci. Comput. 18, 1997). Eigenvalues below
-    0, of the order of e^-8, are taken as 0. `spacing` and `length` in mm.
+    0, which long lengths leave, are taken as 0, and the others hold the variance of all.
+    `spacing` and `length` in mm.
     """
     shape = [
         next_fast_len(n + int(np.ceil(min(REACH * length / step, n))))
@@ -28,7 +29,8 @@ def torus_amplitudes(grid: tuple[int, int], spacing: tuple[float, float], length
     ]
     correlation = np.exp(-np.hypot(away[0][:, None], away[1][None, :]) / length)
     eigenvalues = fft2(correlation).real
-    amplitudes: Array = np.sqrt(np.maximum(eigenvalues, 0.0) / eigenvalues.size)
+    kept = np.maximum(eigenvalues, 0.0)
+    amplitudes: Array = np.sqrt(kept / kept.sum())
     return amplitudes
 
 
