@@ -107,8 +107,8 @@ def test_the_box_of_ratios_is_the_one_given(s: float, known: float) -> None:
 
 
 def test_a_start_that_the_model_does_not_know_has_no_error_and_no_force() -> None:
-    starts = [[20.0, 2.0, 20.0], [1.0, 10.0, 20.0]]
+    starts = [[20.0, 2.0, 20.0], [1.0, 10.0, 20.0], [0.0, 0.0, 1.0]]
     box = ((0.0, 0.8), (0.0, 0.5))
     found = thesis_baseline(FORWARD, NOISY, exact=True, starts=starts, ratio_box=box)
-    assert np.isfinite(found.error).tolist() == [True, False]
-    assert np.isfinite(found.force).all(axis=1).tolist() == [True, False]
+    assert np.isfinite(found.error).tolist() == [True, False, False]
+    assert np.isfinite(found.force).all(axis=1).tolist() == [True, False, False]

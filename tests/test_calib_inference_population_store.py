@@ -44,3 +44,15 @@ def test_blocks_of_another_run_are_thrown_away(tmp_path: Path) -> None:
     run(tmp_path, seed=1, settings=short)
     assert_same(run(tmp_path, seed=2, settings=short), run(None, seed=2, settings=short))
     assert len(blocks(tmp_path)) == 3
+
+
+@pytest.mark.parametrize("lost", [1, 2, 3])
+def test_a_run_whose_last_blocks_are_damaged_ends_with_the_same_chains(
+    tmp_path: Path, lost: int
+) -> None:
+    short = replace(SETTINGS, max_steps=14)
+    known = run(tmp_path, settings=short)
+    for name in blocks(tmp_path)[-lost:]:
+        (tmp_path / name).write_bytes(b"no HDF5")
+    assert_same(run(tmp_path, settings=short), known)
+    assert len(blocks(tmp_path)) == 5

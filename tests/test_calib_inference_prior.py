@@ -30,6 +30,22 @@ def test_density_with_respect_to_ln_kappa_integrates_to_one(kappa: str, r: str) 
     assert weights @ np.exp(prior.log_prob(x)) * 0.5 == pytest.approx(1.0, abs=1e-9)
 
 
+@pytest.mark.parametrize("r", [(0.0, 1.0), (0.2, 0.5)])
+def test_density_of_priors_of_constants_integrates_to_one_in_the_box(
+    r: tuple[float, float],
+) -> None:
+    """To what 2^16 points of a Sobol sequence know of the share in the box."""
+    each = Marginal("lognormal", 0.002, 0.05, 0.01, 0.004)
+    kappa = Marginal("log_uniform", 0.005, 0.09)
+    prior = Prior(kappa, Marginal("uniform", *r), law="mooney-rivlin-2", of=(each, each))
+    low, high = prior.bounds.T
+    sides = [np.linspace(low[i], high[i], 1501) for i in range(2)]
+    middle = [0.5 * (side[1:] + side[:-1]) for side in sides]
+    x = np.stack(np.meshgrid(*middle, indexing="ij"), axis=-1).reshape(-1, 2)
+    mass = np.mean(np.exp(prior.log_prob(x))) * np.prod(high - low)
+    assert mass == pytest.approx(1.0, abs=1e-3)
+
+
 @pytest.mark.parametrize("name", MARGINALS)
 def test_density_is_the_derivative_of_the_inverse_quantile(name: str) -> None:
     marginal = MARGINALS[name]

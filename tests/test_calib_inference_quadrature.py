@@ -130,8 +130,19 @@ class HeavyTails:
         return value
 
 
-def test_a_peak_between_the_nodes_whose_tails_reach_the_box_is_found() -> None:
-    prior, own = Prior(PRIOR.kappa, PRIOR.r, law="mooney-rivlin-2"), HeavyTails()
+WIDE = Marginal("log_uniform", 1e-4, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("kappa", "own"),
+    [(PRIOR.kappa, HeavyTails()), (WIDE, HeavyTails((0.03, 0.15), 4.0))],
+    ids=["outer", "inner"],
+)
+def test_a_peak_between_the_nodes_whose_tails_reach_the_box_is_found(
+    kappa: Marginal, own: HeavyTails
+) -> None:
+    """Of the second fewer nodes of ln kappa agreed by chance: 0.29 off, 0.06 stated."""
+    prior = Prior(kappa, PRIOR.r, law="mooney-rivlin-2")
     posterior = Posterior(prior, cast("Likelihood", own))
     found = integrate(posterior)
     low, high = prior.bounds.T

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -172,6 +173,40 @@ def test_a_failed_start_is_a_status(method: str) -> None:
     assert found.value == np.inf
 
 
+def nowhere_differentiable(x: np.ndarray) -> float:
+    """x^2 of a solver that works at (3, 3) alone."""
+    return float(x @ x) if np.array_equal(x, [3.0, 3.0]) else np.nan
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("gradient", [None, lambda x: np.full(2, np.nan)])
+def test_a_gradient_that_cannot_be_found_is_no_minimum(method: str, gradient) -> None:
+    box = np.full(2, 5.0)
+    problem = Problem(nowhere_differentiable, -box, box, gradient=gradient)
+    found = METHODS[method](problem, np.array([3.0, 3.0]), None)
+    assert found.status is Status.NO_GRADIENT
+    assert not found.success
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_failed_start_is_not_the_best_of_minima(method: str) -> None:
+    """On the line x + y = 2, which SciPy's methods meet to 1e-9; the start fails beyond it."""
+    problem = Problem(
+        lambda x: float((x - 2.0) @ (x - 2.0)) if x[0] > -4.0 else np.nan,
+        np.full(2, -5.0),
+        np.full(2, 5.0),
+        gradient=lambda x: 2.0 * (x - 2.0),
+        constraints=lambda x: np.array([x.sum() - 2.0]),
+        constraint_jacobian=lambda x: np.ones((1, 2)),
+    )
+    starts = [np.array([-4.5, 0.0]), np.array([0.0, 0.3])]
+    failed, found = (METHODS[method](problem, start, None) for start in starts)
+    assert failed.status is Status.FAILED_START
+    assert best_of([failed, found]) is found
+    infeasible = replace(found, value=0.0, violation=0.1)
+    assert best_of([infeasible, failed, found]) is found
+
+
 def test_differences_are_those_asked_and_stay_in_the_box() -> None:
     asked: list[float] = []
 
@@ -217,6 +252,39 @@ def test_random_convex_quadratics_agree_with_slsqp() -> None:
         ours = feasible_directions(problem, np.zeros(n), Settings(max_iterations=1000))
         theirs = METHODS["slsqp"](problem, np.zeros(n), None)
         assert ours.value == pytest.approx(theirs.value, abs=1e-4)
+
+
+def ellipsoids(rng: np.random.Generator) -> tuple[Problem, np.ndarray]:
+    """A convex quadratic within two ellipsoids and a box, and a start that may violate them."""
+    n = int(rng.integers(2, 5))
+    root = rng.normal(size=(n, n))
+    matrix = root @ root.T + 10 ** rng.uniform(-3, 0) * np.eye(n)
+    linear, size = rng.normal(size=n) * 10 ** rng.uniform(-2, 2), 10 ** rng.uniform(-4, 4)
+    centre, radius = 0.3 * rng.normal(size=(2, n)), rng.uniform(0.5, 2, 2)
+    axes = np.array([rng.uniform(0.3, 3, n) for _ in range(2)])
+    problem = Problem(
+        lambda x: float(size * (0.5 * x @ matrix @ x + linear @ x)),
+        np.where(rng.random(n) < 0.5, -0.5, -3.0),
+        np.where(rng.random(n) < 0.5, 0.5, 3.0),
+        gradient=lambda x: size * (matrix @ x + linear),
+        constraints=lambda x: np.sum(axes * (x - centre) ** 2, axis=1) - radius**2,
+        constraint_jacobian=lambda x: 2.0 * axes * (x - centre),
+    )
+    return problem, rng.uniform(-3, 3, n)
+
+
+def test_curved_constraints_end_no_search_and_agree_with_slsqp() -> None:
+    """One of these crashed where the thickness of constraints changed after a direction."""
+    rng = np.random.default_rng(5)
+    agreed = 0
+    for _ in range(50):
+        problem, start = ellipsoids(rng)
+        ours = feasible_directions(problem, start, Settings(max_iterations=2000))
+        theirs = METHODS["slsqp"](problem, start, Settings(max_iterations=500))
+        if ours.success and theirs.success:
+            agreed += 1
+            assert ours.value == pytest.approx(theirs.value, rel=1e-3, abs=1e-6)
+    assert agreed > 25
 
 
 def test_multistart_keeps_the_order_and_knows_the_best() -> None:

@@ -165,13 +165,17 @@ def thesis_baseline(
     )
     minima = multistart(problem, list(given), settings, method)
     result = np.array([found.x for found in minima]) * SCALE
-    theta = np.array([theta_of_constants(*constants) for constants in result])
     error = np.array([found.value for found in minima])
+    known = np.isfinite(error)
+    force = np.full((len(minima), observed.shape[0]), np.nan)
+    if known.any():
+        theta = np.array([theta_of_constants(*constants) for constants in result[known]])
+        force[known] = forward.predict(theta).force
     return Baseline(
         start=given * SCALE,
         result=result,
         error=error,
-        force=np.where(np.isfinite(error)[:, None], forward.predict(theta).force, np.nan),
+        force=force,
         minima=minima,
         exact=exact,
         method=method,

@@ -41,7 +41,7 @@ class BlockStore:
                 if not os.access(path, os.R_OK):
                     raise
                 break
-        self._forget(len(found))
+        self.forget(len(found))
         return found
 
     def keep(self, index: int, block: Arrays) -> None:
@@ -55,7 +55,8 @@ class BlockStore:
     def _path(self, index: int) -> Path:
         return self.folder / f"block_{index:05d}.h5"
 
-    def _forget(self, first: int) -> None:
+    def forget(self, first: int) -> None:
+        """Throw away blocks from number `first` on."""
         while (path := self._path(first)).exists():
             path.unlink()
             first += 1

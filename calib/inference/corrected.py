@@ -116,6 +116,8 @@ def with_secant(
     predicted = corrected.predict(theta_of(x)[None]).force[0]
     step = x - corrected.centre
     direction = step / scale**2
+    if not step @ direction > 0.0:  # at the centre a value says nothing of slopes
+        return corrected
     change = np.outer(np.log(force / predicted), direction / (step @ direction))
     return replace(corrected, log_slope=corrected.log_slope + change)
 

@@ -83,7 +83,7 @@ def sample_population(
         places, walkers = found
     else:
         places, walkers = list[Place](), _settled(moves, walkers, settings.check_every)
-        kept.keep(0, places, walkers, ())
+        kept.keep(0, places, walkers)
     while not (verdict := _judged(places, settings)).ended:
         done = len(places)
         for _ in range(min(settings.check_every, settings.max_steps - done)):
@@ -92,8 +92,7 @@ def sample_population(
             places.append(moves.place(walkers))
             if progress is not None:
                 progress(len(places), max(verdict.expected, len(places)))
-        before = places[max(0, done - settings.check_every) : done]
-        kept.keep(1 + done // settings.check_every, places[done:], walkers, before)
+        kept.keep(1 + done // settings.check_every, places, walkers)
     acceptance = moves.accepted[:, 0] / moves.accepted[:, 1]
     alone = moves.alone(walkers, ALONE, ALONE)
     burn = len(places) // BURN_SHARE

@@ -2,7 +2,8 @@
 
 Nodes of the outer coordinates, (r, s), lie along the axes. A ridge of correlated coordinates may
 run between them, or between the points of the scan that chose their box, and then two numbers of
-nodes agree by chance only.
+nodes agree by chance only. So they may where the interval of ln kappa is many times its peak, as
+under Student-t errors, whose tails do not fall.
 """
 
 from __future__ import annotations
@@ -24,7 +25,9 @@ RISE = 5.0
 """climb of the log density from the heaviest node to the peak beyond which nodes may have missed
 it; between nodes that resolve a posterior it is 4 at most"""
 RESOLVED = 3e-3
-"""relative error of the evidence up to which nodes resolve a ridge"""
+"""relative error of the evidence up to which nodes resolve a ridge, or the peak of ln kappa"""
+HEAVY = 1e-3
+"""mass of the nodes at one outer point, over the largest, from which its peak matters"""
 CONVERGED = 0.02
 """difference of ln evidence by two numbers of nodes up to which those of a ridge may be trusted"""
 DISAGREE = 0.1
@@ -38,10 +41,10 @@ def may_miss(posterior: Posterior, found: Moments, box: Array, n: int, error: fl
     `found` are the nodes with their posterior weights, `error` is how far fewer of them move the
     logarithm of the evidence.
     """
+    if error > DISAGREE or inner_unresolved(found, n) > RESOLVED:
+        return True
     if not len(box):
         return False
-    if error > DISAGREE:
-        return True
     if is_cut(found, box, posterior.prior.bounds[1:]):
         return True
     start = found.x[found.weights.argmax()]
@@ -79,6 +82,25 @@ def is_ridge(found: Moments) -> bool:
     off = (found.x[:, 1:] - found.mean[1:]) / sd
     correlation = (found.weights[:, None] * off).T @ off
     return bool(np.linalg.eigvalsh(correlation)[0] < 1.0 - RIDGE)
+
+
+def inner_unresolved(found: Moments, n: int) -> float:
+    """Relative error of the sums over n nodes of ln kappa, in the mean over the outer points.
+
+    Of normal peaks with the variances that the nodes find; a peak between nodes seems to have none.
+    """
+    weights, ln_kappa = found.weights.reshape(-1, n), found.x[:, 0].reshape(-1, n)
+    mass = weights.sum(axis=1)
+    kept = mass > HEAVY * mass.max()
+    weights, ln_kappa, mass = weights[kept], ln_kappa[kept], mass[kept]
+    mean = (weights * ln_kappa).sum(axis=1) / mass
+    variance = (weights * (ln_kappa - mean[:, None]) ** 2).sum(axis=1) / mass
+    share = np.ptp(np.polynomial.legendre.leggauss(n)[0]) / 2.0
+    step = np.ptp(ln_kappa, axis=1) / share / n
+    errors = [
+        unresolved(np.array([[v]]), np.array([h])) for v, h in zip(variance, step, strict=True)
+    ]
+    return float(np.average(errors, weights=mass))
 
 
 def unresolved(covariance: Array, step: Array) -> float:

@@ -118,6 +118,6 @@ def _against(leader: HypothesisFit, rival: HypothesisFit) -> str:
     return (
         f"The data {fit.format(leader.name, rival.name)} ({told}); the evidence "
         f"prefers {leader.name} by a Bayes factor of {factor} only through the prior: "
-        f"{rival.name} fits over a smaller share of the prior's box of r and s, and another box "
+        f"{rival.name} fits over a smaller share of the prior's box, and another box "
         "would give another factor."
     )

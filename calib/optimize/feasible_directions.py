@@ -46,6 +46,7 @@ class _Search:
         self._metric = np.eye(problem.n)
         self._fresh = True
         self._thickness = THICKNESS
+        self._near = np.zeros(0, dtype=np.bool_)
         self._path: list[Array] = []
 
     def run(self, start: Array) -> Minimum:
@@ -75,14 +76,14 @@ class _Search:
             jacobian = self._ask.jacobian(x)
             direction = self._direction(x, gradient, jacobian, tolerance)
             if direction is None:
-                return Status.CONVERGED
+                return Status.CONVERGED if self._ask.knows_slope else Status.NO_GRADIENT
             moved = self._line_search(x, value, gradient, direction)
             if moved is None:
                 if not self._fresh:  # a metric learnt elsewhere may be to blame
                     self._metric, self._fresh = np.eye(x.size), True
                     continue
                 if self._thickness > THINNEST and len(self._ask.constraints(x)):
-                    self._thickness *= 0.1
+                    self._thickness = max(0.1 * self._thickness, THINNEST)
                     continue
                 return Status.BLOCKED
             new_gradient = self._ask.gradient(moved)
@@ -127,6 +128,7 @@ class _Search:
         near = values > -self._thickness
         size = np.linalg.norm(jacobian, axis=1)
         near &= size > 0
+        self._near = near
         push = (1.0 + np.minimum(values[near], 0.0) / self._thickness) ** 2
         scale = np.linalg.norm(gradient) / size[near] if near.any() else size[near]
         at_low, at_high = x <= self._problem.lower, x >= self._problem.upper
@@ -204,9 +206,8 @@ class _Search:
     ) -> Array:
         """Change of the near constraints' gradients, weighted as in the Lagrangian."""
         before, after = self._ask.jacobian(x), self._ask.jacobian(moved)
-        near = self._ask.constraints(x) > -self._thickness
-        size = np.linalg.norm(before, axis=1)
-        near &= size > 0
+        # those of the direction's multipliers: the thickness may have changed since
+        near, size = self._near, np.linalg.norm(before, axis=1)
         weights = direction.multipliers[1 : 1 + int(near.sum())] / direction.multipliers[0]
         scale = np.linalg.norm(gradient) / size[near]
         total: Array = (weights * scale) @ (after - before)[near]

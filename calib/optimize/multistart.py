@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 
+import numpy as np
+
 from calib.optimize.feasible_directions import feasible_directions
 from calib.optimize.minimum import Minimum, Settings
 from calib.optimize.problem import Array, Problem
-from calib.optimize.scipy_methods import slsqp, trust_constr
+from calib.optimize.scipy_methods import MET, slsqp, trust_constr
 
 Method = Callable[[Problem, Array, Settings | None], Minimum]
 METHODS: Mapping[str, Method] = {
@@ -31,8 +33,17 @@ def multistart(
     return tuple(METHODS[method](problem, start, settings) for start in starts)
 
 
-def best_of(minima: Sequence[Minimum]) -> Minimum:
-    """The lowest of those that meet the constraints best. Raises ValueError when there is none."""
+def best_of(minima: Sequence[Minimum], feasibility: float = Settings.feasibility) -> Minimum:
+    """The lowest of those that meet the constraints best and whose objective did not fail.
+
+    A constraint is met up to `MET` times `feasibility`, as SciPy's methods make it. Raises
+    ValueError when there is none.
+    """
     if not minima:
         raise ValueError("minima: expected at least one")
-    return min(minima, key=lambda found: (found.violation, found.value))
+
+    def rank(found: Minimum) -> tuple[bool, float, float]:
+        is_met = found.violation <= MET * feasibility
+        return not np.isfinite(found.value), 0.0 if is_met else found.violation, found.value
+
+    return min(minima, key=rank)

@@ -88,6 +88,8 @@ class Evaluations:
         self.n_objective = 0
         self.n_gradient = 0
         self.n_failed = 0
+        self.knows_slope = True
+        """whether the last gradient had a finite component"""
         self._last: tuple[bytes, float] | None = None
 
     def value(self, x: Array) -> float:
@@ -116,6 +118,7 @@ class Evaluations:
             found = np.asarray(self.problem.gradient(x), dtype=np.float64)
         else:
             found = self._differences(lambda y: np.array([self.value(y)]), x)[0]
+        self.knows_slope = bool(np.isfinite(found).any())
         return np.where(np.isfinite(found), found, 0.0)
 
     def jacobian(self, x: Array) -> Array:
@@ -129,7 +132,7 @@ class Evaluations:
         return np.where(np.isfinite(found), found, 0.0)
 
     def _differences(self, function: Callable[[Array], Array], x: Array) -> Array:
-        """(m, n) central differences; one-sided at a bound or where one side failed."""
+        """(m, n) central differences; one-sided at a bound or where a side failed, NaN at both."""
         middle = function(x)
         columns = []
         for i, step in enumerate(self.problem.steps.at(x)):
@@ -143,5 +146,5 @@ class Evaluations:
                 values.append(side if good else middle)
                 places.append(moved[i] if good else x[i])
             width = places[1] - places[0]
-            columns.append((values[1] - values[0]) / width if width > 0 else 0.0 * middle)
+            columns.append((values[1] - values[0]) / (width if width > 0 else np.nan))
         return np.stack(columns, axis=1)

@@ -77,9 +77,7 @@ def _run(
     if at_end and _met(ask, end, settings) and not np.array_equal(end, path[-1]):
         path.append(end)  # a point that violates a little more may have been a little lower
     if result.status in done and at_end:
-        status = (
-            Status.CONVERGED if _settled(ask, start, path[-1], settings) else Status.SMALL_CHANGE
-        )
+        status = _how_settled(ask, start, path[-1], settings)
     elif result.nit >= settings.max_iterations:
         status = Status.MAX_ITERATIONS
     else:
@@ -87,10 +85,10 @@ def _run(
     return minimum_of(ask, path, status, int(result.nit))
 
 
-def _settled(ask: Evaluations, start: Array, x: Array, settings: Settings) -> bool:
+def _how_settled(ask: Evaluations, start: Array, x: Array, settings: Settings) -> Status:
     """Whether the gradient that bounds and constraints leave is small (Karush, Kuhn and Tucker).
 
-    These methods stop on a small change, too.
+    These methods stop on a small change, too, and where no gradient is known.
     """
     problem = ask.problem
     size = float(np.linalg.norm(ask.gradient(problem.inside(start))))
@@ -100,7 +98,10 @@ def _settled(ask: Evaluations, start: Array, x: Array, settings: Settings) -> bo
         left = float(np.linalg.norm(problem.inside(x - gradient) - x))
     else:
         left = nnls(normals, -gradient)[1]
-    return bool(left <= settings.kkt_tolerance * (1.0 + size))
+    if not ask.knows_slope:
+        return Status.NO_GRADIENT
+    is_small = left <= settings.kkt_tolerance * (1.0 + size)
+    return Status.CONVERGED if is_small else Status.SMALL_CHANGE
 
 
 def _active_normals(ask: Evaluations, x: Array, settings: Settings) -> Array:
