@@ -110,7 +110,7 @@ def test_arrays_come_back_and_a_damaged_or_foreign_npz_file_is_named(tmp_path: P
     path = tmp_path / "a.npz"
     write_npz(path, {"x": np.arange(3)})
     assert read_npz(path, ("x",))["x"].tolist() == [0, 1, 2]
-    with pytest.raises(ValueError, match=r"a\.npz: found no array y, z; delete it and rerun"):
+    with pytest.raises(ValueError, match=r"a\.npz: found no array y, z; delete it and `calib run`"):
         read_npz(path, ("x", "y", "z"))
     whole = path.read_bytes()
     for content in (b"", b"junk", whole[:100], whole[:-30]):

@@ -26,8 +26,8 @@ from calib.inference.knowledge import (
 from calib.inference.leave_out import Scores
 from calib.inference.moments import Moments
 from calib.inference.profile import Profile
-from calib.study.artifacts import plain
-from calib.study.config import Study, load_study
+from calib.study.artifacts import hash_of_file, plain
+from calib.study.config import Study, StudyError, load_study
 from calib.study.evidence import (
     Standing,
     evidence_figure,
@@ -37,11 +37,13 @@ from calib.study.evidence import (
     scores_table,
 )
 from calib.study.figure_style import png_bytes
-from calib.study.finished import chosen, finished
+from calib.study.finished import changed_since, chosen, finished
 from calib.study.identify import facts, tables
 from calib.study.identify_figure import identify_figure
+from calib.study.second_test import load_second_test
 from calib.study.stages import run_study
 from calib.study.study_file import write_study
+from calib.study.validate import validate
 from fe.executors import serial_map
 
 
@@ -163,6 +165,37 @@ def _posterior_of(study: Study) -> az.InferenceData:
     """As much of a posterior as says of which study file it is."""
     file = {"study_file": plain(study)}
     return az.from_dict({"mu": np.zeros((1, 2))}, attrs={"provenance": json.dumps(file)})
+
+
+def test_a_folder_of_two_runs_is_refused(tmp_path: Path) -> None:
+    """Data changed under their name, and the run that took them was stopped."""
+    study = load_study("virtual")
+    (tmp_path / "data.json").touch()
+    (tmp_path / "data.npz").write_bytes(b"of the posterior")
+    hashes = {"data.npz": hash_of_file(tmp_path / "data.npz"), "map.json": "not there any more"}
+    stated = {"study_file": plain(study), "input_hashes": hashes}
+    posterior = az.from_dict({"mu": np.zeros((1, 2))}, attrs={"provenance": json.dumps(stated)})
+    posterior.to_netcdf(str(tmp_path / "posterior.nc"))
+    write_study(tmp_path / "study.toml", study)
+    assert finished(tmp_path).study == study
+    (tmp_path / "data.npz").write_bytes(b"of another run")
+    with pytest.raises(ValueError, match=r"posterior\.nc: found data\.npz of another run"):
+        finished(tmp_path)
+    test, folder = load_second_test("notched-plate")
+    with pytest.raises(ValueError, match="of another run beside it"):
+        validate(tmp_path, test, folder, lambda _: None)
+    assert "data.npz" in changed_since(tmp_path / "posterior.nc")
+
+
+def test_a_finished_study_does_not_ask_for_its_data_file(tmp_path: Path) -> None:
+    main(["init", str(tmp_path / "mine")])
+    study = load_study(tmp_path / "mine" / "study.toml")
+    (tmp_path / "data.json").touch()
+    write_study(tmp_path / "study.toml", study)
+    (tmp_path / "mine" / "forces.csv").unlink()
+    assert finished(tmp_path).study == study
+    with pytest.raises(StudyError, match=r"data\.source: found .*forces\.csv\","):
+        load_study(tmp_path / "study.toml")
 
 
 def test_a_study_file_of_other_results_is_refused(tmp_path: Path) -> None:

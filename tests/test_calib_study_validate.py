@@ -97,6 +97,20 @@ def test_right_constants_pass_and_those_of_the_thesis_fail(
     assert (out / "validation" / "small" / "validation.png").is_file()
 
 
+@pytest.mark.parametrize(
+    ("name", "words"), [("right", "of a hypothesis"), ("thesis", "of its own")]
+)
+def test_constants_that_go_by_another_s_name_are_refused(
+    tmp_path: Path, second_file: Path, capsys: pytest.CaptureFixture[str], name: str, words: str
+) -> None:
+    """They would stand in the place of the posterior's verdict, or of each other's."""
+    more = SMALL[SMALL.index("[[constants]]") :].replace('"thesis"', f'"{name}"')
+    second_file.write_text(f"{SMALL}{more}")
+    assert main(["validate", str(_finished(tmp_path, right=1.0)), str(second_file)]) == 2
+    said = capsys.readouterr().err
+    assert "constants[1].name: found" in said and words in said
+
+
 def test_a_wrong_posterior_is_an_exit_code(tmp_path: Path, second_file: Path) -> None:
     out = _finished(tmp_path, soft=0.6)
     assert main(["validate", str(out), str(second_file)]) == FAILED

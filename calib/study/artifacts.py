@@ -24,6 +24,7 @@ import numpy.typing as npt
 from fe.atomic_file import replacing
 
 RECORD_FOLDER = "stages"
+_AGAIN = "delete it and `calib run` the study again"
 _DIGITS = 16
 """hexadecimal digits kept of a SHA-256: 64 bits, ample for telling files of one study apart"""
 
@@ -85,12 +86,10 @@ def read_json(path: Path, expected: Sequence[str] = ()) -> Any:
     except FileNotFoundError as error:
         raise not_made(path) from error
     except (json.JSONDecodeError, UnicodeDecodeError) as error:
-        raise ValueError(
-            f"{path}: not a readable JSON file ({error}); delete it and rerun"
-        ) from error
+        raise ValueError(f"{path}: not a readable JSON file ({error}); {_AGAIN}") from error
     lacking = [key for key in expected if not (isinstance(found, dict) and key in found)]
     if lacking:
-        raise ValueError(f"{path}: found no {', '.join(lacking)} in it; delete it and rerun")
+        raise ValueError(f"{path}: found no {', '.join(lacking)} in it; {_AGAIN}")
     return found
 
 
@@ -103,10 +102,10 @@ def read_npz(path: Path, expected: Sequence[str] = ()) -> dict[str, npt.NDArray[
         raise not_made(path) from error
     # RuntimeError: a damaged zip may claim to be encrypted or of an unknown compression.
     except (OSError, ValueError, KeyError, EOFError, RuntimeError, BadZipFile, zlib.error) as error:
-        raise ValueError(f"{path}: not a readable npz file; delete it and rerun") from error
+        raise ValueError(f"{path}: not a readable npz file; {_AGAIN}") from error
     lacking = [name for name in expected if name not in arrays]
     if lacking:
-        raise ValueError(f"{path}: found no array {', '.join(lacking)}; delete it and rerun")
+        raise ValueError(f"{path}: found no array {', '.join(lacking)}; {_AGAIN}")
     return arrays
 
 

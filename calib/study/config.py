@@ -178,16 +178,17 @@ def embedded_studies() -> dict[str, str]:
     return {name: texts[name].partition("\n")[0].lstrip("# ") for name in sorted(texts)}
 
 
-def load_study(study: str | Path) -> Study:
+def load_study(study: str | Path, *, with_data: bool = True) -> Study:
     """Read and check a study by the path of its file or the name of an embedded one.
 
-    The path of a data file is made absolute, and the increments are looked up in it.
+    The path of a data file is made absolute, and the increments are looked up in it; not so without
+    `with_data`, as of a finished study, which keeps its data.
 
     Raises:
         StudyError: the study is missing, unreadable or wrong; the message says where.
     """
     content, file, folder = _content_of(study)
-    return read_study(content, file=file, folder=folder)
+    return read_study(content, file=file, folder=folder, with_data=with_data)
 
 
 def refused(study: str | Path, error: Contradiction) -> StudyError:
@@ -219,33 +220,35 @@ def _content_of(study: str | Path) -> tuple[bytes, str, Path]:
         raise StudyError(str(error)) from error
 
 
-def read_study(content: bytes, *, file: str, folder: Path) -> Study:
-    """Check the bytes of a study file called `file`; data are looked for in `folder`.
+def read_study(content: bytes, *, file: str, folder: Path, with_data: bool = True) -> Study:
+    """Check the bytes of a study file called `file`; data are looked for in `folder`, if at all.
 
     Raises:
         StudyError: see `load_study`.
     """
     try:
-        return _read_study(read_document(content, file, "study file"), folder)
+        return _read_study(read_document(content, file, "study file"), folder, with_data)
     except FileRefused as error:
         raise StudyError(str(error)) from error
 
 
-def _read_study(document: Document, folder: Path) -> Study:
+def _read_study(document: Document, folder: Path, with_data: bool) -> Study:
     if "hypotheses" in document.values:  # the field's name in Python; a file has one way to say it
         reason = "found an unknown key, expected sections [[hypothesis]]"
         raise document.refuse(Refusal(("hypotheses",), reason))
     study = document.checked(Study)
+    if not with_data:
+        return study
     if study.data.is_file:
-        path = (folder / study.data.source).resolve()
-        if not path.is_file():
+        path = _existing(folder, study.data.source, "")
+        if path is None:
             reason = sentence(study.data.source, f"a file in {folder}")
             raise document.refuse(Refusal(("data", "source"), reason))
         source = dataclasses.replace(study.data, source=str(path))
         study = dataclasses.replace(study, data=source)
     if study.data.folder is not None:
-        path = (folder / study.data.folder).resolve()
-        if not (path / FILE).is_file():
+        path = _existing(folder, study.data.folder, FILE)
+        if path is None:
             reason = sentence(study.data.folder, f"a folder in {folder} with {FILE}")
             raise document.refuse(Refusal(("data", "folder"), reason))
         source = dataclasses.replace(study.data, folder=str(path))
@@ -257,3 +260,12 @@ def _read_study(document: Document, folder: Path) -> Study:
     except ValueError as error:  # of the data file, which names its own line
         raise StudyError(str(error)) from error
     return study
+
+
+def _existing(folder: Path, name: str, within: str) -> Path | None:
+    """What a study calls `name`, absolute; None where there is no such file, or none `within`."""
+    try:
+        path = (folder / name).resolve()
+        return path if (path / within).is_file() else None
+    except (OSError, ValueError):  # a name too long, or with a character that no name has
+        return None

@@ -8,7 +8,7 @@ from typing import Any
 from calib.inference.inference_data import stated_provenance
 from calib.inference.laws import DEFAULT_LAW
 from calib.inference.posterior import Posterior
-from calib.study.artifacts import plain
+from calib.study.artifacts import hash_of_file, plain
 from calib.study.config import Study, StudyError, load_study
 from calib.study.context import Context, block_pin_model
 from calib.study.posterior_setup import emulator_posterior
@@ -31,7 +31,7 @@ def finished(out: Path) -> Context:
     file = out / STUDY_FILE
     if not file.is_file() or not (out / "data.json").is_file():
         raise ValueError(f"{out}: found no study with data, expected the folder of a finished run")
-    study: Study = load_study(file)
+    study: Study = load_study(file, with_data=False)
     check_unchanged(study, out)
     return Context(
         study=study,
@@ -44,13 +44,14 @@ def finished(out: Path) -> Context:
 
 
 def check_unchanged(study: Study, out: Path) -> None:
-    """Raise ValueError where the posterior in the folder is that of another study file.
+    """Raise ValueError where the posterior in the folder is of another study file or other files.
 
     A run writes its file first, so that it may have been stopped, or asked for a part only.
     """
     path = out / POSTERIOR
     if not path.is_file():
         return
+    check_same_run(out)
     made = stated_provenance(path).get("study_file")
     if not isinstance(made, dict):
         return
@@ -64,13 +65,33 @@ def check_unchanged(study: Study, out: Path) -> None:
         )
 
 
+def check_same_run(out: Path) -> None:
+    """Raise ValueError where data, emulators or chains in the folder are not the posterior's.
+
+    Data may have changed under the name that they had, and the run that took them been stopped.
+    Files that are not there say nothing; nor does a posterior of an older version.
+    """
+    made = stated_provenance(out / POSTERIOR).get("input_hashes")
+    known: dict[str, str] = made if isinstance(made, dict) else {}
+    others = [
+        name
+        for name, digest in sorted(known.items())
+        if (out / name).is_file() and hash_of_file(out / name) != digest
+    ]
+    if others:
+        raise ValueError(
+            f"{out / POSTERIOR}: found {', '.join(others)} of another run beside it, expected what "
+            f"it was made from; `calib run {out / STUDY_FILE} --out {out}` makes it anew"
+        )
+
+
 def changed_since(path: Path) -> str:
     """What the study file beside the posterior at `path` says otherwise; empty where nothing."""
     file = path.parent / STUDY_FILE
     if not file.is_file():
         return ""
     try:
-        check_unchanged(load_study(file), path.parent)
+        check_unchanged(load_study(file, with_data=False), path.parent)
     except StudyError:  # not a study of today
         return ""
     except ValueError as error:

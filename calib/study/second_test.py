@@ -185,6 +185,10 @@ class SecondTest:
         if self.virtual is not None and not is_finer(self.virtual.cells, self.mesh.check):
             expected = f"a mesh finer than mesh.check {list(self.mesh.check)}"
             raise Contradiction("virtual.cells", self.virtual.cells, expected)
+        names = [given.name for given in self.constants]
+        for index, name in enumerate(names):
+            if name in names[:index]:
+                raise Contradiction(f"constants.{index}.name", name, "a name of its own")
 
 
 def embedded_tests() -> tuple[str, ...]:

@@ -245,28 +245,29 @@ class Noise:
     """correlation of one sample's force errors at neighbouring increments"""
     correlation_study: tuple[Correlation, ...] = ()
     """correlations for which the posterior is computed for comparison"""
-    travel_zero_sd: NotNegative
-    """standard deviation of the zero of the travel, mm"""
-    compliance_sd: NotNegative = 0.0
-    """standard deviation of the compliance of the machine that is left in the travel, mm/N"""
-    face_travel_sd: NotNegative = 0.0
+    travel_zero_sd: Annotated[float, Field(ge=0, le=10)]
+    """standard deviation of the zero of the travel, mm (0 to 10)"""
+    compliance_sd: Annotated[float, Field(ge=0, le=10)] = 0.0
+    """standard deviation of the compliance of the machine that is left in the travel, mm/N (0 to
+    10)"""
+    face_travel_sd: Annotated[float, Field(ge=0, le=10)] = 0.0
     """standard deviation of the travel that the front face sees less that of the force, as of a
-    tilted pin, mm"""
+    tilted pin, mm (0 to 10)"""
     gain_sd: Share = 0.0
     """relative standard deviation of the load cell's calibration, below 1"""
     field_scale_sd: Share = 0.0
     """relative standard deviation of the scale of the measured field, below 1"""
-    translation_sd: NotNegative = 0.0
-    """standard deviation of a rigid translation of the field at each increment, mm"""
+    translation_sd: Annotated[float, Field(ge=0, le=10)] = 0.0
+    """standard deviation of a rigid translation of the field at each increment, mm (0 to 10)"""
     rotation_sd: Annotated[float, Field(ge=0, le=10)] = 0.0
     """standard deviation of a small rotation of the field at each increment, degrees (0 to 10)"""
     force_freedom: Annotated[float, Field(ge=1)] | None = None
     """degrees of freedom, 1 or more, of a Student-t for the forces' errors; without it normal"""
     field_freedom: Annotated[float, Field(ge=1)] | None = None
     """degrees of freedom, 1 or more, of a Student-t for the field's noise; without it normal"""
-    discrepancy: NotNegative = 0.0
-    """share by which the model itself errs, where it is known; 0 is none"""
-    discrepancy_of_force: NotNegative | None = None
+    discrepancy: Annotated[float, Field(ge=0, le=10)] = 0.0
+    """share (0 to 10) by which the model itself errs, where it is known; 0 is none"""
+    discrepancy_of_force: Annotated[float, Field(ge=0, le=100)] | None = None
     """standard deviation of ln of the forces' common factor over that share, where it is known;
     without it 2, and known to a factor of two where the share has a prior"""
     discrepancy_length: Positive = LENGTH

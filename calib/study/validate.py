@@ -16,6 +16,7 @@ from calib.study.answers import sampled
 from calib.study.artifacts import plain, write_json
 from calib.study.figure_style import save_png
 from calib.study.findings import VALIDATIONS
+from calib.study.finished import check_same_run
 from calib.study.provenance_facts import space_in
 from calib.study.second_data import Rubbers, SecondData, Study, second_data, stated
 from calib.study.second_prediction import (
@@ -45,6 +46,12 @@ def validate(
     (friction, heights, errors) belongs to the first test and is averaged over by the draws.
     """
     draws, study = posterior_draws(out, test)
+    for index, given in enumerate(test.constants):
+        if given.name in study.hypotheses:
+            raise ValueError(
+                f"constants[{index}].name: found {given.name}, expected another than that of a "
+                "hypothesis of the study"
+            )
     echo(f"data       {test.data.source}")
     data = second_data(test, folder, study)
     found: dict[str, Any] = {}
@@ -69,6 +76,7 @@ def posterior_draws(out: Path, test: SecondTest) -> tuple[dict[str, Rubbers], St
     path = out / "posterior.nc"
     if not path.is_file():
         raise ValueError(f"{path}: found no such file, expected the posterior of a finished study")
+    check_same_run(out)
     stored = load_inference_data(path)
     provenance: Any = provenance_of(stored)
     file = provenance["study_file"]

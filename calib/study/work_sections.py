@@ -24,7 +24,7 @@ class Design:
 
     n_runs: Annotated[int, Field(ge=8, le=100_000)] = 20
     """number of runs that train the emulator"""
-    n_held_out: Annotated[int, Field(ge=2)] = 4
+    n_held_out: Annotated[int, Field(ge=2, le=100_000)] = 4
     """number of further runs that only judge the emulator"""
     sequence: Literal["sobol", "latin"] = "sobol"
     """the points after the corners: "sobol" or "latin", a Latin hypercube whose points are far from
@@ -32,7 +32,7 @@ class Design:
     shape: Literal["uniform", "prior"] = "uniform"
     """how they lie between the bounds: "uniform", denser at small s alone, or "prior", as dense as
     the prior of each is"""
-    n_refine: Annotated[int, Field(ge=3)] = 8
+    n_refine: Annotated[int, Field(ge=3, le=100_000)] = 8
     """largest number of runs added where the posterior is, for each hypothesis; fewer when its mean
     will not move any more; those for further checks of the mesh not counted"""
     n_local: Annotated[int, Field(ge=0, le=256)] = 16
@@ -69,13 +69,13 @@ class EmulatorLimits:
 class Sampler:
     """[sampler] emcee: independent ensembles, stopped by autocorrelation time."""
 
-    n_ensembles: Annotated[int, Field(ge=2)] = 4
+    n_ensembles: Annotated[int, Field(ge=2, le=256)] = 4
     """number of independent ensembles, at least 2 so that R-hat means something"""
     n_walkers: Annotated[int, Field(ge=8, le=1024, multiple_of=2)] = 32
     """walkers of one ensemble, at least twice the number of parameters"""
     n_autocorrelation: Annotated[float, Field(ge=1)] = 50.0
     """length of the chains in integrated autocorrelation times"""
-    max_steps: Annotated[int, Field(ge=100)] = 20_000
+    max_steps: Annotated[int, Field(ge=100, le=10_000_000)] = 20_000
     """steps after which sampling stops in any case"""
     min_ess: Positive = 400.0
     """smallest effective sample size that passes"""

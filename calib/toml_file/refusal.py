@@ -104,7 +104,11 @@ def _shown(value: object) -> str:
     if isinstance(value, Mapping):
         return "a table"
     text = json.dumps(value, ensure_ascii=False, default=str)
-    return text if len(text) <= _LONGEST_VALUE else text[:_LONGEST_VALUE] + "..."
+    if len(text) <= _LONGEST_VALUE:
+        return text
+    # The end of a path says more than its beginning.
+    half = _LONGEST_VALUE // 2
+    return f"{text[:half]}...{text[-half:]}"
 
 
 def _meaning(section_type: type, path: Path) -> str:
