@@ -75,7 +75,9 @@ def run_verb(arguments: argparse.Namespace) -> int:
     except Contradiction as error:
         raise refused(arguments.study, error) from error
     except (CampaignFailed, EmulatorRefused, WorkerDied) as error:
-        print(f"calib: {error}", file=sys.stderr)
+        print(
+            f"calib: {'; '.join([str(error), *getattr(error, '__notes__', [])])}", file=sys.stderr
+        )
         return FAILED
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from fe.campaign_parameters import RATIOS, Parameter, checked_theta
 from fe.campaign_result import Campaign, is_reached
-from fe.executors import MapFn, serial_map
+from fe.executors import MapFn, WorkerDied, serial_map
 from fe.fingerprint import canonical_json
 from fe.fingerprint import fingerprint as fingerprint_of
 from fe.manifest import write_manifest
@@ -150,6 +150,10 @@ def run_campaigns(
             ledgers[which].keep(row, response)
             _tell(progress, ledgers)
             ledgers[which].check_failures()
+    except WorkerDied as error:
+        if error.index is not None:
+            error.add_note(models.named(rows[error.index]))
+        raise
     finally:
         # The traceback of an interrupt would keep the iterator, and so its workers, alive.
         close = getattr(results, "close", None)
@@ -202,17 +206,22 @@ class _OneOf:
     parameters: tuple[tuple[Parameter, ...], ...]
 
     def __call__(self, item: tuple[int, int, Array]) -> Response:
-        which, row, theta = item
+        which, _, theta = item
         try:
             found: object = self.models[which](theta.copy())  # theirs to write to
             if not isinstance(found, Response):
                 raise TypeError(f"simulate: expected a Response, found {type(found).__name__}")
         except Exception as error:
-            named = zip(self.parameters[which], theta, strict=True)
-            values = ", ".join(f"{p.name} = {p.text(value)}" for p, value in named)
-            error.add_note(f"in run {row} of {self.stores[which]}: {values}")
+            error.add_note(self.named(item))
             raise
         return found
+
+    def named(self, item: tuple[int, int, Array]) -> str:
+        """Which run an item is, in words."""
+        which, row, theta = item
+        each = zip(self.parameters[which], theta, strict=True)
+        values = ", ".join(f"{p.name} = {p.text(value)}" for p, value in each)
+        return f"in run {row} of {self.stores[which]}: {values}"
 
 
 @dataclass(frozen=True, eq=False)

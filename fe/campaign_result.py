@@ -48,6 +48,11 @@ class Campaign:
                     f"responses: expected the travels {first.travel.tolist()} mm in all runs, "
                     f"found {response.travel.tolist()} in run {index}"
                 )
+            if response.displacement.shape != first.displacement.shape:
+                raise ValueError(
+                    f"responses: expected fields of shape {first.displacement.shape} in all runs, "
+                    f"found {response.displacement.shape} in run {index}"
+                )
 
     @property
     def travel(self) -> Array:

@@ -54,7 +54,8 @@ def dask_map(client: Client) -> MapFn:
         except KilledWorker as error:
             raise WorkerDied(
                 f"workers of the Dask cluster ended in the same item, one after another ({error}); "
-                "it may need more memory than they have"
+                "it may need more memory than they have",
+                index.get(error.task),
             ) from error
         except CancelledError as error:
             raise WorkerDied(f"the Dask cluster ended with {len(index)} items to go") from error

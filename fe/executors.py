@@ -38,6 +38,11 @@ class MapFn(Protocol):
 class WorkerDied(RuntimeError):  # noqa: N818 - says what happened
     """A worker process ended without an answer (killed, out of memory, crash in native code)."""
 
+    def __init__(self, message: str, index: int | None = None) -> None:
+        super().__init__(message)
+        self.index = index
+        """of the item that it was at, where that is known"""
+
 
 def serial_map(f: Callable[[T], R], items: Sequence[T], /) -> Iterator[tuple[int, R]]:
     """Apply `f` in this process, in order, with the threads this process has.
@@ -54,8 +59,9 @@ def process_map(n_workers: int = 0) -> MapFn:
 
     Items and results are pickled. The workers are ended at once when the caller closes the
     iterator or is interrupted; results that were already yielded are the caller's. An exception
-    of `f` is raised here with the worker's traceback as a note; `WorkerDied` when a worker
-    vanishes. Raises ValueError for a negative `n_workers`.
+    of `f` is raised here with the worker's traceback as a note, `WorkerDied` when a worker
+    vanishes; results that others had by then are yielded before. Raises ValueError for a negative
+    `n_workers`.
     """
     if n_workers < 0:
         raise ValueError(f"n_workers: must be 0 (all cores) or more, got {n_workers}")
@@ -85,12 +91,23 @@ def _map_over_workers(
         _start_workers(f, min(n_workers, len(items)), workers)
         for pipe in workers:
             _hand_out(pipe, waiting, items, running)
+        failure: Exception | None = None
         while running:
-            for ready in connection.wait(list(running)):
+            answered = connection.wait(list(running), timeout=None if failure is None else 0.0)
+            if failure is not None and not answered:
+                raise failure
+            for ready in answered:
                 assert isinstance(ready, connection.Connection)
-                result = _receive(ready, workers[ready], running.pop(ready), len(items))
-                _hand_out(ready, waiting, items, running)
+                try:
+                    result = _receive(ready, workers[ready], running.pop(ready), len(items))
+                except Exception as error:  # of `f`, or of a worker that is gone
+                    failure = failure or error
+                    continue
+                if failure is None:
+                    _hand_out(ready, waiting, items, running)
                 yield result
+        if failure is not None:
+            raise failure
     finally:
         _end(workers)
 
@@ -163,7 +180,8 @@ def _receive(pipe: Pipe, process: SpawnProcess, index: int, n_items: int) -> tup
         raise WorkerDied(
             f"a worker process ended (exit code {process.exitcode}) in item {index + 1} of "
             f"{n_items}; a negative code is a signal (-9: out of memory or killed), 1 an error "
-            "while it started, as in a script without `if __name__ == '__main__':`"
+            "while it started, as in a script without `if __name__ == '__main__':`",
+            index,
         ) from error
     if done:
         return index, value

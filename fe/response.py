@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import zlib
-from dataclasses import MISSING, dataclass, field, fields
+from dataclasses import dataclass, field, fields
 from enum import StrEnum
 from pathlib import Path
 from typing import Any, cast
-from zipfile import BadZipFile
 
 import numpy as np
 import numpy.typing as npt
 
 from fe.atomic_file import replacing
+from fe.npz_file import read_npz
 
 Array = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -98,7 +97,10 @@ class Response:
             "displacement_gradient",
             "negative_pivots",
         ):
-            found = getattr(self, name).shape[0]
+            values = getattr(self, name)
+            if values.dtype.kind not in "fiu":
+                raise ValueError(f"{name}: expected real numbers, found {values.dtype}")
+            found = values.shape[0]
             if found != n_step:
                 raise ValueError(f"{name}: expected {n_step} steps as in travel, found {found}")
         for name in ("force_gradient", "displacement_gradient"):
@@ -132,23 +134,30 @@ def save_response(path: Path, response: Response, **extra: npt.NDArray[np.generi
 def load_response(path: Path) -> Response:
     """Read what `save_response` wrote.
 
-    Raises ValueError naming the file when it is damaged or is not a response.
+    Raises ValueError naming the file when it is damaged or is not a response, OSError when it
+    cannot be opened or read.
     """
     path = Path(path)
     try:
-        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as stored:
-            values = {name: stored[name] for name in _stored_names(stored.files)}
-        return _response_of(values)
-    # RuntimeError: a damaged zip may claim to be encrypted or of an unknown compression;
-    # TypeError: one array of another format, or with another number of values.
-    except (
-        OSError, ValueError, TypeError, KeyError, EOFError, RuntimeError, BadZipFile, zlib.error
-    ) as error:  # fmt: skip
+        return response_of(read_npz(path))
+    except ValueError as error:
         raise ValueError(f"{path}: not a readable simulation result ({error})") from error
 
 
+def response_of(values: dict[str, npt.NDArray[Any]]) -> Response:
+    """The response whose fields are stored under their names; others are left alone.
+
+    Raises ValueError for a field that is missing or of another format.
+    """
+    try:
+        return _response_of(values)
+    except KeyError as error:
+        raise ValueError(f"expected an array {error}, found none") from error
+    except TypeError as error:  # one array of another format, or with another number of values
+        raise ValueError(str(error)) from error
+
+
 def _response_of(values: dict[str, npt.NDArray[Any]]) -> Response:
-    """The response whose fields are stored under their names."""
     labels: dict[str, Any] = {}
     for name in ("points", "travel_gradient"):
         if name in values:
@@ -176,12 +185,3 @@ def _response_of(values: dict[str, npt.NDArray[Any]]) -> Response:
         seconds=float(values["seconds"]),
         **labels,
     )
-
-
-def _stored_names(found: list[str]) -> list[str]:
-    """Fields to read: results written before a field with a default existed lack it."""
-    return [
-        f.name
-        for f in fields(Response)
-        if f.name in found or (f.default is MISSING and f.default_factory is MISSING)
-    ]

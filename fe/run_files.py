@@ -18,7 +18,8 @@ import numpy.typing as npt
 
 from fe.campaign_parameters import Parameter, as_json, from_json
 from fe.fingerprint import canonical_json
-from fe.response import Response, load_response, save_response
+from fe.npz_file import read_npz
+from fe.response import Response, response_of, save_response
 
 Array = npt.NDArray[np.float64]
 
@@ -97,7 +98,7 @@ def load_run(path: Path) -> KeptRun:
     """Read one run by its file alone.
 
     Raises ValueError naming the file when it is damaged, not a run, or not the run that its name
-    says.
+    says; OSError when it cannot be opened or read, which says nothing of the run.
     """
     match = _RUN_NAME.fullmatch(path.name)
     if match is None:
@@ -107,10 +108,11 @@ def load_run(path: Path) -> KeptRun:
     try:
         run = _read(path)
         key = run.key
-    except Exception as error:  # zip, zlib and struct errors: a damaged file fails in many ways
-        found = str(error).removeprefix(f"{path}: ")
+    except OSError:
+        raise
+    except Exception as error:  # whatever is in the wrong place: a damaged file fails in many ways
         raise ValueError(
-            f"{path}: damaged run of the campaign ({found}); delete it to run it again"
+            f"{path}: damaged run of the campaign ({error}); delete it to run it again"
         ) from error
     if key != match[1]:
         raise ValueError(
@@ -121,16 +123,16 @@ def load_run(path: Path) -> KeptRun:
 
 
 def _read(path: Path) -> KeptRun:
-    response = load_response(path)
-    with path.open("rb") as stream, np.load(stream, allow_pickle=False) as stored:
-        if "format" not in stored.files:
-            raise ValueError(f"expected run format {RUN_FORMAT}, found 1, of an earlier version")
-        if int(stored["format"]) != RUN_FORMAT:
-            raise ValueError(f"expected run format {RUN_FORMAT}, found {stored['format']}")
-        theta = stored["theta"]
-        parameters = from_json(json.loads(str(stored["columns"])))
-        fingerprint = str(stored["fingerprint"])
-        software = {str(k): str(v) for k, v in json.loads(str(stored["software"])).items()}
+    stored = read_npz(path)
+    response = response_of(stored)
+    if "format" not in stored:
+        raise ValueError(f"expected run format {RUN_FORMAT}, found 1, of an earlier version")
+    if int(stored["format"]) != RUN_FORMAT:
+        raise ValueError(f"expected run format {RUN_FORMAT}, found {stored['format']}")
+    theta = stored["theta"]
+    parameters = from_json(json.loads(str(stored["columns"])))
+    fingerprint = str(stored["fingerprint"])
+    software = {str(k): str(v) for k, v in json.loads(str(stored["software"])).items()}
     if theta.shape != (len(parameters),) or theta.dtype != np.float64:
         raise ValueError(f"expected theta of {len(parameters)} floats, found {theta!r}")
     return KeptRun(parameters, theta, fingerprint, software, response)

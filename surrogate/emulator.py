@@ -19,6 +19,7 @@ from surrogate.training_set import TrainingSet
 
 FIELD_TOLERANCE = 1e-4
 """Share of the field's variation (root mean square) that its modes may leave out"""
+FEWEST_RUNS = 3
 MAX_FIELD_MODES = 28
 
 
@@ -69,10 +70,12 @@ class Emulator:
         Derivatives that the training set holds are used; `training_set.without_gradients` fits to
         the values alone. `field_tolerance` is the share of the fields' scatter that their modes may
         leave out. See `fit_processes` for the other arguments.
-        Raises ValueError for fewer than 3 runs, runs that do not vary, or a tolerance below 0.
+        Raises ValueError for fewer than 3 runs, inputs, forces or fields that do not vary, or a
+        tolerance below 0.
         """
         if not field_tolerance >= 0.0:
             raise ValueError(f"field_tolerance: expected 0 or more, found {field_tolerance}")
+        _check_varied(training_set)
         x, displacement = training_set.ratios, training_set.displacement
         # One thread: sums in another order would change last bits, and the matrices are small.
         with threadpool_limits(limits=1):
@@ -273,6 +276,22 @@ def _field_shape(displacement: Array | None) -> tuple[int, int, int] | None:
         return None
     _, n_step, n_point, n_dim = displacement.shape
     return n_step, n_point, n_dim
+
+
+def _check_varied(training_set: TrainingSet) -> None:
+    """Raise ValueError where there is nothing to learn."""
+    x = training_set.ratios
+    if len(x) < FEWEST_RUNS:
+        raise ValueError(f"training_set: expected {FEWEST_RUNS} runs or more, found {len(x)}")
+    for column, extent in enumerate(np.ptp(x, axis=0)):
+        if not extent > 0.0:
+            raise ValueError(
+                f"training_set: expected inputs that vary, found input {column + 1} of "
+                f"{x.shape[1]} at {x[0, column]:g} in all runs"
+            )
+    for name, values in (("forces", training_set.force), ("fields", training_set.displacement)):
+        if values is not None and not np.ptp(values, axis=0).any():
+            raise ValueError(f"training_set: expected {name} that vary, found the same in all runs")
 
 
 def _fit_force(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import secrets
@@ -16,6 +17,7 @@ Array = npt.NDArray[np.float64]
 
 EMULATOR_VERSION = 5
 _MAGIC = "softcal emulator"
+_ZIP = b"PK\x03\x04"
 
 
 @dataclass(frozen=True)
@@ -50,16 +52,21 @@ def write_arrays(path: Path, header: Header, arrays: dict[str, Array]) -> None:
 
 
 def read_arrays(path: Path, fingerprint: str | None) -> tuple[Header, dict[str, Array]]:
-    """Read header and arrays; raises ValueError naming the file, and FileNotFoundError."""
+    """Read header and arrays.
+
+    Raises ValueError naming the file when it is damaged, of another version or of other runs, and
+    OSError when it cannot be opened or read, which says nothing of its content.
+    """
     try:
-        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as stored:
-            arrays = {name: stored[name] for name in stored.files}
+        arrays = _arrays(path)
         content = json.loads(str(arrays.pop("header")))
         if content.pop("format") != _MAGIC:
             raise ValueError("its header is of another program")
         version = content.pop("version")
-    except FileNotFoundError:
-        raise
+    except OSError as error:
+        if error.errno not in (None, errno.EINVAL):  # a place that no file has: damage
+            raise
+        raise ValueError(f"{path}: not a readable emulator ({error}); train again") from error
     except Exception as error:  # zip, zlib, struct and JSON errors: damage has many faces
         raise ValueError(f"{path}: not a readable emulator ({error}); train again") from error
     if version != EMULATOR_VERSION:
@@ -77,3 +84,13 @@ def read_arrays(path: Path, fingerprint: str | None) -> tuple[Header, dict[str, 
             f"expected {fingerprint[:12]}); train again"
         )
     return header, arrays
+
+
+def _arrays(path: Path) -> dict[str, Array]:
+    with path.open("rb") as stream:
+        # NumPy would take anything but a zip file for a pickle, and say so.
+        if stream.read(len(_ZIP)) != _ZIP:
+            raise ValueError("expected an npz file, found another or a part of one")
+        stream.seek(0)
+        with np.load(stream, allow_pickle=False) as stored:
+            return {name: stored[name] for name in stored.files}

@@ -62,21 +62,35 @@ def _in_free_slices(points: Array, size: int, rng: np.random.Generator) -> Array
 
 def _exchanged(new: Array, points: Array, rng: np.random.Generator) -> Array:
     """Exchange one coordinate of two new points wherever their holes become more even."""
-    score = _crowding(new, points)
+    both, n_new = np.vstack([new, points]), len(new)
+    terms = _crowding(both, np.arange(n_new))
+    score = float(np.sum(terms))
     for _ in range(N_EXCHANGES):
-        first, second = rng.choice(len(new), 2, replace=False)
+        pair = rng.choice(n_new, 2, replace=False)
         axis = int(rng.integers(new.shape[1]))
-        trial = new.copy()
-        trial[[first, second], axis] = new[[second, first], axis]
-        crowding = _crowding(trial, points)
-        if crowding < score:
-            new, score = trial, crowding
-    return new
+        both[pair, axis] = both[pair[::-1], axis]
+        before = terms[pair].copy()
+        _set(terms, pair, _crowding(both, pair))
+        if (crowding := float(np.sum(terms))) < score:
+            score = crowding
+        else:
+            both[pair, axis] = both[pair[::-1], axis]
+            _set(terms, pair, before)
+    return both[:n_new]
 
 
-def _crowding(new: Array, points: Array) -> float:
-    """Morris and Mitchell's criterion with power 10: large when any two points are close."""
-    both = np.vstack([new, points])
-    squared = np.sum((new[:, None] - both) ** 2, axis=2)
-    np.fill_diagonal(squared, np.inf)
-    return float(np.sum(np.maximum(squared, 1e-12) ** -5.0))
+def _crowding(both: Array, rows: npt.NDArray[np.int64]) -> Array:
+    """(k, n) terms of Morris and Mitchell's criterion with power 10 of some rows with all (n, d).
+
+    Large where two points are close; none of a point with itself.
+    """
+    squared = np.sum((both[rows, None] - both) ** 2, axis=2)
+    squared[np.arange(len(rows)), rows] = np.inf
+    terms: Array = np.maximum(squared, 1e-12) ** -5.0
+    return terms
+
+
+def _set(terms: Array, pair: npt.NDArray[np.int64], found: Array) -> None:
+    """Put terms (2, n) of two new points with all into those of all new points with all."""
+    terms[pair] = found
+    terms[:, pair] = found[:, : len(terms)].T

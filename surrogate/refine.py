@@ -18,6 +18,10 @@ MAX_ROWS = 450
 """values and derivatives of the draws among which runs are chosen"""
 MAX_PLACES = 300
 """draws over which the variance is averaged"""
+AT_A_RUN = 1e-9
+"""distance in the unit box of the inputs up to which a draw is that of a run"""
+MAX_JOINT = 1000
+"""draws at which errors are drawn jointly: room grows with their square, time with their cube"""
 STOP_BELOW = 0.05
 """predicted change of the posterior mean, in posterior SDs, below which more runs change nothing"""
 
@@ -40,7 +44,8 @@ def propose(
     over (`force_noise` times the force) squared, summed over steps, plus that of the field's
     weights over `field_noise` [mm] squared: what matters against measurement noise. Of a few
     hundred draws each point is the one whose run, derivatives included, takes most of the mean
-    variance over draws away. It is then counted as made, so a batch spreads by itself.
+    variance over draws away. It is then counted as made, so a batch spreads by itself. Draws at
+    which the emulator has a run already are none of them.
     Raises ValueError for a sample of another shape or with draws that are not finite, fewer
     distinct draws than points, n < 1, or a noise that is not above 0.
     """
@@ -48,9 +53,9 @@ def propose(
         if not 0.0 < noise < np.inf:
             raise ValueError(f"{name}: expected a finite number above 0, found {noise}")
     sample = _checked(emulator, posterior_sample)
-    candidates = np.unique(sample, axis=0)
+    candidates = _new(emulator.force.processes, np.unique(sample, axis=0))
     if not 1 <= n <= len(candidates):
-        raise ValueError(f"n: expected 1 to {len(candidates)} (distinct draws), found {n}")
+        raise ValueError(f"n: expected 1 to {len(candidates)} (distinct new draws), found {n}")
     n_kept = max(MAX_ROWS // (1 + sample.shape[1]), n)
     candidates = _some(candidates, n_kept, rng)
     places = _some(sample, MAX_PLACES, rng)
@@ -97,9 +102,15 @@ def predicted_shift(
     must hold the measurement's noise alone. Weights that few draws carry understate large shifts,
     which are then far from small anyway. `quantities` (m, q) are numbers of the same draws whose
     means are compared instead of the sample's, for parameters that the emulator does not have.
-    Raises ValueError for numbers that are constant or not finite, and for less than one draw.
+    Raises ValueError for a sample of more than 1000 draws, numbers that are constant or not finite,
+    and for less than one draw of the error.
     """
     sample = _checked(emulator, posterior_sample)
+    if len(sample) > MAX_JOINT:
+        raise ValueError(
+            f"posterior_sample: expected at most {MAX_JOINT} draws, at all of which errors are "
+            f"drawn together, found {len(sample)}: take some of them"
+        )
     compared = sample if quantities is None else np.asarray(quantities, dtype=np.float64)
     if n_draws < 1:
         raise ValueError(f"n_draws: expected 1 or more, got {n_draws}")
@@ -156,6 +167,13 @@ def _draws(processes: GaussianProcesses, x: Array, n_draws: int, rng: np.random.
         factor = vectors * np.sqrt(np.maximum(values, 0.0))
         draws[:, :, k] = rng.normal(size=(n_draws, len(x))) @ factor.T
     return draws
+
+
+def _new(processes: GaussianProcesses, points: Array) -> Array:
+    """Those of points (m, d) at which there is no run yet."""
+    off = np.abs(processes.scaled(points)[:, None] - processes.inputs).max(axis=2)
+    new: Array = points[off.min(axis=1) > AT_A_RUN]
+    return new
 
 
 def _some(points: Array, n: int, rng: np.random.Generator) -> Array:

@@ -240,6 +240,11 @@ def test_a_worker_that_died_is_one_sentence_and_exit_code_1(run_study, capsys):
     run_study(WorkerDied("a worker process ended (exit code -9)"))
     assert cli.main(["run", "virtual"]) == cli.FAILED
     assert capsys.readouterr().err == "calib: a worker process ended (exit code -9)\n"
+    died = WorkerDied("a worker process ended (exit code -9)", 3)
+    died.add_note("in run 3 of campaign/stuck: r = 0.1")
+    run_study(died)
+    assert cli.main(["run", "virtual"]) == cli.FAILED
+    assert "exit code -9); in run 3 of campaign/stuck: r = 0.1\n" in capsys.readouterr().err
 
 
 def test_run_says_which_diagnostics_failed_and_exits_with_1(run_study, capsys):

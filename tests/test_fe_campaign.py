@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -162,6 +163,50 @@ def test_a_campaign_stops_as_soon_as_too_many_runs_have_failed(tmp_path: Path) -
         run(tmp_path, Toy(fails_above=0.5), theta=ratios)
     assert (caught.value.n_failed, caught.value.n_done, caught.value.n_total) == (3, 3, 10)
     assert len(files(tmp_path)) == 3
+
+
+def test_a_campaign_with_too_many_failed_runs_is_not_finished_by_asking_again(
+    tmp_path: Path,
+) -> None:
+    ratios = np.column_stack([np.linspace(1.0, 0.0, 10), np.zeros(10)])
+    with pytest.raises(CampaignFailed, match="3 of 10 runs failed"):
+        run(tmp_path, Toy(fails_above=0.5), theta=ratios)
+    run(tmp_path, Toy(fails_above=0.5), theta=ratios, max_failure_rate=1.0)
+    with pytest.raises(CampaignFailed, match="failed \\(10 done\\)"):
+        run(tmp_path, Toy(fails_above=0.5), theta=ratios)
+
+
+def test_runs_of_other_fields_are_refused_by_their_row(tmp_path: Path) -> None:
+    first = Toy()(RATIOS[0])
+    more = np.concatenate([first.displacement, first.displacement], axis=1)
+    slopes = np.concatenate([first.displacement_gradient] * 2, axis=1)
+    other = replace(first, displacement=more, displacement_gradient=slopes)
+    with pytest.raises(ValueError, match=r"responses: expected fields of .* in run 1"):
+        Campaign(RATIOS[:2], (first, other), 0)
+
+
+def test_a_run_that_cannot_be_opened_is_not_called_damaged(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run(tmp_path)
+
+    def too_many(*_: object, **__: object) -> None:
+        raise OSError(errno.EMFILE, "Too many open files")
+
+    with monkeypatch.context() as patch, pytest.raises(OSError, match="Too many") as caught:
+        patch.setattr(Path, "open", too_many)
+        run(tmp_path)
+    assert not isinstance(caught.value, ValueError)
+    assert run(tmp_path).n_reused == len(RATIOS)
+
+
+@pytest.mark.parametrize("content", [b"x\n", bytes(2000)])
+def test_a_file_that_is_no_npz_is_not_called_a_pickle(tmp_path: Path, content: bytes) -> None:
+    run(tmp_path)
+    sorted(tmp_path.glob("run_*.npz"))[1].write_bytes(content)
+    with pytest.raises(ValueError, match=r"damaged run .*expected an npz file") as caught:
+        run(tmp_path)
+    assert "pickle" not in str(caught.value)
 
 
 def test_a_fifth_of_failed_runs_is_still_accepted(tmp_path: Path) -> None:

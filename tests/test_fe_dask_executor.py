@@ -141,9 +141,10 @@ class Deadly:
 def test_a_run_that_kills_every_worker_ends_the_campaign_and_says_so(tmp_path: Path) -> None:
     with (
         dask_workers(n_workers=1) as map_fn,
-        pytest.raises(WorkerDied, match="ended in the same item"),
+        pytest.raises(WorkerDied, match="ended in the same item") as caught,
     ):
         run(tmp_path, Deadly(), RATIOS[:1], map_fn=map_fn)
+    assert caught.value.__notes__[0].startswith(f"in run 0 of {tmp_path}: r = ")
 
 
 def _environment(_: int) -> dict[str, str | None]:

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from toy_simulation import Raises, Toy, run
+from toy_simulation import RATIOS, Raises, Toy, run
 
 from fe.executors import SINGLE_THREAD, WorkerDied, process_map, serial_map
 from fe.response import Response
@@ -42,9 +42,29 @@ def test_an_exception_of_the_simulation_reaches_the_caller_from_a_worker(tmp_pat
     assert "in a worker process" in of_worker and "in __call__" in of_worker
 
 
-def test_a_killed_worker_is_reported_with_its_signal(tmp_path: Path) -> None:
-    with pytest.raises(WorkerDied, match=r"exit code -9"):
-        run(tmp_path, Dies(), map_fn=process_map(2))
+def test_a_killed_worker_is_reported_with_its_signal_and_run(tmp_path: Path) -> None:
+    with pytest.raises(WorkerDied, match=r"exit code -9") as caught:
+        run(tmp_path, Dies(), RATIOS[2:3], map_fn=process_map(2))
+    r, s = RATIOS[2]
+    assert caught.value.__notes__ == [f"in run 0 of {tmp_path}: r = {r:g}, s = {s:g}"]
+
+
+def _in_turn(what: str) -> str:
+    if what == "dies":
+        time.sleep(0.5)
+        os.kill(os.getpid(), signal.SIGKILL)
+    return what
+
+
+def test_what_others_have_finished_when_a_worker_dies_is_not_lost() -> None:
+    """The caller writes the first result while one worker dies and the other ends the third."""
+    arrived = []
+    with pytest.raises(WorkerDied) as caught:
+        for index, _ in process_map(2)(_in_turn, ["dies", "first", "third", "fourth"]):
+            arrived.append(index)
+            if len(arrived) == 1:
+                time.sleep(1.5)
+    assert set(arrived) == {1, 2} and caught.value.index == 0
 
 
 def test_a_simulation_that_cannot_be_pickled_is_refused_before_any_process_starts(

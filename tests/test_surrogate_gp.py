@@ -451,6 +451,22 @@ def test_most_residuals_are_covered_when_hyperparameters_are_fitted_to_20_runs(
     assert 0.77 < np.mean(covered) < 0.99
 
 
+def test_variances_are_those_of_fitted_numbers_or_of_runs_left_out_where_larger() -> None:
+    """N / (n - p), p a process' mean, amplitude and nugget and its part of the lengths that all
+    share; and the squared errors of runs left out for the last output, too rough for any length."""
+    x = sobol_design(24, UNIT, 1)
+    waves = [1.0, 2.0, 3.0, 4.0, 25.0]
+    directions = np.random.default_rng(0).normal(size=(5, 2)) * np.array(waves)[:, None]
+    y = np.sin(x @ directions.T + waves)
+    processes = fit_processes(x, y, 0, n_restarts=0, sharing="all")
+    mean, variance = processes.leave_one_out()
+    inner = np.any((processes.inputs > 0.0) & (processes.inputs < 1.0), axis=1)
+    squared = np.mean(((mean - y) ** 2 / variance)[inner], axis=0)
+    assert processes.inflation[:4] == pytest.approx(24 / (24 - 3 - 2 / 5))
+    assert processes.inflation[4] > 1.1 * processes.inflation[0]
+    assert squared[4] == pytest.approx(1.0) and np.all(squared[:4] < 1.0)
+
+
 @pytest.mark.parametrize(
     ("x", "y", "message"),
     [

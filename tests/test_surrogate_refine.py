@@ -139,13 +139,49 @@ def test_the_predicted_shift_falls_with_runs_and_then_says_stop() -> None:
         (np.ones((5, 2)), 1, "posterior_sample: must vary"),
         (np.array([[0.0, 1.0], [np.inf, 0.0], [1.0, 1.0]]), 1, "posterior_sample: expected finite"),
         (np.linspace(0, 1, 9)[:, None] * [1.0, 2.0], 1, "expected draws that span 2 inputs"),
-        (_sample(4), 9, "n: expected 1 to 4"),
+        (_sample(4), 9, r"n: expected 1 to 4 \(distinct new draws\)"),
         (_sample(4), 0, "n: expected 1 to 4"),
     ],
 )
 def test_samples_that_are_none_are_refused(sample: np.ndarray, n: int, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         propose(_emulator(), sample, n, np.random.default_rng(0))
+
+
+def test_no_run_is_proposed_where_there_is_one() -> None:
+    """A sample that is clipped to the box has corners, and so has the design."""
+    runs = sobol_design(10, BOX, seed=2)
+    new = np.array([[0.31, 0.62], [0.4, 0.5]])
+    points = propose(_emulator(), np.vstack([runs, new]), 2, np.random.default_rng(0))
+    assert sorted(points.tolist()) == new.tolist()
+    with pytest.raises(ValueError, match="n: expected 1 to 2"):
+        propose(_emulator(), np.vstack([runs, new]), 3, np.random.default_rng(0))
+
+
+def test_the_predicted_shift_is_that_of_an_error_which_draws_share() -> None:
+    """In a sample so small that the error is one for all draws and the force linear.
+
+    Then the mean moves by the covariance of inputs and forces over the noise's variance, times the
+    error. 3000 draws: the root mean square is known to 1.3 %, taken as 6 % (fixed seed). Errors
+    drawn for each draw on its own would average out.
+    """
+    emulator, sample, noise = _emulator(40), _sample(200, 1e-3), 3.0
+    force = emulator.unit_force(TRUTH)[0]
+
+    def log_likelihood(found: np.ndarray, _: np.ndarray | None) -> np.ndarray:
+        return -0.5 * np.sum((found - force) ** 2, axis=1) / noise**2
+
+    rng = np.random.default_rng(8)
+    found = predicted_shift(emulator, sample, log_likelihood, 3000, rng).shift
+    processes = emulator.force.processes
+    errors = np.sqrt(np.array([joint[0, 0] for joint in processes.covariance(TRUTH, TRUTH)]))
+    weights = processes.mean(TRUTH) + np.diag(errors)
+    moved = emulator.force.pod.reconstruct(weights)  # by one SD of each mode
+    by_mode = emulator.force_scale.force(moved, np.zeros((len(moved), 3, 3)))[0] - force
+    off, centred = emulator.unit_force(sample)[0] - force, sample - sample.mean(axis=0)
+    slope = centred.T @ (off - off.mean(axis=0)) / len(sample) / noise**2
+    expected = np.linalg.norm(slope @ by_mode.T, axis=1) / sample.std(axis=0)
+    assert found == pytest.approx(expected, rel=0.06)
 
 
 @pytest.mark.parametrize("noise", [0.0, -1.0, np.nan])
@@ -178,5 +214,7 @@ def test_a_shift_of_nothing_is_refused(
     rng = np.random.default_rng(4)
     with pytest.raises(ValueError, match=message):
         predicted_shift(_emulator(), _sample(100), _log_likelihood, n_draws, rng, quantities)
+    with pytest.raises(ValueError, match="posterior_sample: expected at most 1000 draws"):
+        predicted_shift(_emulator(), _sample(1001), _log_likelihood, 2, rng)
     with pytest.raises(ValueError, match="log_likelihood: expected finite"):
         predicted_shift(_emulator(), _sample(100), lambda f, w: np.full(100, -np.inf), 2, rng)

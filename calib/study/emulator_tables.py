@@ -86,7 +86,9 @@ def coverage_table(diagnostics: Mapping[str, Any]) -> Table:
                 if coverage is None:
                     continue
                 joint, stated = coverage["joint"], coverage["joint_as_stated"]
-                widened = kind == "held_out" and joint is not None  # left-out runs tell the width
+                # Runs left out tell the width of others, where there are enough of them.
+                told = any((found.get("scales") or {}).get(what, {}).values())
+                widened = kind == "held_out" and joint is not None and told
                 rows.append(
                     (
                         f"{name}, {what}",
@@ -102,8 +104,9 @@ def coverage_table(diagnostics: Mapping[str, Any]) -> Table:
         tuple(rows),
         "Over all increments (and points); joint: runs within the region of all increments "
         "together (force), or with every value within the band that holds 95 % of whole fields, as "
-        "stated and as wide as training runs left out in turn ask for. Values of a run are alike, "
-        "so that few runs say little.",
+        "stated and as wide as training runs left out in turn ask for (-: fewer than 16 of them, "
+        "those at the edge of the design not counted). Values of a run are alike, so that few runs "
+        "say little.",
     )
 
 
