@@ -220,6 +220,17 @@ def test_another_zero_of_the_travel_is_that_of_forces_and_field() -> None:
     assert np.abs(first.log_prob(theta) - second.log_prob(theta)).min() > 0.1
 
 
+def test_a_case_s_zero_of_the_travel_takes_the_place_of_the_one_that_the_data_state() -> None:
+    stated, smaller = replace(thesis_forces(), travel_zero_sd=0.06), NoiseSettings()
+    forward = POST.likelihood.forward
+    posterior = replace(POST, likelihood=build_likelihood(stated, forward, smaller))
+    case = replace(smaller, travel_zero_sd=0.02)
+    known = build_likelihood(thesis_forces(), forward, case)
+    theta = np.array([[0.02, 0.4, 0.1], [0.03, 0.5, 0.2]])
+    changed = with_noise(stated, posterior, case).likelihood
+    assert changed.log_prob(theta) == pytest.approx(known.log_prob(theta), rel=1e-12)
+
+
 def test_an_unknown_discrepancy_stays_under_other_noise() -> None:
     noise, wide = NoiseSettings(), NoiseSettings(sample_correlation=0.5)
     forward = AnalyticForward(AnalyticBlock(), 0.005)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from analytic_models import AnalyticBlock, AnalyticForward
 
+from calib.data import thesis_forces
 from calib.inference.coordinates import theta_of
 from calib.inference.information_gain import Gain, NestedGain, laplace_gain, nested_gain
 from calib.inference.likelihood import Likelihood, build_likelihood
@@ -109,6 +110,19 @@ def test_the_reduced_experiment_has_all_the_information_of_the_dense_one(steps: 
     reduced = reduce_experiment(likelihood, x[None], chosen)
     found = reduced.jacobian[0].T @ np.linalg.solve(reduced.covariance, reduced.jacobian[0])
     assert found == pytest.approx(_dense(likelihood, x, chosen), rel=1e-6)
+
+
+def test_student_t_forces_tell_the_share_of_normal_ones_that_their_tails_leave() -> None:
+    """Of n forces together, (nu + n) / (nu + n + 2) of it (Lange, Little & Taylor 1989, JASA 84,
+    881, their scale being the normal SD)."""
+    x, steps = np.array([[np.log(0.012), 0.3, 0.2]]), np.arange(5)
+    covariance = []
+    for freedom in (None, 4.0):
+        noise = NoiseSettings(force_freedom=freedom, travel_zero_sd=0.0)
+        forward = AnalyticForward(AnalyticBlock(), 0.0)
+        likelihood = build_likelihood(thesis_forces(), forward, noise)
+        covariance.append(reduce_experiment(likelihood, x, steps, with_field=False).covariance)
+    assert covariance[1] == pytest.approx(covariance[0] * (4.0 + 7.0) / (4.0 + 5.0), rel=1e-9)
 
 
 def test_more_increments_and_a_camera_never_tell_less() -> None:
