@@ -6,7 +6,7 @@ refinement.json.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -203,21 +203,7 @@ def refinement_table(
     ]
     names = list(dict.fromkeys(name for own in sets for name in own))
     for name, found in refinement.items():
-        for entry in found["rounds"]:
-            shift = dict(zip(entry.get("x", PARAMETERS), entry["predicted_shift"], strict=True))
-            error = [value for value in entry["force_error"] if value is not None]
-            rows.append(
-                (
-                    name if entry.get("box") is None else f"{name} in its box",
-                    str(entry["n_train"]),
-                    *(number(shift.get(column), 2) for column in names),
-                    *(_largest(entry.get(part, ())) for part in PARTS_OF_SHIFT),
-                    _largest(entry.get("sd_ratio", ()), 3),
-                    str(entry["n_added"]),
-                    f"{100 * max(error):.3f}" if error else "-",
-                    number(entry["rms_z"], 2),
-                )
-            )
+        rows += [_round_row(name, entry, names) for entry in found["rounds"]]
         notes += _box_note(name, found, (beyond or {}).get(name))
         last = max(found["rounds"][-1]["predicted_shift"])
         if last > found["limit"]:
@@ -247,6 +233,22 @@ def refinement_table(
         "where the posterior is, zero outside. force there: RMS error, worst "
         "increment, of the emulator at the runs then added, which it had not seen. "
         + " ".join(notes),
+    )
+
+
+def _round_row(name: str, entry: Mapping[str, Any], names: Sequence[str]) -> tuple[str, ...]:
+    """One round of the loop; `names` are the columns of parameters, this hypothesis' or not."""
+    shift = dict(zip(entry.get("x", PARAMETERS), entry["predicted_shift"], strict=True))
+    error = [value for value in entry["force_error"] if value is not None]
+    return (
+        name if entry.get("box") is None else f"{name} in its box",
+        str(entry["n_train"]),
+        *(number(shift.get(column), 2) for column in names),
+        *(_largest(entry.get(part, ())) for part in PARTS_OF_SHIFT),
+        _largest(entry.get("sd_ratio", ()), 3),
+        str(entry["n_added"]),
+        f"{100 * max(error):.3f}" if error else "-",
+        number(entry["rms_z"], 2),
     )
 
 
