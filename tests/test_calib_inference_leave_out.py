@@ -92,6 +92,14 @@ def test_the_error_of_a_score_is_its_spread_over_other_draws() -> None:
     assert stated / spread == pytest.approx(np.ones(2), abs=0.35)
 
 
+def test_draws_worth_a_ninth_have_three_times_the_error() -> None:
+    blocks, x = increment_blocks(TRAVEL)[1:3], draws(900, 4)
+    found = leave_out(FORCE.likelihood, x, blocks, worth=100.0)
+    of_independent = leave_out(FORCE.likelihood, x, blocks)
+    assert found.error == pytest.approx(3.0 * of_independent.error)
+    assert np.array_equal(found.log_density, of_independent.log_density)
+
+
 def test_scores_that_the_draws_cannot_give_are_integrated_anew() -> None:
     """Against the same by quadrature over the posterior of all data, and for a sound score too."""
     blocks = (*increment_blocks(TRAVEL)[:1], *wider_blocks(FORCE.likelihood, TRAVEL))

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import csv
-from dataclasses import replace
+from dataclasses import asdict, replace
 from io import StringIO
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,13 +16,21 @@ from benchmarks.linear_population import NOISE, OWN, condensed, dataset, forces,
 from calib.inference.hierarchical import HierarchicalPosterior
 from calib.inference.hierarchical_sampling import PopulationDraws, sample_population
 from calib.inference.inference_data import save_inference_data
+from calib.inference.population import ScatterPrior
 from calib.inference.population_data import build_population_data
 from calib.inference.sampling import SamplerSettings
 from calib.study.artifacts import plain
 from calib.study.figure_style import png_bytes
 from calib.study.population_figures import new_sample_forces, shrinkage
-from calib.study.population_summary import PopulationSummary, load_population
+from calib.study.population_summary import (
+    PopulationSummary,
+    is_beyond,
+    is_prior,
+    load_population,
+    population_remarks,
+)
 from calib.study.population_tables import population_tables
+from calib.study.summary import judgement_lines
 from calib.study.summary_files import to_csv
 
 N = 5
@@ -62,6 +71,10 @@ def test_stored_means_are_those_of_the_draws(
     assert summary.population["r"].mean == pytest.approx(draws.x[..., 1].mean())
     assert summary.population["mu"].unit == "MPa" and summary.population["sd_kappa"].unit == "1"
     assert summary.fit_p == pytest.approx(draws.p_value)
+    # what is common to all is drawn, too: C10 = (1 - r) kappa of a sample by itself
+    assert draws.alone[..., 1].std() == pytest.approx(draws.x[..., 1].std(), rel=0.5)
+    each = (1.0 - draws.alone[..., 1]) * np.exp(draws.alone[..., 0])
+    assert [one.sd for one in summary.alone["C10"]] == pytest.approx(each.std(axis=0), rel=0.02)
 
 
 def test_a_new_sample_is_less_known_than_the_population(
@@ -85,6 +98,36 @@ def test_tables_name_units_and_short_chains_fail(
     assert population_tables(None, "linear") == []
 
 
+def test_a_sample_that_nothing_explains_and_a_narrow_prior_of_scatter_are_told(
+    found: tuple[PopulationSummary, PopulationDraws],
+) -> None:
+    summary, _ = found
+    fine = replace(summary, fit_p=(0.5, 0.4, 0.03, 0.9, 0.2), beyond_prior=())
+    assert population_remarks(fine) == []
+    odd = replace(fine, fit_p=(0.5, 0.4, 1e-3, 0.9, 0.2), beyond_prior=("sd_kappa",))
+    lines = judgement_lines([replace(_summary(), population=odd)])
+    assert any(
+        line.startswith("LOOK AT") and "of S3 lie outside what any constants" in line
+        for line in lines
+    )
+    assert any("the scatter of kappa lies beyond what its prior expects" in line for line in lines)
+
+
+def test_a_scatter_is_the_prior_s_where_it_is_as_wide_and_at_its_place() -> None:
+    facts = {"scatter": {"kappa": asdict(ScatterPrior(0.3))}}
+    quantiles = ScatterPrior(0.3).quantile(np.linspace(0.001, 0.999, 999))
+    draws = {"prior": quantiles, "known": 0.2 + 0.1 * quantiles, "beyond": 0.7 + quantiles}
+    judged = {
+        name: [
+            judge(SimpleNamespace(values=values), "kappa", facts) for judge in (is_prior, is_beyond)
+        ]
+        for name, values in draws.items()
+    }
+    assert judged == {
+        "prior": [True, False], "known": [False, False], "beyond": [False, True]
+    }  # fmt: skip
+
+
 def test_figures_are_drawn(found: tuple[PopulationSummary, PopulationDraws]) -> None:
     summary, _ = found
     for figure in (shrinkage(summary), new_sample_forces(summary, FORCE)):
@@ -105,6 +148,7 @@ def test_csv_has_a_line_for_population_new_sample_and_every_sample(
     assert float(scatter["r_hat"]) == summary.convergence["sd_kappa"].r_hat
     assert float(by_place["new sample", "mu"]["sd"]) == summary.new["mu"].sd
     for index, name in enumerate(summary.sample_names):
+        assert float(by_place[name, "fit_p"]["mean"]) == pytest.approx(summary.fit_p[index])
         assert float(by_place[name, "kappa"]["mean"]) == summary.samples["kappa"][index].mean
         alone = by_place[f"{name} by itself", "kappa"]
         assert float(alone["mean"]) == summary.alone["kappa"][index].mean

@@ -115,7 +115,7 @@ def test_baseline_ends_at_one_error_and_many_stiffnesses(
     run: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["baseline", str(run), "--hypothesis", "sliding"]) == 0
-    assert "Spread of the nine answers" in (run / "report.html").read_text()
+    assert "Spread of the answers from nine starts" in (run / "report.html").read_text()
     text = capsys.readouterr().out
     assert "SYNTHETIC field" in text and "thesis Table 5.3, real data, as printed" in text
     found = json.loads((run / "baseline.json").read_text())

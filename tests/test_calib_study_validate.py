@@ -13,7 +13,7 @@ import pytest
 import xarray as xr
 
 from calib.cli import FAILED, WRONG_INPUT, main
-from calib.data.dataset import Dataset, FieldData
+from calib.data.dataset import Dataset, FieldData, SampleData
 from calib.data.dataset_file import save_dataset
 from calib.inference.inference_data import load_inference_data, save_inference_data
 from calib.study.second_data import SecondData, Study, plate_model, second_data, solve, stated
@@ -164,6 +164,20 @@ def test_points_off_the_quarter_of_the_plate_are_refused(
     says = f"plate.npz: points: found 1 off the plate, the first at x = {place[0]:g}, "
     with pytest.raises(ValueError, match=says):
         second_data(*_measured(second_file, dataset), STUDY)
+
+
+def test_one_increment_and_forces_that_are_no_numbers_are_refused(second_file: Path) -> None:
+    """R2 of one increment is undefined, so that nothing could pass."""
+    one = Dataset("measured", False, np.array([1.0]), np.array([0.2]), np.array([0.02]), 10)
+    with pytest.raises(ValueError, match=r"plate.npz: travel: found one increment, expected two"):
+        second_data(*_measured(second_file, one), STUDY)
+    travel, force = np.array([1.0, 2.0]), np.array([0.2, 0.4])
+    each = np.outer([0.9, 1.0, 1.1], force)
+    each[1, 0] = np.nan
+    samples = SampleData(("a", "b", "c"), each, np.zeros((3, 2, 0, 3)))
+    two = Dataset("measured", False, travel, force, 0.1 * force, 3, samples=samples)
+    with pytest.raises(ValueError, match=r"plate.npz: samples: found a force that is no number"):
+        second_data(*_measured(second_file, two), STUDY)
 
 
 def test_set_forces_that_do_not_increase_are_refused_by_their_file(second_file: Path) -> None:

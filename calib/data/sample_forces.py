@@ -68,6 +68,13 @@ def _check_different(path: Path, forces: dict[str, dict[float, float]]) -> None:
             raise ValueError(
                 f"{path}: force_N: found {found} at {travel:g} mm, expected forces that differ"
             )
+    first: dict[tuple[tuple[float, float], ...], str] = {}
+    for name, own in forces.items():
+        if (same := first.setdefault(tuple(sorted(own.items())), name)) != name:
+            raise ValueError(
+                f"{path}: {name}: found the forces of {same} at all travels, expected its own: a "
+                "copy counts as a sample that was never measured"
+            )
 
 
 def _dataset(name: str, names: tuple[str, ...], travel: Array, force: Array) -> Dataset:

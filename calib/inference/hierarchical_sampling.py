@@ -47,7 +47,8 @@ class PopulationDraws:
     z: Array
     """(n_ensemble, n_step, n_walker, q) common errors"""
     alone: Array
-    """(m, n, c) each sample by its own data, common unknowns and errors as all data say"""
+    """(m, n, d) each sample by its own data, common unknowns and errors as all data say: draws of
+    these stand beside what is its own"""
     p_value: Array
     """(n,) mean p-value of each sample's residuals"""
     autocorrelation_time: Array

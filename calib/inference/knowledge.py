@@ -28,7 +28,9 @@ MEANING = {
     "r": "r = C01 / (C10 + C01)",
     "s": "s = C11 / (C10 + C01)",
 }
-"""what the coordinates are called in words"""
+"""what the coordinates of Mooney-Rivlin laws are called in words"""
+STIFFNESS = "the stiffness (kappa = mu / 2)"
+"""what kappa is of other laws"""
 
 
 @dataclass(frozen=True)
@@ -175,9 +177,10 @@ def warnings_of(
 ) -> tuple[str, ...]:
     """What the numbers say in plain words."""
     whole, names = parts[-1], space.names
+    meaning = MEANING if "C01" in space.law.constants else MEANING | {"kappa": STIFFNESS}
     said = [_constants_sentence(whole.moments, space)]
     said += [
-        f"{MEANING.get(name, name)} is the prior: the data leave {100 * ratio:.0f} % of its SD."
+        f"{meaning.get(name, name)} is the prior: the data leave {100 * ratio:.0f} % of its SD."
         for name, ratio in zip(names, whole.contraction, strict=True)
         if ratio > IS_PRIOR
     ]
@@ -191,7 +194,7 @@ def warnings_of(
             said.append(f"The data set no limit to {name} before the prior's {side} bound.")
     for entry in parts[:-1]:
         blind = [
-            MEANING.get(name, name)
+            meaning.get(name, name)
             for name, ratio in zip(names, entry.contraction, strict=True)
             if ratio > 0.95
         ]

@@ -140,8 +140,14 @@ def block_log_density(likelihood: Likelihood, x: Array, blocks: tuple[Block, ...
     return np.concatenate(parts)
 
 
-def leave_out(likelihood: Likelihood, x: Array, blocks: tuple[Block, ...]) -> Scores:
-    """PSIS scores of blocks from equally probable posterior draws x (m, d)."""
+def leave_out(
+    likelihood: Likelihood, x: Array, blocks: tuple[Block, ...], worth: float | None = None
+) -> Scores:
+    """PSIS scores of blocks from equally probable posterior draws x (m, d).
+
+    The draws are `worth` so many independent ones, by default m: errors are larger by the root of
+    the ratio (relative efficiency, Vehtari et al. 2024).
+    """
     density = block_log_density(likelihood, x, blocks)
     log_weights, k = smoothed_weights(-density)
     weighted = log_weights + density
@@ -150,6 +156,7 @@ def leave_out(likelihood: Likelihood, x: Array, blocks: tuple[Block, ...]) -> Sc
     # Delta method for a weighted mean of the densities (Vehtari et al. 2024, section 2.5).
     relative = np.exp(density - score)
     error = np.sqrt(np.sum(weights**2 * (relative - 1.0) ** 2, axis=0))
+    error = error * np.sqrt(len(x) / (worth or len(x)))
     return Scores(tuple(block.name for block in blocks), score, error, k)
 
 

@@ -77,7 +77,7 @@ def build_population_data(
         attrs={"provenance": json.dumps(dict(provenance), sort_keys=True)},
         posterior=xr.Dataset(variables, coords),
         posterior_predictive=xr.Dataset({"force_new": replicate}, {**few, "travel": travel}),
-        constant_data=_alone(posterior, draws, flat),
+        constant_data=_alone(posterior, draws),
         observed_data=_observed(dataset, posterior.samples.names, travel),
     )
 
@@ -134,14 +134,10 @@ def _force_of_new(
     return found
 
 
-def _alone(posterior: HierarchicalPosterior, draws: PopulationDraws, x: Array) -> xr.Dataset:
-    """Draws of each sample by its own data; what is common at its posterior mean."""
-    population = posterior.population
-    space, columns = population.prior.space, population.columns
-    own = draws.alone[:: max(1, len(draws.alone) // MAX_ALONE)]
-    whole = np.broadcast_to(x.mean(axis=0), (*own.shape[:2], x.shape[1])).copy()
-    whole[..., columns] = own
-    names = population.varying
+def _alone(posterior: HierarchicalPosterior, draws: PopulationDraws) -> xr.Dataset:
+    """Draws of each sample by its own data, with what is common as all data say."""
+    space, names = posterior.population.prior.space, posterior.population.varying
+    whole = draws.alone[:: max(1, len(draws.alone) // MAX_ALONE)]
     variables = {
         name: values
         for name, values in _variables(space, whole, ("alone", "sample"), ALONE).items()

@@ -223,9 +223,10 @@ class Moves:
         return Place(x, tau, self._own(walkers), walkers.z, p)
 
     def alone(self, walkers: Walkers, n_settle: int, n_draw: int) -> Array:
-        """(m', n, c) draws of every sample from its own data, as if it knew of no population.
+        """(m', n, d) draws of every sample from its own data, as if it knew of no population.
 
-        Common unknowns and errors stay those of the walkers; any place in the box is as probable.
+        Common unknowns and errors stay those of the walkers, which are among the coordinates; any
+        place in the box is as probable.
         """
         population = self.posterior.population
         low, high = population.prior.bounds[population.columns].T
@@ -236,7 +237,7 @@ class Moves:
         for step in range(n_settle + n_draw):
             now = self.move_each(now, wide)
             if step >= n_settle:
-                found.append(population.samples(*wide, now.v)[:, :, population.columns])
+                found.append(population.samples(*wide, now.v))
         return np.concatenate(found)
 
     def _own(self, walkers: Walkers) -> Array:

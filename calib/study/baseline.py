@@ -262,7 +262,7 @@ def methods_table(found: BaselineStudy) -> Table:
             )
         )
     return Table(
-        "Spread of the nine answers",
+        "Spread of the answers from nine starts",
         (
             "method",
             "gradients",

@@ -85,19 +85,22 @@ def stand(
     travel: Array,
     rng: np.random.Generator,
     wider: Wider | None = None,
+    time: float = 1.0,
 ) -> Standing:
     """Evidence and scores of one hypothesis from its posterior and equally probable draws.
 
-    `wider` is as in `refitted`.
+    `wider` is as in `refitted`; `time` is the autocorrelation time of the draws, steps.
     """
     found = integrate(posterior)
     exact = (found.log_evidence, found.log_evidence_error)
     by_nested = nested(posterior, rng, n_live=N_LIVE)
     few = draws[rng.choice(len(draws), min(N_DRAWS, len(draws)), replace=False)]
     likelihood = posterior.likelihood
+    # The variance of all draws' mean, and what taking some of them at random adds to it.
+    worth = 1.0 / (max(time, 1.0) / len(draws) + 1.0 / len(few) - 1.0 / len(draws))
 
     def scored(blocks: tuple[Block, ...]) -> Scores:
-        return refitted(posterior, leave_out(likelihood, few, blocks), blocks, wider)
+        return refitted(posterior, leave_out(likelihood, few, blocks, worth), blocks, wider)
 
     wide = wider_blocks(likelihood, travel)
     return Standing(
@@ -133,9 +136,10 @@ def evidence(out: Path) -> tuple[list[str], list[Path]]:
         if (box := kept_box(out, hypothesis)) is not None:
             wider = Wider(sampled, _reached(box, design_box(context.study, hypothesis)))
             sampled = emulator_posterior(context, hypothesis)
-        draws = load_samples(out, hypothesis).result.draws
+        result = load_samples(out, hypothesis).result
         rng = stream(context.study, f"evidence {name}")
-        standings.append(stand(name, sampled, draws, travel, rng, wider))
+        time = float(np.max(result.autocorrelation_time))
+        standings.append(stand(name, sampled, result.draws, travel, rng, wider, time))
     ranking = rank(standings, stream(context.study, "stacking"))
     write_json(out / FILE, facts(ranking))
     save_png(evidence_figure(ranking), out / "figures" / FIGURE)

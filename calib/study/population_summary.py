@@ -15,6 +15,8 @@ from calib.inference.population import ScatterPrior
 from calib.inference.population_data import ALONE, NEW, ONE, SD
 from calib.study.figure_style import Array, hdi
 
+ODD = 0.01
+"""p-value over the number of samples below which constants do not explain a sample"""
 MOST_OF_PRIOR = 0.8
 """SD of a scatter over that of its prior above which the data hardly speak of it"""
 
@@ -50,13 +52,31 @@ class PopulationSummary:
     fit_p: tuple[float, ...]
     """p-value of each sample's residuals"""
     prior_driven: tuple[str, ...]
-    """SDs between samples that are hardly narrower than their prior"""
+    """SDs between samples that are hardly narrower than their prior, and lie where it does"""
+    beyond_prior: tuple[str, ...]
+    """SDs between samples that lie beyond what their prior expects"""
     force_new: tuple[Spread, ...]
     """force of a new sample at each travel, N"""
     travel: tuple[float, ...]
     sampling: dict[str, Any]
     failures: tuple[str, ...]
     """diagnostics outside the limits of the study, one sentence each"""
+
+
+def population_remarks(found: PopulationSummary) -> list[str]:
+    """What speaks against the population, one sentence each: odd samples, a narrow prior."""
+    said = [
+        f"the forces or the field of {name} lie outside what any constants explain (fit p = "
+        f"{p:.2g}); it draws what is common to all samples, and their scatter"
+        for name, p in zip(found.sample_names, found.fit_p, strict=True)
+        if p < ODD / len(found.sample_names)
+    ]
+    said += [
+        f"the scatter of {name.removeprefix(SD)} lies beyond what its prior expects, which holds "
+        "it down: is its size in population.scatter too small?"
+        for name in found.beyond_prior
+    ]
+    return said
 
 
 def population_path(out: Path, hypothesis: str) -> Path:
@@ -91,7 +111,10 @@ def load_population(path: Path) -> PopulationSummary:
         alone={name: _each(constant[name + ALONE]) for name in shown},
         fit_p=tuple(float(p) for p in constant["fit_p"].values),
         prior_driven=tuple(
-            SD + name for name in facts["varying"] if _is_prior(posterior[SD + name], name, facts)
+            SD + name for name in facts["varying"] if is_prior(posterior[SD + name], name, facts)
+        ),
+        beyond_prior=tuple(
+            SD + name for name in facts["varying"] if is_beyond(posterior[SD + name], name, facts)
         ),
         force_new=tuple(
             _spread(predictive.isel(travel=i)) for i in range(predictive.sizes["travel"])
@@ -114,12 +137,17 @@ def _each(draws: Any) -> tuple[Spread, ...]:
     return tuple(_spread(draws.isel(sample=i)) for i in range(draws.sizes["sample"]))
 
 
-def _is_prior(draws: Any, name: str, facts: Mapping[str, Any]) -> bool:
-    """Whether the posterior of an SD between samples is nearly as wide as its prior."""
-    given = ScatterPrior(**facts["scatter"][name])
-    prior = given.quantile(np.array([0.05, 0.95]))
+def is_prior(draws: Any, name: str, facts: Mapping[str, Any]) -> bool:
+    """Whether the posterior of an SD between samples is nearly as wide as its prior, and there."""
+    low, middle, high = ScatterPrior(**facts["scatter"][name]).quantile(np.array([0.05, 0.5, 0.95]))
     posterior = np.quantile(draws.values, [0.05, 0.95])
-    return bool(np.ptp(posterior) > MOST_OF_PRIOR * np.ptp(prior))
+    return bool(np.ptp(posterior) > MOST_OF_PRIOR * (high - low) and posterior[0] < middle)
+
+
+def is_beyond(draws: Any, name: str, facts: Mapping[str, Any]) -> bool:
+    """Whether an SD between samples is probably larger than all but 5 % of its prior."""
+    [most] = ScatterPrior(**facts["scatter"][name]).quantile(np.array([0.95]))
+    return bool(np.median(draws.values) > most)
 
 
 def _failures(found: Mapping[str, Convergence], limits: Mapping[str, float]) -> list[str]:

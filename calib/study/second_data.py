@@ -153,6 +153,10 @@ def second_data(test: SecondTest, folder: Path, study: Study) -> SecondData:
     dataset, _ = load_dataset(path)
     if dataset.field is not None:
         _check_places(path, test, dataset.field.points)
+    if dataset.travel.size < 2:
+        raise ValueError(f"{path}: travel: found one increment, expected two or more")
+    if dataset.samples is not None and not np.isfinite(dataset.samples.force).all():
+        raise ValueError(f"{path}: samples: found a force that is no number, expected N of all")
     forced = test.control == "force"
     if forced and np.any(np.diff(dataset.force_mean) <= 0):
         forces = ", ".join(f"{force:g}" for force in dataset.force_mean)

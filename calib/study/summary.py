@@ -23,7 +23,12 @@ from calib.study.figure_style import INTERVAL, Array, hdi
 from calib.study.further_table import further_table
 from calib.study.maxima_table import is_verified, largest_difference
 from calib.study.population_checks import SAMPLES
-from calib.study.population_summary import PopulationSummary, load_population, population_path
+from calib.study.population_summary import (
+    PopulationSummary,
+    load_population,
+    population_path,
+    population_remarks,
+)
 from calib.study.population_tables import population_tables
 from calib.study.provenance_facts import maxima_in, space_in, truth_in
 from calib.study.summary_tables import constants_table, points_table
@@ -244,6 +249,12 @@ def judgement_lines(summaries: Sequence[Summary]) -> list[str]:
         f"CONTRADICTED  {s.hypothesis}: the forces lie outside what it can explain (predictive p = "
         f"{s.predictive_p:.2g}); its constants are of a model that does not hold"
         for s in wrong
+    ]
+    lines += [
+        f"LOOK AT  {s.hypothesis}: {remark}"
+        for s in summaries
+        if s.population is not None
+        for remark in population_remarks(s.population)
     ]
     if all(s.predictive_p is not None and s.predictive_p < HOPELESS for s in summaries):
         lines.append(NONE_EXPLAINS)

@@ -75,6 +75,7 @@ def _of_population(found: PopulationSummary | None) -> list[Row]:
     rows += [(NEW, name, asdict(spread)) for name, spread in found.new.items()]
     for index, sample in enumerate(found.sample_names):
         rows += [(sample, name, asdict(each[index])) for name, each in found.samples.items()]
+        rows.append((sample, "fit_p", {"unit": "1", "mean": found.fit_p[index]}))
         of = f"{sample} {ALONE}"
         rows += [(of, name, asdict(each[index])) for name, each in found.alone.items()]
     return rows
