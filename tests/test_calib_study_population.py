@@ -298,6 +298,15 @@ def test_samples_that_are_copies_are_refused(tmp_path: Path) -> None:
         read_sample_forces(path)
 
 
+def test_a_sample_that_is_a_copy_of_one_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "forces.csv"
+    forces = ANY.copy()
+    forces[-1] = forces[1]
+    path.write_text(csv_of(forces))
+    with pytest.raises(ValueError, match=rf"S{len(forces)}: found the forces of S2 at all travels"):
+        read_sample_forces(path)
+
+
 def test_a_mesh_error_may_be_mistaken_for_the_zero_of_single_samples() -> None:
     own = SampleErrors(travel_zero_sd=0.015)
     data = measured_dataset(DataSource(source="thesis-table-5.1"))
