@@ -175,7 +175,7 @@ def _hand_out(
 def _receive(pipe: Pipe, process: SpawnProcess, index: int, n_items: int) -> tuple[int, Any]:
     try:
         done, value, trace = pipe.recv()
-    except (EOFError, ConnectionResetError) as error:
+    except (EOFError, OSError) as error:  # OSError: in the middle of its answer
         process.join(timeout=5.0)
         raise WorkerDied(
             f"a worker process ended (exit code {process.exitcode}) in item {index + 1} of "

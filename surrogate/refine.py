@@ -18,6 +18,8 @@ MAX_ROWS = 450
 """values and derivatives of the draws among which runs are chosen"""
 MAX_PLACES = 300
 """draws over which the variance is averaged"""
+MOST_DISTINCT = 5000
+"""draws that are looked at for whether there is a run"""
 AT_A_RUN = 1e-9
 """distance in the unit box of the inputs up to which a draw is that of a run"""
 MAX_JOINT = 1000
@@ -53,7 +55,8 @@ def propose(
         if not 0.0 < noise < np.inf:
             raise ValueError(f"{name}: expected a finite number above 0, found {noise}")
     sample = _checked(emulator, posterior_sample)
-    candidates = _new(emulator.force.processes, np.unique(sample, axis=0))
+    distinct = _some(np.unique(sample, axis=0), MOST_DISTINCT, rng)
+    candidates = _new(emulator.force.processes, distinct)
     if not 1 <= n <= len(candidates):
         raise ValueError(f"n: expected 1 to {len(candidates)} (distinct new draws), found {n}")
     n_kept = max(MAX_ROWS // (1 + sample.shape[1]), n)

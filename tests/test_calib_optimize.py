@@ -173,6 +173,17 @@ def test_a_failed_start_is_a_status(method: str) -> None:
     assert found.value == np.inf
 
 
+def test_a_gradient_of_which_a_component_is_not_known_is_no_minimum() -> None:
+    """At (0, 3) the one that is known is zero, and the value would fall along the other."""
+    box = np.full(2, 5.0)
+    problem = Problem(
+        lambda x: float(x[0] ** 2 + (x[1] - 1.0) ** 2) if x[1] == 3.0 else np.nan, -box, box
+    )
+    found = feasible_directions(problem, np.array([1.0, 3.0]), None)
+    assert found.x == pytest.approx([0.0, 3.0], abs=1e-3)
+    assert found.status is Status.NO_GRADIENT
+
+
 def nowhere_differentiable(x: np.ndarray) -> float:
     """x^2 of a solver that works at (3, 3) alone."""
     return float(x @ x) if np.array_equal(x, [3.0, 3.0]) else np.nan
@@ -205,6 +216,9 @@ def test_a_failed_start_is_not_the_best_of_minima(method: str) -> None:
     assert best_of([failed, found]) is found
     infeasible = replace(found, value=0.0, violation=0.1)
     assert best_of([infeasible, failed, found]) is found
+    # both meet the constraint, the lower one to 1e-9 as SciPy's methods make it
+    lower, exact = (replace(found, value=v, violation=g) for v, g in ((1.0, 1e-9), (2.0, 0.0)))
+    assert best_of([exact, lower]) is lower
 
 
 def test_differences_are_those_asked_and_stay_in_the_box() -> None:

@@ -289,6 +289,10 @@ def test_tables_and_figures_show_both_hypotheses(refined: Context) -> None:
     coverage = coverage_table(diagnostics)
     assert [row[0] for row in coverage.rows[:2]] == ["stuck, force", "stuck, field"]
     assert coverage.columns[2:5] == ("of 50 %", "of 80 %", "of 95 %")
+    assert {row[-1] for row in coverage.rows} == {"-"}, "8 runs do not tell how wide"
+    told = {"stuck": {**diagnostics["stuck"], "scales": {"force": {"log_std": 0.2}}}}
+    of_force = [row[-1] for row in coverage_table(told).rows if row[0] == "stuck, force"]
+    assert "-" in of_force and set(of_force) != {"-"}, "of runs held out"
     assert partial_table(diagnostics) is None
     maps = {h.name: load_maps(refined.out, h) for h in refined.study.hypotheses}
     figure = worst_errors(diagnostics, maps, refined.study.increments)

@@ -200,6 +200,25 @@ def test_a_run_that_cannot_be_opened_is_not_called_damaged(
     assert run(tmp_path).n_reused == len(RATIOS)
 
 
+def test_a_run_that_cannot_be_read_on_is_not_called_damaged(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run(tmp_path)
+
+    def failing(*_: object, **__: object) -> None:
+        raise OSError(errno.EIO, "Input/output error")
+
+    monkeypatch.setattr(np, "load", failing)
+    with pytest.raises(OSError, match="Input/output error"):
+        run(tmp_path)
+
+
+def test_forces_that_are_no_real_numbers_are_refused() -> None:
+    response = Toy()(RATIOS[0])
+    with pytest.raises(ValueError, match="force: expected real numbers, found complex128"):
+        replace(response, force=response.force * 1j)
+
+
 @pytest.mark.parametrize("content", [b"x\n", bytes(2000)])
 def test_a_file_that_is_no_npz_is_not_called_a_pickle(tmp_path: Path, content: bytes) -> None:
     run(tmp_path)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import subprocess
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -47,6 +48,23 @@ def test_a_killed_worker_is_reported_with_its_signal_and_run(tmp_path: Path) -> 
         run(tmp_path, Dies(), RATIOS[2:3], map_fn=process_map(2))
     r, s = RATIOS[2]
     assert caught.value.__notes__ == [f"in run 0 of {tmp_path}: r = {r:g}, s = {s:g}"]
+
+
+def _answers_at_length(which: int) -> bytes:
+    """The first answer is larger than a pipe holds, and its worker is killed while it sends it."""
+    if which == 0:
+        subprocess.Popen(["/bin/sh", "-c", f"sleep 0.7; kill -9 {os.getpid()}"])
+        return bytes(50_000_000)
+    return b""
+
+
+def test_a_worker_killed_while_it_answers_is_reported_as_dead() -> None:
+    mapped = process_map(2)(_answers_at_length, [0, 1])
+    assert next(mapped)[0] == 1
+    time.sleep(1.5)
+    with pytest.raises(WorkerDied) as caught:
+        list(mapped)
+    assert caught.value.index == 0
 
 
 def _in_turn(what: str) -> str:

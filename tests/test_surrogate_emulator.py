@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 from dataclasses import replace
@@ -372,3 +373,35 @@ def test_the_precision_of_the_numbers_given_does_not_change_the_bits() -> None:
     assert first.fingerprint == second.fingerprint
     found = [Emulator.fit(own, 1, n_restarts=0, sharing="all") for own in (first, second)]
     np.testing.assert_array_equal(found[0].unit_force(_new())[0], found[1].unit_force(_new())[0])
+
+
+def test_an_emulator_that_cannot_be_read_is_not_called_damaged(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "emulator.npz"
+    _emulator().save(path)
+
+    def failing(*_: object, **__: object) -> None:
+        raise OSError(errno.EIO, "Input/output error")
+
+    monkeypatch.setattr(np, "load", failing)
+    with pytest.raises(OSError, match="Input/output error"):
+        Emulator.load(path)
+
+
+ONE_COLUMN = np.array([[0.1, 0.2], [0.1, 0.3], [0.1, 0.4]])
+
+
+@pytest.mark.parametrize(
+    ("x", "force", "message"),
+    [
+        (np.eye(2), np.ones((2, 3)), "expected 3 runs or more, found 2"),
+        (ONE_COLUMN, np.eye(3) + 1.0, "found input 1 of 2 at 0.1 in all runs"),
+        (np.eye(3)[:, :2], np.ones((3, 3)), "expected forces that vary"),
+    ],
+)
+def test_runs_that_teach_nothing_are_refused_by_what_does_not_vary(
+    x: np.ndarray, force: np.ndarray, message: str
+) -> None:
+    with pytest.raises(ValueError, match=f"training_set: .*{message}"):
+        Emulator.fit(TrainingSet(x, force, None), 0)

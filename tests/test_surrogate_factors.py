@@ -13,7 +13,7 @@ from scipy.spatial.distance import pdist
 from scipy.stats import norm, truncnorm, uniform
 
 from surrogate import Factor, Levels, design, maximin_design, sobol_design, unit_design
-from surrogate.latin_hypercube import farthest_order, latin_hypercube
+from surrogate.latin_hypercube import N_EXCHANGES, farthest_order, latin_hypercube
 
 BOX = np.array([[0.0, 1.0], [-0.2, 0.5]])
 
@@ -210,3 +210,30 @@ def test_columns_that_a_design_cannot_fill_are_refused() -> None:
         found.theta([height, Parameter("pin")])
     with pytest.raises(ValueError, match="columns: expected height, pin, found height"):
         found.theta([height])
+
+
+def _exchanged_plainly(new: np.ndarray, points: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Morris and Mitchell's criterion of all pairs anew for every exchange."""
+
+    def crowding(trial: np.ndarray) -> float:
+        squared = np.sum((trial[:, None] - np.vstack([trial, points])) ** 2, axis=2)
+        np.fill_diagonal(squared, np.inf)
+        return float(np.sum(np.maximum(squared, 1e-12) ** -5.0))
+
+    score = crowding(new)
+    for _ in range(N_EXCHANGES):
+        first, second = rng.choice(len(new), 2, replace=False)
+        axis = int(rng.integers(new.shape[1]))
+        trial = new.copy()
+        trial[[first, second], axis] = new[[second, first], axis]
+        if crowding(trial) < score:
+            new, score = trial, crowding(trial)
+    return new
+
+
+def test_exchanges_are_those_of_the_criterion_of_all_pairs(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    found = latin_hypercube(48, 3, seed=5)
+    monkeypatch.setattr("surrogate.latin_hypercube._exchanged", _exchanged_plainly)
+    assert latin_hypercube(48, 3, seed=5).tobytes() == found.tobytes()

@@ -60,9 +60,9 @@ def search(design: Design) -> tuple[Found, ...]:
     (`out_of_reach`) are left out; raises ValueError where none is left.
     """
     lacking = {lens for lens, _ in _beyond(design)}
-    if len(lacking) == len(design.lenses):
-        raise ValueError("; ".join(out_of_reach(design)))
     found = [_search_lens(lens, design) for lens in design.lenses if lens not in lacking]
+    if not found:
+        raise ValueError("; ".join(out_of_reach(design)))
     return tuple(sorted(found, key=_rank))
 
 

@@ -18,7 +18,7 @@ class Status(StrEnum):
     MAX_ITERATIONS = "stopped at the largest number of iterations"
     BLOCKED = "no step along the direction found was better"
     INFEASIBLE = "no point that meets the constraints was found"
-    NO_GRADIENT = "no component of the gradient could be found"
+    NO_GRADIENT = "a component of the gradient could not be found"
     FAILED_START = "the objective failed at the start"
 
 

@@ -89,7 +89,7 @@ class Evaluations:
         self.n_gradient = 0
         self.n_failed = 0
         self.knows_slope = True
-        """whether the last gradient had a finite component"""
+        """whether all components of the last gradient were found"""
         self._last: tuple[bytes, float] | None = None
 
     def value(self, x: Array) -> float:
@@ -118,7 +118,7 @@ class Evaluations:
             found = np.asarray(self.problem.gradient(x), dtype=np.float64)
         else:
             found = self._differences(lambda y: np.array([self.value(y)]), x)[0]
-        self.knows_slope = bool(np.isfinite(found).any())
+        self.knows_slope = bool(np.isfinite(found).all())
         return np.where(np.isfinite(found), found, 0.0)
 
     def jacobian(self, x: Array) -> Array:

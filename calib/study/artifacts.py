@@ -11,16 +11,15 @@ import hashlib
 import io
 import json
 import math
-import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, is_dataclass
 from pathlib import Path
 from typing import Any, cast
-from zipfile import BadZipFile
 
 import numpy as np
 import numpy.typing as npt
 
+from fe import npz_file
 from fe.atomic_file import replacing
 
 RECORD_FOLDER = "stages"
@@ -94,14 +93,16 @@ def read_json(path: Path, expected: Sequence[str] = ()) -> Any:
 
 
 def read_npz(path: Path, expected: Sequence[str] = ()) -> dict[str, npt.NDArray[Any]]:
-    """Read the arrays of an npz file, `expected` among them; raises ValueError naming the file."""
+    """Read the arrays of an npz file, `expected` among them.
+
+    Raises ValueError naming the file when it is not there or damaged, OSError when it cannot be
+    opened or read.
+    """
     try:
-        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as stored:
-            arrays = {name: stored[name] for name in stored.files}
+        arrays = npz_file.read_npz(path)
     except FileNotFoundError as error:
         raise not_made(path) from error
-    # RuntimeError: a damaged zip may claim to be encrypted or of an unknown compression.
-    except (OSError, ValueError, KeyError, EOFError, RuntimeError, BadZipFile, zlib.error) as error:
+    except ValueError as error:
         raise ValueError(f"{path}: not a readable npz file; {_AGAIN}") from error
     lacking = [name for name in expected if name not in arrays]
     if lacking:

@@ -182,7 +182,7 @@ def load_study(study: str | Path, *, with_data: bool = True) -> Study:
     """Read and check a study by the path of its file or the name of an embedded one.
 
     The path of a data file is made absolute, and the increments are looked up in it; not so without
-    `with_data`, as of a finished study, which keeps its data.
+    `with_data`, as of a finished study, which keeps its data; but for experiments with a field.
 
     Raises:
         StudyError: the study is missing, unreadable or wrong; the message says where.
@@ -237,7 +237,8 @@ def _read_study(document: Document, folder: Path, with_data: bool) -> Study:
         reason = "found an unknown key, expected sections [[hypothesis]]"
         raise document.refuse(Refusal(("hypotheses",), reason))
     study = document.checked(Study)
-    if not with_data:
+    # the points of an experiment's field are read from its folder, whatever is asked
+    if not with_data and not (study.data.is_experiment and study.data.has_field):
         return study
     if study.data.is_file:
         path = _existing(folder, study.data.source, "")

@@ -104,9 +104,9 @@ def coverage_table(diagnostics: Mapping[str, Any]) -> Table:
         tuple(rows),
         "Over all increments (and points); joint: runs within the region of all increments "
         "together (force), or with every value within the band that holds 95 % of whole fields, as "
-        "stated and as wide as training runs left out in turn ask for (-: fewer than 16 of them, "
-        "those at the edge of the design not counted). Values of a run are alike, so that few runs "
-        "say little.",
+        "stated and as wide as training runs left out in turn ask for (-: of these themselves, and "
+        "where fewer than 16 of them lie away from the edge of the design). Values of a run are "
+        "alike, so that few runs say little.",
     )
 
 

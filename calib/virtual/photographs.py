@@ -82,7 +82,6 @@ def photograph(
     for place in (folder / "static", *(folder / sample.name / "dic" for sample in samples)):
         if (found := read_dic(place).format) != SOFTCAL:
             raise ValueError(f"{place}: expected frames of {SOFTCAL}, found {found}")
-    _tell_truth(folder, studio, seed)
     static_seed, *seeds = np.random.SeedSequence(seed).spawn(len(samples) + 1)
     at_rest = np.zeros(studio.static_frames + 1)
     frames = dic_series(
@@ -97,6 +96,7 @@ def photograph(
         rng = np.random.default_rng(own)
         _replace(place, dic_series(truth, sample.placement, travel, time, studio, rng))
         say(f"{sample.name} photographed")
+    _tell_truth(folder, studio, seed)
 
 
 def _tell_truth(folder: Path, studio: Studio, seed: int) -> None:
