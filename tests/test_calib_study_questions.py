@@ -6,11 +6,13 @@ import json
 import shutil
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import arviz as az
 import numpy as np
 import pytest
 from analytic_block import analytic_block
+from test_calib_inference_leave_out import FORCE, TRAVEL, draws
 
 from calib.cli import main
 from calib.inference.coordinates import Space, Unknown
@@ -26,15 +28,18 @@ from calib.inference.knowledge import (
 from calib.inference.leave_out import Scores
 from calib.inference.moments import Moments
 from calib.inference.profile import Profile
+from calib.inference.quadrature import integrate
 from calib.study.artifacts import hash_of_file, plain
 from calib.study.config import Study, StudyError, load_study
 from calib.study.evidence import (
+    N_LIVE,
     Standing,
     evidence_figure,
     rank,
     ranking_table,
     remarks,
     scores_table,
+    stand,
 )
 from calib.study.figure_style import png_bytes
 from calib.study.finished import changed_since, chosen, finished
@@ -373,6 +378,26 @@ def test_ranking_orders_by_evidence_and_every_number_has_its_error() -> None:
     text = " ".join(remarks(ranking))
     assert "Evidence prefers b, prediction a" in text
     assert len(png_bytes(evidence_figure(ranking))) > 10_000
+
+
+def test_nested_sampling_that_disagrees_is_asked_again_with_more_live_points(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """It misses some of a posterior now and then, and its own error with it."""
+    exact, asked = integrate(FORCE).log_evidence, []
+
+    def missing_some(*_: object, n_live: int) -> SimpleNamespace:
+        asked.append(n_live)
+        return SimpleNamespace(
+            log_evidence=exact + (0.4 if len(asked) == 1 else 0.01), log_evidence_error=0.05
+        )
+
+    monkeypatch.setattr("calib.study.evidence.nested", missing_some)
+    found = stand("a", FORCE, draws(500, 0), TRAVEL, np.random.default_rng(0))
+    assert asked == [N_LIVE, 4 * N_LIVE]
+    assert found.nested == (exact + 0.01, 0.05)
+    stand("a", FORCE, draws(500, 0), TRAVEL, np.random.default_rng(0))
+    assert asked[2:] == [N_LIVE], "the second time it agreed at once"
 
 
 def test_evidences_that_disagree_are_told_and_scores_that_do_not_separate_too() -> None:
