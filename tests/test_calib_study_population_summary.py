@@ -21,6 +21,7 @@ from calib.inference.population_data import build_population_data
 from calib.inference.sampling import SamplerSettings
 from calib.study.artifacts import plain
 from calib.study.figure_style import png_bytes
+from calib.study.hierarchical_stage import leaning
 from calib.study.population_figures import new_sample_forces, shrinkage
 from calib.study.population_summary import (
     PopulationSummary,
@@ -102,15 +103,36 @@ def test_a_sample_that_nothing_explains_and_a_narrow_prior_of_scatter_are_told(
     found: tuple[PopulationSummary, PopulationDraws],
 ) -> None:
     summary, _ = found
-    fine = replace(summary, fit_p=(0.5, 0.4, 0.03, 0.9, 0.2), beyond_prior=())
+    fine = replace(summary, fit_p=(0.5, 0.4, 0.03, 0.9, 0.2), beyond_prior=(), leaning=())
     assert population_remarks(fine) == []
-    odd = replace(fine, fit_p=(0.5, 0.4, 1e-3, 0.9, 0.2), beyond_prior=("sd_kappa",))
+    odd = replace(
+        fine,
+        fit_p=(0.5, 0.4, 1e-3, 0.9, 0.2),
+        beyond_prior=("sd_kappa",),
+        leaning=(("S4", "kappa = 0.005 MPa"),),
+    )
     lines = judgement_lines([replace(_summary(), population=odd)])
     assert any(
         line.startswith("LOOK AT") and "of S3 lie outside what any constants" in line
         for line in lines
     )
+    assert any("S4 leans on the prior's kappa = 0.005 MPa: a" in line for line in lines)
     assert any("the scatter of kappa lies beyond what its prior expects" in line for line in lines)
+
+
+def test_bounds_that_samples_lean_on_are_named(
+    found: tuple[PopulationSummary, PopulationDraws],
+) -> None:
+    _, draws = found
+    posterior = HierarchicalPosterior(population(), condensed(dataset(FORCE), 0.1))
+    names = [name for name, _ in leaning(posterior, draws)]
+    assert not set(names) & {"S1", "S2", "S3", "S4", "S5"}
+    low = posterior.population.prior.bounds[0, 0]
+    own = draws.own.copy()
+    own[..., 3, 0] = low + np.abs(np.random.default_rng(0).normal(size=own.shape[:3]))
+    told = dict(leaning(posterior, replace(draws, own=own)))
+    assert len(told["S4"]) == 1 and told["S4"][0].startswith(f"kappa = {np.exp(low):g} MPa")
+    assert "S3" not in told
 
 
 def test_a_scatter_is_the_prior_s_where_it_is_as_wide_and_at_its_place() -> None:

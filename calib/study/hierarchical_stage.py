@@ -10,6 +10,7 @@ import numpy as np
 
 from calib import __version__
 from calib.data import Dataset
+from calib.inference.at_bound import at_bound
 from calib.inference.condensed import condense
 from calib.inference.forward import EmulatorForward
 from calib.inference.hierarchical import HierarchicalPosterior
@@ -113,6 +114,22 @@ def own_errors(study: Study) -> SampleErrors:
     return SampleErrors(study.population.travel_zero_sd)
 
 
+def leaning(
+    posterior: HierarchicalPosterior, draws: PopulationDraws
+) -> list[tuple[str, list[str]]]:
+    """Bounds of the prior, in words, on which the population and single samples lean; by name."""
+    population = posterior.population
+    prior, varying = population.prior, population.varying
+    x = draws.x.reshape(-1, draws.x.shape[-1])
+    found = [("the population", at_bound(x, prior.bounds, prior.space))]
+    for index, name in enumerate(posterior.samples.names):
+        own = x.copy()
+        own[:, population.columns] = draws.own[..., index, :].reshape(len(x), -1)
+        bounds = at_bound(own, prior.bounds, prior.space)
+        found.append((name, tuple(one for one in bounds if one.parameter in varying)))
+    return [(name, [one.text for one in bounds]) for name, bounds in found if bounds]
+
+
 def provenance(
     study: Study, hypothesis: Hypothesis, posterior: HierarchicalPosterior, draws: PopulationDraws
 ) -> dict[str, object]:
@@ -127,6 +144,7 @@ def provenance(
         "common": population.common,
         "constants": population.prior.space.law.constants,
         "scatter": population.scatter,
+        "leaning": leaning(posterior, draws),
         "limits": {"max_r_hat": study.sampler.max_r_hat, "min_ess": study.sampler.min_ess},
         "sampling": {
             "status": str(draws.status),

@@ -55,6 +55,8 @@ class PopulationSummary:
     """SDs between samples that are hardly narrower than their prior, and lie where it does"""
     beyond_prior: tuple[str, ...]
     """SDs between samples that lie beyond what their prior expects"""
+    leaning: tuple[tuple[str, str], ...]
+    """of the population and of samples by name: bounds of the prior that they lean on"""
     force_new: tuple[Spread, ...]
     """force of a new sample at each travel, N"""
     travel: tuple[float, ...]
@@ -64,12 +66,17 @@ class PopulationSummary:
 
 
 def population_remarks(found: PopulationSummary) -> list[str]:
-    """What speaks against the population, one sentence each: odd samples, a narrow prior."""
+    """What speaks against the population: odd samples, bounds of the prior, a narrow one."""
     said = [
         f"the forces or the field of {name} lie outside what any constants explain (fit p = "
         f"{p:.2g}); it draws what is common to all samples, and their scatter"
         for name, p in zip(found.sample_names, found.fit_p, strict=True)
         if p < ODD / len(found.sample_names)
+    ]
+    said += [
+        f"{name} leans on the prior's {bounds}: a convention of the prior, not a finding, and its "
+        "SD says little about distance"
+        for name, bounds in found.leaning
     ]
     said += [
         f"the scatter of {name.removeprefix(SD)} lies beyond what its prior expects, which holds "
@@ -116,6 +123,7 @@ def load_population(path: Path) -> PopulationSummary:
         beyond_prior=tuple(
             SD + name for name in facts["varying"] if is_beyond(posterior[SD + name], name, facts)
         ),
+        leaning=tuple((name, " and ".join(bounds)) for name, bounds in facts.get("leaning", [])),
         force_new=tuple(
             _spread(predictive.isel(travel=i)) for i in range(predictive.sizes["travel"])
         ),
