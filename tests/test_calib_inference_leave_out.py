@@ -79,7 +79,7 @@ def test_scores_are_the_exact_ones_within_their_errors() -> None:
 
 
 def test_the_error_of_a_score_is_its_spread_over_other_draws() -> None:
-    """Over 60 sets of 500 draws, ratio of SDs within 35 %: false alarm 1e-4 (fixed seeds)."""
+    """Over 60 sets of 500 draws, ratio of SDs within 35 %: false alarm 1e-3 (fixed seeds)."""
     blocks = increment_blocks(TRAVEL)[1:3]
     rng = np.random.default_rng(7)
     weights = QUADRATURE.weights / QUADRATURE.weights.sum()
@@ -98,6 +98,8 @@ def test_draws_worth_a_ninth_have_three_times_the_error() -> None:
     of_independent = leave_out(FORCE.likelihood, x, blocks)
     assert found.error == pytest.approx(3.0 * of_independent.error)
     assert np.array_equal(found.log_density, of_independent.log_density)
+    # of chains too short to tell their memory
+    assert np.isinf(leave_out(FORCE.likelihood, x, blocks, worth=0.0).error).all()
 
 
 def test_scores_that_the_draws_cannot_give_are_integrated_anew() -> None:

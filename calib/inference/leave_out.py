@@ -146,7 +146,7 @@ def leave_out(
     """PSIS scores of blocks from equally probable posterior draws x (m, d).
 
     The draws are `worth` so many independent ones, by default m: errors are larger by the root of
-    the ratio (relative efficiency, Vehtari et al. 2024).
+    the ratio (relative efficiency, Vehtari et al. 2024), and infinite where they are worth none.
     """
     density = block_log_density(likelihood, x, blocks)
     log_weights, k = smoothed_weights(-density)
@@ -156,7 +156,8 @@ def leave_out(
     # Delta method for a weighted mean of the densities (Vehtari et al. 2024, section 2.5).
     relative = np.exp(density - score)
     error = np.sqrt(np.sum(weights**2 * (relative - 1.0) ** 2, axis=0))
-    error = error * np.sqrt(len(x) / (worth or len(x)))
+    if worth is not None:
+        error = error * (np.sqrt(len(x) / worth) if worth > 0.0 else np.inf)
     return Scores(tuple(block.name for block in blocks), score, error, k)
 
 

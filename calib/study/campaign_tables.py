@@ -59,7 +59,7 @@ def failures_table(name: str, manifest: Mapping[str, Any]) -> Table | None:
             str(run["index"]),
             *(p.text(value) for p, value in zip(parameters, run["theta"], strict=True)),
             f"{run['reached_mm']:.4g}",
-            run["message"].partition(";")[0],
+            run["message"].partition(";")[0],  # how it ended; what it warns of is in the manifest
         )
         for run in manifest["runs"]
         if _failed(run)

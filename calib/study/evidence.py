@@ -91,7 +91,8 @@ def stand(
 ) -> Standing:
     """Evidence and scores of one hypothesis from its posterior and equally probable draws.
 
-    `wider` is as in `refitted`; `time` is the autocorrelation time of the draws, steps.
+    `wider` is as in `refitted`; `time` is how many steps of a walker are worth one independent draw
+    (the longest autocorrelation time).
     """
     found = integrate(posterior)
     exact = (found.log_evidence, found.log_evidence_error)
@@ -102,7 +103,7 @@ def stand(
     few = draws[rng.choice(len(draws), min(N_DRAWS, len(draws)), replace=False)]
     likelihood = posterior.likelihood
     # The variance of all draws' mean, and what taking some of them at random adds to it.
-    worth = 1.0 / (max(time, 1.0) / len(draws) + 1.0 / len(few) - 1.0 / len(draws))
+    worth = 1.0 / (time / len(draws) + 1.0 / len(few) - 1.0 / len(draws))
 
     def scored(blocks: tuple[Block, ...]) -> Scores:
         return refitted(posterior, leave_out(likelihood, few, blocks, worth), blocks, wider)
