@@ -6,7 +6,7 @@ import os
 import signal
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,6 +19,9 @@ from fe import Response, dask_map, dask_workers, process_map, progress_bar, run_
 from fe.executors import SINGLE_THREAD, WorkerDied
 
 distributed = pytest.importorskip("distributed")
+
+PATIENCE = 60.0
+"""seconds for what takes much less"""
 
 
 @pytest.fixture(scope="module")
@@ -61,8 +64,25 @@ def test_the_bar_of_a_campaign_ends_with_all_runs(
     assert f"{len(RATIOS)}/{len(RATIOS)} [" in capsys.readouterr().err.split("\r")[-1]
 
 
-def test_results_come_as_they_are_ready(client: Any) -> None:
-    assert list(dask_map(client)(_wait, [1.0, 0.0])) == [(1, -0.0), (0, -1.0)]
+def _wait_for(exists: Callable[[], bool], what: str) -> None:
+    end = time.monotonic() + PATIENCE
+    while not exists():
+        assert time.monotonic() < end, f"not within {PATIENCE} s: {what}"
+        time.sleep(0.01)
+
+
+def _after(awaited: Path | None) -> bool:
+    if awaited is not None:
+        _wait_for(awaited.exists, "the other result")
+    return True
+
+
+def test_results_come_as_they_are_ready(client: Any, tmp_path: Path) -> None:
+    awaited = tmp_path / "second is here"
+    results = dask_map(client)(_after, [awaited, None])
+    assert next(results) == (1, True)
+    awaited.touch()
+    assert list(results) == [(0, True)]
     assert list(dask_map(client)(_wait, [])) == []
 
 
@@ -84,22 +104,27 @@ def test_an_exception_of_the_simulation_reaches_the_caller(client: Any, tmp_path
 
 @dataclass(frozen=True)
 class Noted:
-    """The toy, which notes in a file what it runs and in which process."""
+    """The toy, which notes in a file what it runs and in which process; its fourth run stays."""
 
     log: str
 
     def __call__(self, theta: np.ndarray) -> Response:
         with open(self.log, "a") as stream:
             stream.write(f"{os.getpid()} {theta.tolist()}\n")
-        return Toy(seconds=1.0)(theta)
+        if _lines(self.log)[3:4] == [f"{os.getpid()} {theta.tolist()}"]:
+            time.sleep(PATIENCE)  # until it is killed
+        return Toy(seconds=0.3)(theta)
+
+
+def _lines(log: str | Path) -> list[str]:
+    return Path(log).read_text().splitlines() if Path(log).exists() else []
 
 
 def _kill_fourth_of(log: Path, killed: list[str]) -> None:
     """Kill the process of the fourth line, which has finished a run before, in its run."""
-    while not (log.exists() and len(log.read_text().splitlines()) >= 4):
-        time.sleep(0.01)
-    killed.append(log.read_text().splitlines()[3])
-    time.sleep(0.5)  # the result before has been handed over by then; a run takes 1 s
+    _wait_for(lambda: len(_lines(log)) >= 4, "the fourth run")
+    killed.append(_lines(log)[3])
+    time.sleep(1.0)  # the result before has been handed over by then
     os.kill(int(killed[0].split()[0]), signal.SIGKILL)
 
 

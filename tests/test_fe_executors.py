@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import multiprocessing
 import os
 import signal
 import subprocess
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,6 +17,9 @@ from toy_simulation import RATIOS, Raises, Toy, run
 
 from fe.executors import SINGLE_THREAD, WorkerDied, process_map, serial_map
 from fe.response import Response
+
+PATIENCE = 60.0
+"""seconds for what takes much less"""
 
 
 @dataclass(frozen=True)
@@ -50,39 +55,59 @@ def test_a_killed_worker_is_reported_with_its_signal_and_run(tmp_path: Path) -> 
     assert caught.value.__notes__ == [f"in run 0 of {tmp_path}: r = {r:g}, s = {s:g}"]
 
 
-def _answers_at_length(which: int) -> bytes:
-    """The first answer is larger than a pipe holds, and its worker is killed while it sends it."""
-    if which == 0:
-        subprocess.Popen(["/bin/sh", "-c", f"sleep 0.7; kill -9 {os.getpid()}"])
+def _wait_for(exists: Callable[[], bool], what: str) -> None:
+    end = time.monotonic() + PATIENCE
+    while not exists():
+        assert time.monotonic() < end, f"not within {PATIENCE} s: {what}"
+        time.sleep(0.01)
+
+
+def _answers_at_length(item: tuple[str, Path]) -> bytes:
+    """The long answer is larger than a pipe holds, and its worker is killed while it sends it."""
+    what, folder = item
+    if what == "long":
+        _wait_for((folder / "other is here").exists, "the other answer")
+        script = f"sleep 0.7; kill -9 {os.getpid()}; touch '{folder}/killed'"
+        subprocess.Popen(["/bin/sh", "-c", script])
         return bytes(50_000_000)
     return b""
 
 
-def test_a_worker_killed_while_it_answers_is_reported_as_dead() -> None:
-    mapped = process_map(2)(_answers_at_length, [0, 1])
+def test_a_worker_killed_while_it_answers_is_reported_as_dead(tmp_path: Path) -> None:
+    mapped = process_map(2)(_answers_at_length, [("long", tmp_path), ("short", tmp_path)])
     assert next(mapped)[0] == 1
-    time.sleep(1.5)
+    (tmp_path / "other is here").touch()
+    _wait_for((tmp_path / "killed").exists, "the kill")
     with pytest.raises(WorkerDied) as caught:
         list(mapped)
     assert caught.value.index == 0
 
 
-def _in_turn(what: str) -> str:
+def _in_turn(item: tuple[str, Path]) -> str:
+    what, folder = item
     if what == "dies":
-        time.sleep(0.5)
+        _wait_for((folder / "third").exists, "the third item")
         os.kill(os.getpid(), signal.SIGKILL)
+    (folder / what).touch()
     return what
 
 
-def test_what_others_have_finished_when_a_worker_dies_is_not_lost() -> None:
+def test_what_others_have_finished_when_a_worker_dies_is_not_lost(tmp_path: Path) -> None:
     """The caller writes the first result while one worker dies and the other ends the third."""
+    before = {process.pid for process in multiprocessing.active_children()}
     arrived = []
+    items = [(what, tmp_path) for what in ("dies", "first", "third", "fourth")]
     with pytest.raises(WorkerDied) as caught:
-        for index, _ in process_map(2)(_in_turn, ["dies", "first", "third", "fourth"]):
+        for index, _ in process_map(2)(_in_turn, items):
             arrived.append(index)
             if len(arrived) == 1:
-                time.sleep(1.5)
+                _wait_for(lambda: _n_children_but(before) == 1, "the death of a worker")
+                time.sleep(1.0)  # the third is on its way: pickled and sent
     assert set(arrived) == {1, 2} and caught.value.index == 0
+
+
+def _n_children_but(known: set[int | None]) -> int:
+    return sum(process.pid not in known for process in multiprocessing.active_children())
 
 
 def test_a_simulation_that_cannot_be_pickled_is_refused_before_any_process_starts(
