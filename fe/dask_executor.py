@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from fe.executors import SINGLE_THREAD, MapFn, WorkerDied, usable_cores
 
 if TYPE_CHECKING:
-    from distributed import Client
+    from distributed import Client, Future
 
 T = TypeVar("T")
 R = TypeVar("R")
@@ -26,7 +26,8 @@ def dask_map(client: Client) -> MapFn:
     Results are yielded as they come. An item whose worker vanishes is repeated by another; with no
     worker left, the map waits for new ones. When the caller closes the iterator or is interrupted,
     what has not begun is cancelled. An exception of `f` is raised here, and `WorkerDied` when an
-    item has ended several workers, or the cluster is closed. Start the workers with one thread each
+    item has ended several workers, or the cluster is closed; results that others had by then are
+    yielded before. Start the workers with one thread each
     (`threads_per_worker=1`, OMP_NUM_THREADS=1) to get the results of `fe.executors.process_map`.
     Raises ImportError when the extra `dask` is not installed.
     """
@@ -45,7 +46,11 @@ def dask_map(client: Client) -> MapFn:
             with client.as_current():  # which need not be the default one
                 completed = as_completed(futures)
             for future in completed:
-                result = future.result()
+                try:
+                    result = future.result()
+                except Exception:
+                    yield from _others_ready(futures, index)
+                    raise
                 yield index.pop(future.key), result
                 # Dask would repeat a run that it keeps when the worker that has the result ends.
                 future.release()
@@ -64,6 +69,19 @@ def dask_map(client: Client) -> MapFn:
                 client.cancel(futures)
 
     return mapped
+
+
+def _others_ready(
+    futures: Sequence[Future[Any]], index: dict[Any, int]
+) -> Generator[tuple[int, Any], None, None]:
+    """Results that were there when another item failed, taken out of `index` (items by key)."""
+    for future in futures:
+        if future.key in index and future.status == "finished":
+            try:
+                result = future.result()
+            except Exception:  # lost since: its worker or the cluster ended
+                continue
+            yield index.pop(future.key), result
 
 
 @contextlib.contextmanager

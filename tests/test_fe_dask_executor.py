@@ -102,6 +102,33 @@ def test_an_exception_of_the_simulation_reaches_the_caller(client: Any, tmp_path
         )
 
 
+def _fails_after(item: tuple[str, Path]) -> str:
+    what, folder = item
+    if what == "fails":
+        _wait_for((folder / "first is here").exists, "the first result")
+    if what == "third":
+        _wait_for((folder / "fails").exists, "the item that fails")
+        time.sleep(0.5)  # so that it fails first
+    (folder / what).touch()
+    if what == "fails":
+        raise ValueError(what)
+    return what
+
+
+def test_what_others_have_finished_when_one_fails_is_not_lost(client: Any, tmp_path: Path) -> None:
+    """The caller writes the first result while the second item fails and the third ends."""
+    arrived = []
+    items = [(what, tmp_path) for what in ("first", "fails", "third")]
+    with pytest.raises(ValueError, match="fails"):
+        for index, _ in dask_map(client)(_fails_after, items):
+            arrived.append(index)
+            if len(arrived) == 1:
+                (tmp_path / "first is here").touch()
+                _wait_for((tmp_path / "third").exists, "the third item")
+                time.sleep(1.0)  # the scheduler is told
+    assert sorted(arrived) == [0, 2]
+
+
 @dataclass(frozen=True)
 class Noted:
     """The toy, which notes in a file what it runs and in which process; its fourth run stays."""
