@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy.stats import kstest
+from scipy.stats import kstest, norm, truncnorm
 
 from calib.inference import Marginal, Prior
 
@@ -64,6 +64,20 @@ def test_mean_and_sd_are_those_of_the_variable_before_truncation(name: str) -> N
     mean = value @ density
     assert mean == pytest.approx(2.0, rel=1e-6)
     assert np.sqrt((value - mean) ** 2 @ density) == pytest.approx(0.25, rel=1e-5)
+
+
+@pytest.mark.parametrize("ends", [(7.0, 8.0), (-8.0, -7.0), (12.0, 20.0), (-1.0, 8.0)])
+def test_a_box_far_from_a_normal_mean_holds_what_is_there_of_it(ends: tuple[float, float]) -> None:
+    """A posterior that the data pull there is cut so; scipy's truncated normal does the same."""
+    whole = Marginal("normal", -30.0, 30.0, 0.0, 1.0)
+    cut, log_share = whole.cut(*ends)
+    low, high = ends if ends[1] > 0.0 else (-ends[1], -ends[0])
+    assert log_share == pytest.approx(np.log(norm.sf(low) - norm.sf(high)), abs=1e-9)
+    p = np.linspace(0.01, 0.99, 9)
+    there = truncnorm(*ends)
+    np.testing.assert_allclose(cut.quantile(p), there.ppf(p), rtol=1e-9)
+    value = cut.quantile(p)
+    np.testing.assert_allclose(cut.log_density(value), there.logpdf(value), rtol=1e-9)
 
 
 def test_samples_follow_the_quantiles() -> None:

@@ -11,6 +11,8 @@ from scipy.special import ndtr, ndtri
 from fe.response import Array
 
 DISTRIBUTIONS = ("uniform", "log_uniform", "normal", "lognormal", "half_cauchy")
+LEAST_MASS = 1e-200
+"""of a distribution between its bounds; a normal one has so much 30 SDs from its mean"""
 
 
 @dataclass(frozen=True)
@@ -51,7 +53,7 @@ class Marginal:
         if not (0 < median < np.inf and self.low >= 0):
             got = f"{median}, {self.low}"
             raise ValueError(f"median, low: expected a positive median and low >= 0, got {got}")
-        if not self._mass >= 1e-10:
+        if not self._mass >= LEAST_MASS:
             raise ValueError(
                 f"low, high: [{self.low}, {self.high}] holds almost no probability of "
                 f"half_cauchy with median {median}; widen the bounds"
@@ -63,7 +65,7 @@ class Marginal:
             raise ValueError(f"mean, sd: {self.distribution} needs both and sd > 0, got {got}")
         if self.on_log and self.mean <= 0:
             raise ValueError(f"mean: must be positive for lognormal, got {self.mean}")
-        if not self._mass >= 1e-10:
+        if not self._mass >= LEAST_MASS:
             raise ValueError(
                 f"low, high: [{self.low}, {self.high}] holds almost no probability of "
                 f"{self.distribution} with mean {self.mean} and sd {self.sd}; widen the bounds"
@@ -100,9 +102,13 @@ class Marginal:
         if self.median is not None:
             low, high = (2.0 / np.pi * np.arctan(end / self.median) for end in self._range)
             return float(low), float(high)
-        centre, sd = self._normal
-        low, high = self._range
-        return float(ndtr((low - centre) / sd)), float(ndtr((high - centre) / sd))
+        low, high = sorted(self._side * (end - self._normal[0]) for end in self._range)
+        return float(ndtr(low / self._normal[1])), float(ndtr(high / self._normal[1]))
+
+    @cached_property
+    def _side(self) -> float:
+        """-1 where a normal variable is above its mean, and is mirrored: tails round off at one."""
+        return -1.0 if self._range[0] > self._normal[0] else 1.0
 
     @property
     def _mass(self) -> float:
@@ -139,7 +145,8 @@ class Marginal:
         low, high = self._range
         if self.is_normal:
             centre, sd = self._normal
-            position = centre + sd * ndtri(self._tails[0] + probability * self._mass)
+            share = probability if self._side > 0.0 else 1.0 - probability
+            position = centre + self._side * sd * ndtri(self._tails[0] + share * self._mass)
         elif self.median is not None:
             share = self._tails[0] + probability * self._mass
             position = self.median * np.tan(0.5 * np.pi * share)
