@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
-import numpy as np
+from typing import Any
 
-from surrogate.force_scale import ForceScale
+import numpy as np
+import pytest
+
+from surrogate.coordinates import FAMILIES, Chosen
+from surrogate.force_scale import ForceScale, choose_scale
 
 
 def test_a_lognormal_force_has_its_median_and_its_spread_relative_to_the_mean() -> None:
@@ -17,3 +21,18 @@ def test_a_lognormal_force_has_its_median_and_its_spread_relative_to_the_mean() 
     np.testing.assert_allclose(np.median(drawn, axis=0), centre, rtol=3e-3)
     relative = np.cov((drawn / drawn.mean(axis=0)).T)
     np.testing.assert_allclose(found / np.outer(centre, centre), relative, rtol=2e-2)
+
+
+@pytest.mark.parametrize(("judged", "log"), [([0, 1], True), ([2, 3], False)])
+def test_scales_are_compared_by_densities_of_the_force(
+    judged: list[int], log: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Equal densities of y: of a force below the mean ln f takes less, so it is more probable."""
+
+    def equal(x: Any, y: Any, slopes: Any) -> Chosen:
+        return Chosen(np.zeros(1), FAMILIES[0], 0.0, np.array(judged))
+
+    monkeypatch.setattr("surrogate.force_scale.choose_coordinates", equal)
+    force = np.array([[1.0, 2.0], [2.0, 3.0], [5.0, 9.0], [6.0, 12.0]])
+    chosen = choose_scale(np.linspace(0.0, 1.0, 4)[:, None], force, None)
+    assert chosen.scale.log is log
