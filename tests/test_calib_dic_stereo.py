@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -338,6 +339,33 @@ def test_a_stopped_series_goes_on_with_the_same_bits(folder, capsys, monkeypatch
     assert said.count("(kept)") == 1 and said.count("(measured)") == 1
     for name in ("points/left1.csv", "points/left2.csv", "left2-strain.csv", "dic.json"):
         assert (folder / "long-dic" / name).read_bytes() == (folder / "whole" / name).read_bytes()
+
+
+def test_pairs_after_one_whose_image_changed_are_gone_when_the_run_is_stopped(
+    folder, tmp_path, monkeypatch
+):
+    """Of the right camera, whose name the results do not bear."""
+    for name in ("left0", "right0", "left1", "right1"):
+        shutil.copy(folder / f"{name}.tif", tmp_path)
+    for side in ("left", "right"):
+        shutil.copy(folder / f"{side}1.tif", tmp_path / f"{side}2.tif")
+    shutil.copy(folder / "rig.json", tmp_path)
+    text = STUDY.format(right="right").replace("= 12", "= 24").replace("[2.5]", "[2.5, 5.0]")
+    for side in ("left", "right"):
+        text = text.replace(f'["{side}1.tif"]', f'["{side}1.tif", "{side}2.tif"]')
+    (tmp_path / "s.toml").write_text(text)
+    assert main(["dic", str(tmp_path / "s.toml")]) == 0
+    points = tmp_path / "s-dic" / "points"
+    assert {path.stem for path in points.iterdir()} == {"left0", "left1", "left2"}
+    image = io.imread(tmp_path / "right1.tif")
+    io.imsave(tmp_path / "right1.tif", image + (image < 100), check_contrast=False)
+
+    def stopped(*given):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("calib.dic_study.stereo_run.follow_pair", stopped)
+    assert main(["dic", str(tmp_path / "s.toml")]) != 0
+    assert [path.stem for path in points.iterdir()] == ["left0"]
 
 
 def _stage(folder, name, text):
