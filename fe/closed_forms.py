@@ -13,9 +13,9 @@ from functools import partial
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 from scipy.optimize import brentq
 
+from fe.compiled import kernel
 from fe.materials import ogden
 from fe.materials.law import Law
 from fe.materials.law_codes import invariant_derivatives, is_separable
@@ -129,7 +129,7 @@ def _kirchhoff(law: Law, constants: npt.ArrayLike, logarithms: Array) -> Array:
     return deviatoric
 
 
-@njit(cache=True)
+@kernel()
 def _slopes(law: int, e: Array, constants: Array) -> Array:
     """(n, 3) dW/de_i, MPa, at isochoric logarithms e (n, 3), up to a multiple of (1, 1, 1)."""
     slopes = np.empty(e.shape)

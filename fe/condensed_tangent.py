@@ -7,18 +7,19 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
+
+from fe.compiled import kernel
 
 Array = npt.NDArray[np.float64]
 
 
-@njit(cache=True)
+@kernel()
 def left_factors(n_a: int, n_row: int) -> tuple[Array, Array, Array]:
     """Work arrays for the blocks [i, k] of the tangent with k = 0, 1, 2 and i <= k beside."""
     return np.empty((n_row, n_a)), np.empty((n_row, 2 * n_a)), np.empty((n_row, 3 * n_a))
 
 
-@njit(cache=True)
+@kernel()
 def weighted_tangent(
     left: tuple[Array, Array, Array], G: Array, q: int, w: float, A: Array
 ) -> None:
@@ -34,7 +35,7 @@ def weighted_tangent(
                     row[a] = w0 * G[3 * q, a] + w1 * G[3 * q + 1, a] + w2 * G[3 * q + 2, a]
 
 
-@njit(cache=True)
+@kernel()
 def element_tangent(
     left: tuple[Array, Array, Array],
     right: Array,

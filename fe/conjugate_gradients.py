@@ -10,7 +10,8 @@ from collections.abc import Callable
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
+
+from fe.compiled import kernel
 
 Array = npt.NDArray[np.float64]
 Int32Array = npt.NDArray[np.int32]
@@ -47,7 +48,7 @@ def conjugate_gradients(
     return None
 
 
-@njit(cache=True)
+@kernel()
 def symmetric_product(indptr: Int32Array, indices: Int32Array, upper: Array, x: Array) -> Array:
     """(n,) product with x (n,) of the symmetric matrix whose upper triangle is given in CSR.
 

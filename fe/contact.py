@@ -16,8 +16,8 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from fe.compiled import kernel
 from fe.face_rows import (
     BY_TRAVEL,
     FORCE,
@@ -117,7 +117,7 @@ def empty_system(faces: Faces) -> ContactSystem:
     )
 
 
-@njit(cache=True)
+@kernel()
 def penalty(gap: float, stiffness: float, ramp: float) -> tuple[float, float, float]:
     """Energy density and its first two derivatives in the gap (negative gap is penetration)."""
     t = -gap
@@ -132,7 +132,7 @@ def penalty(gap: float, stiffness: float, ramp: float) -> tuple[float, float, fl
     )
 
 
-@njit(cache=True)
+@kernel()
 def _tied_point(
     x: Array, anchor: Array, shift: float, stiffness: float, force: Array, hessian: Array
 ) -> float:
@@ -147,7 +147,7 @@ def _tied_point(
     return energy
 
 
-@njit(cache=True)
+@kernel()
 def _free_point(
     x: Array, on_side: bool, travel: float, pin: RigidPin, force: Array, hessian: Array
 ) -> tuple[float, float, float]:
@@ -181,7 +181,7 @@ def _free_point(
     return energy, pin_force, floor_stiffness
 
 
-@njit(cache=True)
+@kernel()
 def _base_point(x: Array, stiffness: float, force: Array, hessian: Array) -> float:
     """Energy density of the spring that holds the base at y = 0; fills its derivatives."""
     force[:] = 0.0
@@ -192,7 +192,7 @@ def _base_point(x: Array, stiffness: float, force: Array, hessian: Array) -> flo
     return energy
 
 
-@njit(cache=True)
+@kernel()
 def position(u: Array, faces: Faces, c: int, q: int, x: Array) -> None:
     """Fill x (3,) with the deformed position of point q of face c, mm."""
     for i in range(3):
@@ -201,7 +201,7 @@ def position(u: Array, faces: Faces, c: int, q: int, x: Array) -> None:
             x[i] += faces.shape[c, q, a] * u[faces.nodes[c, a], i]
 
 
-@njit(cache=True)
+@kernel()
 def contact_system(
     u: Array,
     faces: Faces,
@@ -255,7 +255,7 @@ def contact_system(
     return energy, pin_force
 
 
-@njit(cache=True)
+@kernel()
 def _sum_face(rows: FaceRows, n: int, c: int, system: ContactSystem) -> None:
     """Fill face c from its first n rows."""
     system.force[c] = 0.0
@@ -267,7 +267,7 @@ def _sum_face(rows: FaceRows, n: int, c: int, system: ContactSystem) -> None:
         add_matrices(rows, n, rows.matrix, system.tangent[c])
 
 
-@njit(cache=True, inline="always")
+@kernel(inline="always")
 def _put(
     rows: FaceRows,
     n: int,

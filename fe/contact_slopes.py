@@ -12,8 +12,8 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from fe.compiled import kernel
 from fe.contact import FREE, TIED_TO_PIN, Faces, penalty, position
 from fe.friction_slopes import add_friction
 from fe.pin_surface import RigidPin, pin_point
@@ -65,7 +65,7 @@ def contact_pull(
     return total, on_pin
 
 
-@njit(cache=True)
+@kernel()
 def _pull_faces(
     u: Array,
     faces: Faces,
@@ -108,7 +108,7 @@ def _pull_faces(
                 on_pin[j] += nodal[a, 3 * n_p + j]  # shape functions add up to one
 
 
-@njit(cache=True, inline="always")
+@kernel(inline="always")
 def _add_own(
     c: int,
     q: int,
@@ -149,7 +149,7 @@ def _add_own(
                 )
 
 
-@njit(cache=True, inline="always")
+@kernel(inline="always")
 def _add_point(
     x: Array,
     c: int,
@@ -196,7 +196,7 @@ def _add_point(
     return _TIED if tied else int(surface)
 
 
-@njit(cache=True, inline="always")
+@kernel(inline="always")
 def _copy_to_pin(q: int, share: Share) -> None:
     """Take the vertical force that there is so far for the pin's."""
     for k in range(N_OWN):
@@ -205,7 +205,7 @@ def _copy_to_pin(q: int, share: Share) -> None:
         share.single[q, 3, k] = share.single[q, 1, k]
 
 
-@njit(cache=True, inline="always")
+@kernel(inline="always")
 def _add_base(x: Array, q: int, w: float, pin: RigidPin, share: Share) -> None:
     """The spring under a base point."""
     share.own[q, 1, MOTION + 1] += w * pin.base_stiffness
@@ -213,7 +213,7 @@ def _add_base(x: Array, q: int, w: float, pin: RigidPin, share: Share) -> None:
     share.single[q, 1, BASE_STIFFNESS] += w * x[1]
 
 
-@njit(cache=True, inline="always")
+@kernel(inline="always")
 def _add_spring(
     x: Array,
     c: int,
@@ -237,7 +237,7 @@ def _add_spring(
         share.single[q, i, STIFFNESS] += w * held * stretch
 
 
-@njit(cache=True, inline="always")
+@kernel(inline="always")
 def _add_pin(
     x: Array, q: int, travel: float, w: float, part: float, pin: RigidPin, share: Share
 ) -> None:
@@ -264,7 +264,7 @@ def _add_pin(
     add_normal_turn(q, area * slope * s.nx, area * slope * s.nz, pin, share)
 
 
-@njit(cache=True, inline="always")
+@kernel(inline="always")
 def _add_floor(x: Array, q: int, w: float, part: float, pin: RigidPin, share: Share) -> None:
     """Frictionless penalty of the floor, as `_add_pin`."""
     _, slope, curvature = penalty(x[1], pin.stiffness, pin.ramp)

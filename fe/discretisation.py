@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 import scipy.sparse as sp
-from numba import njit
 from skfem import Basis, ElementHex2, FacetBasis, MeshHex
 
+from fe.compiled import kernel
 from fe.contact import Faces
 from fe.weak_form import Elements
 
@@ -150,7 +150,7 @@ def pattern(element_nodes: IntArray, face_nodes: IntArray, fixed: BoolArray) -> 
     )
 
 
-@njit(cache=True)
+@kernel()
 def entry_slots(
     nodes: IntArray,
     number: IntArray,
@@ -188,7 +188,7 @@ def entry_slots(
     return slots
 
 
-@njit(cache=True)
+@kernel()
 def add_entries(tangent: Array, slots: Int32Array, data: Array) -> None:
     """Add element entries (n, a, 3, 3, a) into the CSR data at their slots."""
     n_elem, n_a = tangent.shape[0], tangent.shape[1]

@@ -9,7 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
+
+from fe.compiled import kernel
 
 Array = npt.NDArray[np.float64]
 
@@ -31,7 +32,7 @@ class FaceRows(NamedTuple):
     """(n_row, 9 n_a) shape functions times a matrix"""
 
 
-@njit(cache=True)
+@kernel()
 def empty_rows(n_row: int, n_a: int) -> FaceRows:
     """Work arrays, not filled."""
     return FaceRows(
@@ -42,13 +43,13 @@ def empty_rows(n_row: int, n_a: int) -> FaceRows:
     )
 
 
-@njit(cache=True)
+@kernel()
 def none_filled() -> int:
     """0, of which the compiler knows the type alone: for a literal it would compile sums twice."""
     return 0
 
 
-@njit(cache=True)
+@kernel()
 def add_vectors(
     rows: FaceRows, n: int, force: Array, by_travel: Array, pin_force_by_u: Array
 ) -> None:
@@ -61,7 +62,7 @@ def add_vectors(
             pin_force_by_u[a, i] += total[a, PIN_FORCE_BY_U + i]
 
 
-@njit(cache=True)
+@kernel()
 def add_matrices(rows: FaceRows, n: int, matrix: Array, block: Array) -> None:
     """Add shape[q, a] matrix[q, ik] shape[q, b] of the first n rows to block (n_a, 3, 3, n_a)."""
     n_a = rows.shape.shape[1]
@@ -72,7 +73,7 @@ def add_matrices(rows: FaceRows, n: int, matrix: Array, block: Array) -> None:
     block += np.dot(rows.left[:n].T, rows.shape[:n]).reshape(block.shape)
 
 
-@njit(cache=True)
+@kernel()
 def positions(u: Array, nodes: npt.NDArray[np.int64], shape: Array, points: Array) -> Array:
     """(n_q, 3) deformed positions of a face's points, mm.
 
@@ -86,7 +87,7 @@ def positions(u: Array, nodes: npt.NDArray[np.int64], shape: Array, points: Arra
     return moved
 
 
-@njit(cache=True)
+@kernel()
 def motions(u_gradient: Array, nodes: npt.NDArray[np.int64], shape: Array, points: Array) -> Array:
     """(n_q, 3, n_p) derivatives of `positions`, mm.
 

@@ -21,8 +21,8 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from fe.compiled import kernel
 from fe.contact import FREE, ContactSystem, Faces
 from fe.face_rows import (
     BY_TRAVEL,
@@ -55,7 +55,7 @@ class Frame(NamedTuple):
     """(n_face, n_q) 1 where the surface moves with the pin, else 0"""
 
 
-@njit(cache=True)
+@kernel()
 def slip_potential(s0: float, s1: float, slip: float) -> tuple[float, float, float]:
     """Potential per limit at the slip (s0, s1), mm, and two factors of its derivatives.
 
@@ -68,7 +68,7 @@ def slip_potential(s0: float, s1: float, slip: float) -> tuple[float, float, flo
     return size - 0.375 * slip, 1.0 / size, 1.0 / size**3
 
 
-@njit(cache=True)
+@kernel()
 def _frozen_slip(frame: Frame, c: int, q: int, x: Array, travel: float) -> tuple[float, float]:
     """Slip of the point x (3,) mm in the frame, mm."""
     s0, s1 = frame.offset[c, q, 0], frame.offset[c, q, 1]
@@ -79,7 +79,7 @@ def _frozen_slip(frame: Frame, c: int, q: int, x: Array, travel: float) -> tuple
     return s0, s1
 
 
-@njit(cache=True)
+@kernel()
 def frozen_energy(u: Array, faces: Faces, frame: Frame, travel: float, slip: float) -> float:
     """Frozen friction potential at u (n_node, 3) mm, N mm."""
     energy = 0.0
@@ -93,7 +93,7 @@ def frozen_energy(u: Array, faces: Faces, frame: Frame, travel: float, slip: flo
     return energy
 
 
-@njit(cache=True)
+@kernel()
 def friction_system(
     u: Array,
     faces: Faces,
@@ -146,7 +146,7 @@ def friction_system(
     return frame, energy, pin_force
 
 
-@njit(cache=True)
+@kernel()
 def _empty_frame(n_face: int, n_quad: int) -> Frame:
     """Of points that do not touch."""
     return Frame(
@@ -157,7 +157,7 @@ def _empty_frame(n_face: int, n_quad: int) -> Frame:
     )
 
 
-@njit(cache=True, inline="always")
+@kernel(inline="always")
 def _freeze(
     frame: Frame,
     c: int,
@@ -180,7 +180,7 @@ def _freeze(
         frame.offset[c, q, a] = offset
 
 
-@njit(cache=True, inline="always")
+@kernel(inline="always")
 def _put(
     rows: FaceRows,
     beyond: Array,
@@ -203,7 +203,7 @@ def _put(
             beyond[n, 3 * i + k] = w * (true[i, k] - frozen[i, k])
 
 
-@njit(cache=True)
+@kernel()
 def _point(
     chart: Chart,
     limit: float,

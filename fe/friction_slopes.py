@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from fe.compiled import kernel
 from fe.friction import slip_potential
 from fe.pin_surface import RigidPin, pin_point
 from fe.point_shares import (
@@ -35,7 +35,7 @@ from fe.touch import PIN, Chart, FrictionLaw
 Array = npt.NDArray[np.float64]
 
 
-@njit(cache=True, inline="always")
+@kernel(inline="always")
 def add_friction(
     x: Array,
     q: int,
@@ -97,7 +97,7 @@ def add_friction(
         add_normal_turn(q, along_x, along_z, pin, share)
 
 
-@njit(cache=True, inline="always")
+@kernel(inline="always")
 def _add_limit(
     x: Array,
     q: int,

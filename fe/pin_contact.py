@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from fe.compiled import kernel
 from fe.contact import TIED_TO_PIN, Faces
 from fe.face_rows import positions
 from fe.pin_surface import RigidPin, pin_point
@@ -19,7 +19,7 @@ DEEP = 0.05
 """penetration over the height left under the pin, from which the penalty is part of the answer"""
 
 
-@njit(cache=True)
+@kernel()
 def touching(
     u: Array, faces: Faces, tied: IntArray, travel: float, pin: RigidPin
 ) -> tuple[int, float]:

@@ -10,7 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
+
+from fe.compiled import kernel
 
 Array = npt.NDArray[np.float64]
 
@@ -66,7 +67,7 @@ class PinPoint(NamedTuple):
     hzz: float
 
 
-@njit(cache=True)
+@kernel()
 def bar_distance(
     x: float, y: float, half_width: float, fillet: float, bottom: float
 ) -> tuple[float, float, float, float, float, float]:
@@ -89,7 +90,7 @@ def bar_distance(
     return radius - fillet, nx, ny, c * ny * ny, -c * nx * ny, c * nx * nx
 
 
-@njit(cache=True)
+@kernel()
 def pin_point(x: Array, travel: float, pin: RigidPin) -> PinPoint:
     """The pin at its travel (mm) seen from x (3,) mm."""
     dx, dz = x[0] - pin.x, x[2] - pin.z

@@ -16,8 +16,8 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from fe.compiled import kernel
 from fe.contact import penalty
 from fe.plate import Plate, PlateMemory, edge_positions
 
@@ -70,7 +70,7 @@ def normal_contact(plate: Plate, u: Array, travel: float, modulus: float) -> Nor
     return Normal(gap, *values.reshape(3, *gap.shape))
 
 
-@njit(cache=True)
+@kernel()
 def _penalties(gap: Array, stiffness: float, ramp: float) -> Array:
     values = np.empty((3, gap.size))
     for i in range(gap.size):

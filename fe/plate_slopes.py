@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from fe.compiled import kernel
 from fe.plate import Plate, PlateMemory, PlateSlopes
 from fe.plate_contact import Coupling, Limits, Normal, slip_share, slips
 from fe.surface_slopes import penalty_slope
@@ -37,7 +37,7 @@ def add_normal_slopes(
     return pressed
 
 
-@njit(cache=True)
+@kernel()
 def _penalty_slopes(gap: Array, stiffness: float, ramp: float, dk: Array, dr: Array) -> Array:
     values = np.empty((gap.size, dk.size))
     for i in range(gap.size):

@@ -6,8 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from fe.compiled import kernel
 from fe.pin_surface import ROUND, RigidPin
 from fe.surface_slopes import seen_from
 
@@ -30,7 +30,7 @@ class Share(NamedTuple):
     """(n_q, 4, N_SINGLE)"""
 
 
-@njit(cache=True, inline="always")
+@kernel(inline="always")
 def add_seen(
     x: Array, q: int, i: int, v0: float, v1: float, v2: float, pin: RigidPin, share: Share
 ) -> None:
@@ -52,7 +52,7 @@ def add_seen(
         share.single[q, i, ANGLE] += v2 * (x[0] - pin.x) - v0 * (x[2] - pin.z)
 
 
-@njit(cache=True, inline="always")
+@kernel(inline="always")
 def add_normal_turn(q: int, along_x: float, along_z: float, pin: RigidPin, share: Share) -> None:
     """Add that a force (x and z of it, N) that goes with the pin's surface turns with a bar."""
     if pin.shape != ROUND:

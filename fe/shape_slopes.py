@@ -12,8 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from fe.compiled import kernel
 from fe.directions import Directions
 from fe.materials.invariant import cofactor, invariant_slopes
 from fe.materials.law_codes import invariant_derivatives, is_separable
@@ -55,7 +55,7 @@ class _Point(NamedTuple):
     """(n_m, 9) [3 j + i] derivative of the stress P_ij, times volume, along each entry of L"""
 
 
-@njit(cache=True)
+@kernel()
 def residual_slopes(
     u: Array, elements: Elements, material: KernelMaterial, along: Directions, total: Array
 ) -> None:
@@ -88,7 +88,7 @@ def residual_slopes(
                     total[at, i, c] += forces[a, i * n_column + c]
 
 
-@njit(cache=True)
+@kernel()
 def _empty_element(n_quad: int, n_p: int, n_v: int) -> _Element:
     return _Element(
         np.empty(n_quad),
@@ -100,12 +100,12 @@ def _empty_element(n_quad: int, n_p: int, n_v: int) -> _Element:
     )
 
 
-@njit(cache=True)
+@kernel()
 def _empty_point(n_m: int) -> _Point:
     return _Point(np.empty((3, 3)), np.empty((3, 3, 3, 3)), np.empty((9, 3, 3)), np.empty((n_m, 9)))
 
 
-@njit(cache=True)
+@kernel()
 def _fill_stack(
     H: Array,
     elements: Elements,
@@ -152,7 +152,7 @@ def _fill_stack(
         _stack_motions(elements.psi, w, e, q, along, element, point, stack)
 
 
-@njit(cache=True)
+@kernel()
 def _fill_volume(
     H: Array, elements: Elements, e: int, material: KernelMaterial, element: _Element
 ) -> None:
@@ -177,7 +177,7 @@ def _fill_volume(
     element.pressure[:] = np.dot(elements.mass_inverse[e], whole)
 
 
-@njit(cache=True)
+@kernel()
 def _fill_pressure_slopes(
     H: Array,
     elements: Elements,
@@ -215,7 +215,7 @@ def _fill_pressure_slopes(
     element.along[:, :] = material.bulk * np.dot(whole, mass_inverse)
 
 
-@njit(cache=True)
+@kernel()
 def _times(matrices: Array, x: Array) -> Array:
     """(n, k) products of symmetric matrices (n, k, k) and one vector (k,)."""
     n, k, _ = matrices.shape
@@ -223,7 +223,7 @@ def _times(matrices: Array, x: Array) -> Array:
     return found
 
 
-@njit(cache=True)
+@kernel()
 def _stack_laws(
     F: Array,
     J: float,
@@ -255,7 +255,7 @@ def _stack_laws(
                 stack[q, 3 * j + i, c] = w * (W1 * by_i1[i, j] + W2 * by_i2[i, j])
 
 
-@njit(cache=True)
+@kernel()
 def _stack_motions(
     psi: Array,
     w: float,

@@ -11,8 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from fe.compiled import kernel
 from fe.contact import FREE, Faces
 from fe.face_rows import motions, positions
 from fe.friction import slip_potential
@@ -43,7 +43,7 @@ def rest(faces: Faces, pin: RigidPin, slopes: SurfaceSlopes) -> SlipAnchors:
     return slip
 
 
-@njit(cache=True)
+@kernel()
 def _places(faces: Faces, pin: RigidPin, slopes: SurfaceSlopes, slip: SlipAnchors) -> None:
     chart = empty_chart()
     seen, there = np.empty(slopes.points.shape[2:]), np.empty((2, slopes.points.shape[3]))
@@ -62,7 +62,7 @@ def _places(faces: Faces, pin: RigidPin, slopes: SurfaceSlopes, slip: SlipAnchor
                 slip.gradient[c, q, surface] = there
 
 
-@njit(cache=True, inline="always")
+@kernel(inline="always")
 def place_slopes(
     x: Array,
     seen: Array,
@@ -91,7 +91,7 @@ def place_slopes(
         there[1, j] += longer * e1
 
 
-@njit(cache=True)
+@kernel()
 def arc_growth(x: Array, chart: Chart, pin: RigidPin) -> tuple[float, float, float]:
     """Where on the pin the place of x (3,) mm goes as half the width grows, and its share.
 
@@ -105,7 +105,7 @@ def arc_growth(x: Array, chart: Chart, pin: RigidPin) -> tuple[float, float, flo
     return ex, ez, turned
 
 
-@njit(cache=True)
+@kernel()
 def advance_anchors(
     u: Array,
     u_gradient: Array,
@@ -165,7 +165,7 @@ def advance_anchors(
     return work
 
 
-@njit(cache=True, inline="always")
+@kernel(inline="always")
 def _return(
     limit: float,
     slip: float,

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from fe.compiled import kernel
 from fe.materials.law_codes import invariant_derivatives, is_separable
 from fe.materials.material import KernelMaterial
 from fe.materials.stretch import separable_stress
@@ -18,7 +18,7 @@ Array = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 
 
-@njit(cache=True)
+@kernel()
 def stress_slopes(
     material: KernelMaterial,
     F: Array,
@@ -66,7 +66,7 @@ def stress_slopes(
                 slopes[m, 3 * k + i] -= P[i, j]
 
 
-@njit(cache=True)
+@kernel()
 def _contract(A: Array, H: Array, rows: IntArray, columns: IntArray, changes: Array) -> None:
     """Fill `changes` (n_m, 9) with -A[i, n, p, j] h_p."""
     for m in range(rows.size):
@@ -77,7 +77,7 @@ def _contract(A: Array, H: Array, rows: IntArray, columns: IntArray, changes: Ar
                 changes[m, 3 * n + i] = -value
 
 
-@njit(cache=True)
+@kernel()
 def _invariant_stress(
     law: int, work: Array, invariants: tuple[float, float, float], constants: Array, P: Array
 ) -> None:
@@ -89,7 +89,7 @@ def _invariant_stress(
             P[i, n] = W1 * work[4, i, n] + W2 * work[5, i, n]
 
 
-@njit(cache=True)
+@kernel()
 def _invariant_changes(
     law: int,
     F: Array,

@@ -12,8 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from fe.compiled import kernel
 from fe.contact import Faces
 from fe.pin_surface import ROUND, PinPoint, RigidPin
 
@@ -63,7 +63,7 @@ def no_slopes(faces: Faces, n_p: int) -> SurfaceSlopes:
     )
 
 
-@njit(cache=True)
+@kernel()
 def seen_from(x: Array, pin: RigidPin) -> tuple[float, float, float]:
     """(x, z of the unit vector outwards, side) for the point x (3,) mm: side -1 behind a bar."""
     dx, dz = x[0] - pin.x, x[2] - pin.z
@@ -74,7 +74,7 @@ def seen_from(x: Array, pin: RigidPin) -> tuple[float, float, float]:
     return pin.across_x, pin.across_z, side
 
 
-@njit(cache=True, inline="always")
+@kernel(inline="always")
 def relative_motion(
     x: Array, motion: Array, pin: RigidPin, slopes: SurfaceSlopes, seen: Array
 ) -> None:
@@ -96,7 +96,7 @@ def relative_motion(
         seen[2, j] = motion[2, j] - axis_z + outwards * ez
 
 
-@njit(cache=True)
+@kernel()
 def gap_slope(s: PinPoint, moved: Array, slopes: SurfaceSlopes, j: int) -> float:
     """Derivative of the signed distance along the relative motion (3, n_p) mm."""
     along: float = s.nx * moved[0, j] + s.ny * moved[1, j] + s.nz * moved[2, j]
@@ -104,7 +104,7 @@ def gap_slope(s: PinPoint, moved: Array, slopes: SurfaceSlopes, j: int) -> float
     return along
 
 
-@njit(cache=True)
+@kernel()
 def normal_slope(
     s: PinPoint, moved: Array, pin: RigidPin, slopes: SurfaceSlopes, j: int
 ) -> tuple[float, float, float]:
@@ -119,7 +119,7 @@ def normal_slope(
     return d0, d1, d2
 
 
-@njit(cache=True)
+@kernel()
 def penalty_slope(gap: float, stiffness: float, ramp: float, dk: float, dr: float) -> float:
     """Derivative of the penalty's slope in stiffness (MPa/mm) and ramp (mm) at a fixed gap, MPa."""
     t = -gap

@@ -13,8 +13,8 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from fe.compiled import kernel
 from fe.contact import FREE, TIED_TO_FLOOR, TIED_TO_PIN, Faces
 from fe.face_rows import motions, positions
 from fe.pin_surface import RigidPin, pin_point
@@ -95,7 +95,7 @@ def step_at_rest(faces: Faces, slopes: SurfaceSlopes, start: SurfaceSlopes) -> S
     return Step(np.zeros((n_node, 3)), np.zeros((n_node, 3, lower.size)), 0.0, lower)
 
 
-@njit(cache=True)
+@kernel()
 def share(depth: float, grip: float) -> tuple[float, float]:
     """Share of the spring at a penetration (mm), and its slope, 1/mm; all of it from `grip` on."""
     t = min(max(depth / grip, 0.0), 1.0)
@@ -112,7 +112,7 @@ class _FaceState(NamedTuple):
     step: Step
 
 
-@njit(cache=True)
+@kernel()
 def tie(
     ties: Ties,
     faces: Faces,
@@ -160,7 +160,7 @@ def tie(
     return found
 
 
-@njit(cache=True)
+@kernel()
 def _touching(
     ties: Ties,
     faces: Faces,
@@ -188,14 +188,14 @@ def _touching(
     return loose
 
 
-@njit(cache=True)
+@kernel()
 def _state(step: Step, place: Array, faces: Faces, slopes: SurfaceSlopes, c: int) -> _FaceState:
     """Face c at the end of a step, its points at `place` (n_q, 3) mm."""
     moved = motions(step.u_gradient, faces.nodes[c], faces.shape[c], slopes.points[c])
     return _FaceState(place, moved, step)
 
 
-@njit(cache=True)
+@kernel()
 def _fill_seen(face: _FaceState, q: int, surface: int, place: Array, moved: Array) -> None:
     """Fill place (3,) mm and motion (3, n_p) mm of point q as the surface sees it."""
     place[:] = face.place[q]
@@ -205,7 +205,7 @@ def _fill_seen(face: _FaceState, q: int, surface: int, place: Array, moved: Arra
         moved[1] += face.step.travel_gradient
 
 
-@njit(cache=True)
+@kernel()
 def _touched(place: Array, travel: float, on_side: bool, pin: RigidPin, stick: Stick) -> int:
     """Which surface that sticks a free point at `place` (3,) mm is in, FREE if none."""
     if stick.floor and on_side and place[1] < 0.0:
@@ -215,7 +215,7 @@ def _touched(place: Array, travel: float, on_side: bool, pin: RigidPin, stick: S
     return FREE
 
 
-@njit(cache=True)
+@kernel()
 def _gap(
     place: Array,
     moved: Array,
@@ -240,7 +240,7 @@ def _gap(
     return s.gap
 
 
-@njit(cache=True)
+@kernel()
 def _anchor(
     ties: Ties,
     c: int,
@@ -282,7 +282,7 @@ def _anchor(
         anchor[i] = old * anchor[i] + (1.0 - old) * new
 
 
-@njit(cache=True)
+@kernel()
 def _meet(
     ties: Ties,
     c: int,

@@ -12,8 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from fe.compiled import kernel
 from fe.contact import penalty
 from fe.pin_surface import ROUND, RigidPin, bar_distance, pin_point
 
@@ -46,13 +46,13 @@ class Chart(NamedTuple):
     """(2, 3, 3) [a, i, k] derivative of tangent[a, i] in the point's k, 1/mm"""
 
 
-@njit(cache=True)
+@kernel()
 def empty_chart() -> Chart:
     """Zeroed work arrays."""
     return Chart(np.zeros(2), np.zeros((2, 3)), np.zeros((2, 3)), np.zeros(3), np.zeros((2, 3, 3)))
 
 
-@njit(cache=True)
+@kernel()
 def bar_arc(
     x: float, y: float, half_width: float, fillet: float, bottom: float
 ) -> tuple[float, float]:
@@ -73,7 +73,7 @@ def bar_arc(
     return side * (flat + fillet * np.arctan2(q0, q1)), fillet / radius
 
 
-@njit(cache=True)
+@kernel()
 def chart_floor(x: Array, chart: Chart) -> None:
     """Fill the chart of the floor under x (3,) mm."""
     for part in (chart.tangent, chart.slope):
@@ -85,7 +85,7 @@ def chart_floor(x: Array, chart: Chart) -> None:
     chart.place[0], chart.place[1] = x[0], x[2]
 
 
-@njit(cache=True)
+@kernel()
 def chart_pin(x: Array, travel: float, pin: RigidPin, chart: Chart) -> float:
     """Fill the chart of the pin at x (3,) mm; returns the signed distance to it, mm.
 
@@ -129,7 +129,7 @@ def chart_pin(x: Array, travel: float, pin: RigidPin, chart: Chart) -> float:
     return gap
 
 
-@njit(cache=True)
+@kernel()
 def touch(
     x: Array,
     on_base: bool,

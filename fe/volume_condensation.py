@@ -8,15 +8,15 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from fe.compiled import kernel
 from fe.materials.material import KernelMaterial
 from fe.materials.volumetric import deviation
 
 Array = npt.NDArray[np.float64]
 
 
-@njit(cache=True)
+@kernel()
 def dilation(b: Array, psi: Array, mass_inverse: Array) -> float:
     """Projected dilation theta where the pressure functions are psi (n_p,); b (n_p,) mm3."""
     theta = 0.0
@@ -26,7 +26,7 @@ def dilation(b: Array, psi: Array, mass_inverse: Array) -> float:
     return theta
 
 
-@njit(cache=True)
+@kernel()
 def add_deviation(
     b: Array,
     weights: Array,
@@ -59,7 +59,7 @@ def add_deviation(
     return energy
 
 
-@njit(cache=True)
+@kernel()
 def add_pressure_tangent(A: Array, F: Array, pressure: float) -> None:
     """Add pressure (MPa) * d2J/dFdF to A (3, 3, 3, 3) MPa at F (3, 3).
 

@@ -18,8 +18,8 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from fe.compiled import kernel
 from fe.condensed_tangent import element_tangent, left_factors, weighted_tangent
 from fe.materials.invariant import cofactor
 from fe.materials.isochoric import isochoric_energy, isochoric_stress
@@ -89,7 +89,7 @@ def empty_system(elements: Elements) -> ElementSystem:
     )
 
 
-@njit(cache=True)
+@kernel()
 def _displacement_gradient(u: Array, elements: Elements, e: int) -> Array:
     """(3 n_q, 3) rows [3 q + j], columns i: du_i/dX_j at the points of element e."""
     n_quad, n_a = elements.weights.shape[1], elements.nodes.shape[1]
@@ -101,7 +101,7 @@ def _displacement_gradient(u: Array, elements: Elements, e: int) -> Array:
     return H
 
 
-@njit(cache=True)
+@kernel()
 def _deformation_gradient(H: Array, q: int, F: Array) -> None:
     """Fill F (3, 3) at point q from the displacement gradients H (3 n_q, 3)."""
     for i in range(3):
@@ -110,7 +110,7 @@ def _deformation_gradient(H: Array, q: int, F: Array) -> None:
         F[i, i] += 1.0
 
 
-@njit(cache=True)
+@kernel()
 def element_energy(u: Array, elements: Elements, material: KernelMaterial) -> float:
     """Displacement-only energy of all elements, N mm; inf where some det F <= 0.
 
@@ -146,7 +146,7 @@ def element_energy(u: Array, elements: Elements, material: KernelMaterial) -> fl
     return energy
 
 
-@njit(cache=True)
+@kernel()
 def element_system(
     u: Array,
     p: Array,
@@ -199,7 +199,7 @@ def element_system(
     return energy, smallest
 
 
-@njit(cache=True)
+@kernel()
 def _stack_element(
     energy: float,
     smallest: float,
@@ -251,7 +251,7 @@ def _stack_element(
     return energy, smallest
 
 
-@njit(cache=True)
+@kernel()
 def _stack_forces(
     stack: Array, q: int, w: float, pressure: float, point: _Point, psi: Array
 ) -> None:
@@ -263,7 +263,7 @@ def _stack_forces(
                 stack[3 * q + j, 3 * (m + 1) + i] = w * psi[m] * point.cof[i, j]
 
 
-@njit(cache=True)
+@kernel()
 def _condensed_residual(
     forces: Array,
     p: Array,

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from calib.dic.interpolation import Array
 from calib.dic.prepared import BoolArray, IntArray
+from fe.compiled import kernel
 
 LEAST_NEIGHBOURS = 3
 
@@ -23,7 +23,7 @@ def stray_points(points: Array, parameters: Array, valid: BoolArray, near: IntAr
     return np.asarray(departure > 1.0 + 0.1 * distance)
 
 
-@njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def departures(
     points: Array, parameters: Array, valid: BoolArray, near: IntArray
 ) -> tuple[Array, Array]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from calib.dic.interpolation import FAST, Array
 from calib.dic.interpolation_bias import wave_size
@@ -30,6 +29,7 @@ from calib.dic.subset import (
     take_light_off,
 )
 from calib.dic.warp import compose_inverse
+from fe.compiled import kernel
 
 MOST_TRIALS = 4
 """iterations from start to end, with fewer pixels each time"""
@@ -55,7 +55,7 @@ class Fit(NamedTuple):
     """(2,) of the Hessian"""
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+@kernel(nogil=True, error_model="numpy", fastmath=FAST)
 def size_of(step, n, radius):  # type: ignore[no-untyped-def]
     """Square of how far a step moves the edge of the subset, px²."""
     size = step[0] ** 2 + step[1] ** 2
@@ -66,7 +66,7 @@ def size_of(step, n, radius):  # type: ignore[no-untyped-def]
     return size
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(nogil=True, error_model="numpy")
 def is_done(size, before, tolerance):  # type: ignore[no-untyped-def]
     """Whether the next step would be below the tolerance, px; size, before: squares of the steps.
 
@@ -80,7 +80,7 @@ def is_done(size, before, tolerance):  # type: ignore[no-untyped-def]
     return size * (size / before) < tolerance**2
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(nogil=True, error_model="numpy")
 def judged(reason, p, zncc, least):  # type: ignore[no-untyped-def]
     """The reason after the iteration, with what its end says."""
     if reason == VALID and (1.0 + p[2]) * (1.0 + p[5]) - p[3] * p[4] < SMALLEST_DETERMINANT:
@@ -90,7 +90,7 @@ def judged(reason, p, zncc, least):  # type: ignore[no-untyped-def]
     return reason
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+@kernel(nogil=True, error_model="numpy", fastmath=FAST)
 def iterate(  # type: ignore[no-untyped-def]
     coefficients, is_quintic, sub, radius, x, y, p, n, n_light, limits, values, fitted
 ):
@@ -154,7 +154,7 @@ def iterate(  # type: ignore[no-untyped-def]
     return Fit(reason, iteration, zncc, scale, count, squares, inverse, diagonal)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(nogil=True, error_model="numpy")
 def correlate_range(  # type: ignore[no-untyped-def]
     reference, deformed, is_quintic, noise, points, todo, radius, n, n_light, limits, parameters,
     results

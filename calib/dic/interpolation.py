@@ -9,8 +9,9 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 from scipy import ndimage
+
+from fe.compiled import kernel
 
 Array = npt.NDArray[np.float64]
 PAD = 3
@@ -51,7 +52,7 @@ ONE, TWO, THREE, FOUR, FIVE = (np.uint64(k) for k in range(1, 6))
 SIXTH, INVERSE_24, INVERSE_120 = 1.0 / 6.0, 1.0 / 24.0, 1.0 / 120.0
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST, inline="always")
+@kernel(nogil=True, error_model="numpy", fastmath=FAST, inline="always")
 def weights3(t):  # type: ignore[no-untyped-def]
     """Weights of the coefficients at -1, 0, 1, 2 for the place t in [0, 1)."""
     s = 1.0 - t
@@ -61,7 +62,7 @@ def weights3(t):  # type: ignore[no-untyped-def]
     return a, b, 1.0 - a - b - d, d
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST, inline="always")
+@kernel(nogil=True, error_model="numpy", fastmath=FAST, inline="always")
 def weights5(t):  # type: ignore[no-untyped-def]
     """Weights of the coefficients at -2 to 3 for the place t in [0, 1)."""
     s = 1.0 - t
@@ -75,7 +76,7 @@ def weights5(t):  # type: ignore[no-untyped-def]
     return a, b, c, d, 1.0 - a - b - c - d - f, f
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+@kernel(nogil=True, error_model="numpy", fastmath=FAST)
 def cubic_values(flat, stride, x, y, n, first, weights, out):  # type: ignore[no-untyped-def]
     """out[:n]: cubic spline at x, y inside the image, from its coefficients row after row.
 
@@ -100,7 +101,7 @@ def cubic_values(flat, stride, x, y, n, first, weights, out):  # type: ignore[no
         out[i] = weights[0, i] * c0 + weights[1, i] * c1 + weights[2, i] * c2 + weights[3, i] * c3
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+@kernel(nogil=True, error_model="numpy", fastmath=FAST)
 def quintic_values(flat, stride, x, y, n, first, weights, out):  # type: ignore[no-untyped-def]
     """The same with a quintic spline and weights (12, n)."""
     w = weights

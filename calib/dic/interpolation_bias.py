@@ -16,9 +16,9 @@ from collections.abc import Callable
 from functools import cache, partial
 
 import numpy as np
-from numba import njit
 
 from calib.dic.interpolation import FAST, Array, Degree
+from fe.compiled import kernel
 
 REACH = 8
 """px to each side of the filter; with it the share is within 6e-4 below 0.3 waves a px, 0.004 at
@@ -55,7 +55,7 @@ def filter_of(transfer: Callable[[Array], Array]) -> Array:
     return np.asarray(np.linalg.lstsq(waves * weight[:, None], share, rcond=None)[0])
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+@kernel(nogil=True, error_model="numpy", fastmath=FAST)
 def differences(image, taps, out_x, out_y):  # type: ignore[no-untyped-def]
     """Sums of taps (n,) times differences of pixels to both sides, along rows and columns.
 
@@ -93,7 +93,7 @@ def error_images(image: Array, degree: Degree) -> tuple[Array, Array]:
     return along, down
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(nogil=True, error_model="numpy")
 def mean_wave(extent_x, extent_y):  # type: ignore[no-untyped-def]
     """Share of a wave's square that is left over a subset in which its phase grows by these waves.
 
@@ -106,7 +106,7 @@ def mean_wave(extent_x, extent_y):  # type: ignore[no-untyped-def]
     return share * share
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+@kernel(nogil=True, error_model="numpy", fastmath=FAST)
 def wave_size(  # type: ignore[no-untyped-def]
     sub, error_x, error_y, x, y, radius, p, variance, noise, diagonal, out
 ):

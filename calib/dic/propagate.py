@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 from scipy.spatial import cKDTree
 
 from calib.dic.consistency import stray_points
@@ -17,6 +16,7 @@ from calib.dic.interpolation import Array
 from calib.dic.prepared import N_RESULT, BoolArray, IntArray, Task, refine
 from calib.dic.reasons import Reason
 from calib.dic.shape import carried
+from fe.compiled import kernel
 
 N_NEIGHBOUR = 8
 REACH = 2.3
@@ -78,7 +78,7 @@ def _spread(task: Task, near: IntArray) -> None:
         done[todo] = results[todo, 3] == Reason.VALID
 
 
-@njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def best_starts(
     near: IntArray, done: BoolArray, zncc: Array, tries: IntArray, used: IntArray
 ) -> tuple[IntArray, Array]:

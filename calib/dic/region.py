@@ -19,7 +19,7 @@ def polygon_mask(shape: tuple[int, int], corners: Sequence[tuple[float, float]])
     if len(corners) < 3:
         raise ValueError(f"polygon: expected three or more corners, found {len(corners)}")
     rows_first = np.array([(y, x) for x, y in corners], dtype=np.float64)
-    inside = polygon2mask(shape, rows_first)  # type: ignore[no-untyped-call]
+    inside = polygon2mask(shape, rows_first)
     return _not_empty(np.asarray(inside, dtype=np.bool_), "polygon")
 
 

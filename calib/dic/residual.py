@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from calib.dic.interpolation import FAST
+from fe.compiled import kernel
 
 BLOCK = 6
 """px; a little more than a usual speckle"""
@@ -16,7 +16,7 @@ HEAVY_TAIL = 5.0
 """fourth moment over squared second (3 for normal noise) above which residuals are searched"""
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+@kernel(nogil=True, error_model="numpy", fastmath=FAST)
 def reject_glare(sub, values, radius, fitted, scale, threshold):  # type: ignore[no-untyped-def]
     """Take out pixels whose residual is no noise, and their neighbours; returns how many.
 
@@ -56,7 +56,7 @@ def reject_glare(sub, values, radius, fitted, scale, threshold):  # type: ignore
     return out
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(nogil=True, error_model="numpy")
 def noise_share(table, coefficients, x, y, p, radius):  # type: ignore[no-untyped-def]
     """Mean variance of interpolated unit noise over the deformed subset (table over [0, 1])."""
     total, count = 0.0, 0
@@ -74,7 +74,7 @@ def noise_share(table, coefficients, x, y, p, radius):  # type: ignore[no-untype
     return total / count
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+@kernel(nogil=True, error_model="numpy", fastmath=FAST)
 def clumping(sub, values, radius, fitted, scale, ratio):  # type: ignore[no-untyped-def]
     """How much larger than by white noise the variance of the slopes' sums with the residual is.
 
@@ -98,7 +98,7 @@ def clumping(sub, values, radius, fitted, scale, ratio):  # type: ignore[no-unty
     ratio[0], ratio[1] = np.sum(sums[0] ** 2) / alone_x, np.sum(sums[1] ** 2) / alone_y
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(nogil=True, error_model="numpy")
 def noise_variance(fit, n_fitted, share):  # type: ignore[no-untyped-def]
     """Of one image in a subset, from the residual, both being equally noisy in grey levels.
 
@@ -111,7 +111,7 @@ def noise_variance(fit, n_fitted, share):  # type: ignore[no-untyped-def]
     return variance / (1.0 + fit.scale**2 * share)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(nogil=True, error_model="numpy")
 def deviations(p, fit, variance, noise, ratio, expected):  # type: ignore[no-untyped-def]
     """Standard deviation of u and v in the deformed image, px, by the noise of both images.
 

@@ -66,7 +66,7 @@ def template_shift(reference: Array, deformed: Array, point: Array, radius: int)
         return None
     if min(deformed.shape) < len(template):
         return None
-    map_: Array = match_template(deformed, template)  # type: ignore[no-untyped-call]
+    map_: Array = match_template(deformed, template)
     top, left = np.unravel_index(int(np.argmax(map_)), map_.shape)
     return np.array([left + radius - x, top + radius - y], dtype=np.float64)
 

@@ -13,9 +13,9 @@ belongs to the reference and is made once.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from calib.dic.interpolation import FAST, PAD, cubic_values, quintic_values
+from fe.compiled import kernel
 
 N_PARAMETER = 12
 # component (0: along x, 1: along y), powers of a and b, and factor of each parameter
@@ -31,7 +31,7 @@ AT_ONCE = 256
 """pixels that are interpolated at once: enough for vector units, few enough for the first cache"""
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+@kernel(nogil=True, error_model="numpy", fastmath=FAST)
 def load(image, slope_x, slope_y, mask, x, y, radius, sub):  # type: ignore[no-untyped-def]
     """Fill sub (4, side, side) with grey value, slopes and weight around a pixel x, y."""
     h, w = image.shape
@@ -51,7 +51,7 @@ def load(image, slope_x, slope_y, mask, x, y, radius, sub):  # type: ignore[no-u
             sub[3, j, k] = weight
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+@kernel(nogil=True, error_model="numpy", fastmath=FAST)
 def row_moments(sub, j, radius, row):  # type: ignore[no-untyped-def]
     """Sums over row j with powers of a into row (7, 5); returns the sum of f²."""
     xx0, xx1, xx2, xx3, xx4 = 0.0, 0.0, 0.0, 0.0, 0.0
@@ -89,7 +89,7 @@ def row_moments(sub, j, radius, row):  # type: ignore[no-untyped-def]
     return squares
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(nogil=True, error_model="numpy")
 def factorise(matrix, n):  # type: ignore[no-untyped-def]
     """Cholesky factor in the lower triangle of matrix (n, n); False where it is singular."""
     for k in range(n):
@@ -107,7 +107,7 @@ def factorise(matrix, n):  # type: ignore[no-untyped-def]
     return True
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(nogil=True, error_model="numpy")
 def solve(factor, n, right):  # type: ignore[no-untyped-def]
     """Solve with the Cholesky factor, in place of right (n,)."""
     for k in range(n):
@@ -120,7 +120,7 @@ def solve(factor, n, right):  # type: ignore[no-untyped-def]
         right[k] /= factor[k, k]
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+@kernel(nogil=True, error_model="numpy", fastmath=FAST)
 def take_light_off(sub, radius, n_light, gram):  # type: ignore[no-untyped-def]
     """Take the constant (n_light 1) or plane (3) that fits best off the grey values.
 
@@ -152,7 +152,7 @@ def take_light_off(sub, radius, n_light, gram):  # type: ignore[no-untyped-def]
     return powers[0]
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+@kernel(nogil=True, error_model="numpy", fastmath=FAST)
 def reference_sums(  # type: ignore[no-untyped-def]
     sub, radius, n, gram, n_light, hessian, light, grey
 ):
@@ -202,7 +202,7 @@ def reference_sums(  # type: ignore[no-untyped-def]
     return squares
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+@kernel(nogil=True, error_model="numpy", fastmath=FAST)
 def deformed_rows(  # type: ignore[no-untyped-def]
     coefficients, is_quintic, weight, start, rows, radius, x, y, p, work, first
 ):
@@ -237,7 +237,7 @@ def deformed_rows(  # type: ignore[no-untyped-def]
     return True
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+@kernel(nogil=True, error_model="numpy", fastmath=FAST)
 def deformed_sums(  # type: ignore[no-untyped-def]
     coefficients, is_quintic, sub, radius, x, y, p, n, right, lit, values, work, first
 ):

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from fe.compiled import kernel
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(nogil=True, error_model="numpy")
 def compose_inverse(p, d):  # type: ignore[no-untyped-def]
     """Parameters of W(p) after the inverse of W(d), in place of p (12,), to second order.
 

@@ -7,15 +7,15 @@ for each matrix, and than whole-batch NumPy, whose temporary arrays leave the ca
 
 from __future__ import annotations
 
-import numba as nb
 import numpy as np
 
+from fe.compiled import kernel
 from fe.response import Array
 
 LANES = 16
 
 
-@nb.njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def eliminate(covariance: Array, vectors: Array, gram: Array, pivots: Array) -> None:
     """Fill v_i^T covariance^-1 v_j (k, k, m) and the pivots (n, m) of the matrices (n, n, m).
 
@@ -39,7 +39,7 @@ def eliminate(covariance: Array, vectors: Array, gram: Array, pivots: Array) -> 
         _give(gram, pivots, total, own, start, width)
 
 
-@nb.njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def eliminate_scaled(
     precision: Array, root: Array, vectors: Array, gram: Array, pivots: Array
 ) -> None:
@@ -66,7 +66,7 @@ def eliminate_scaled(
         _give(gram, pivots, total, own, start, width)
 
 
-@nb.njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _take(rest: Array, vectors: Array, start: int, width: int) -> None:
     for u in range(rest.shape[0]):
         for i in range(rest.shape[1]):
@@ -76,7 +76,7 @@ def _take(rest: Array, vectors: Array, start: int, width: int) -> None:
                 rest[u, i, lane] = 0.0
 
 
-@nb.njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _factor(work: Array, rest: Array, total: Array, pivots: Array) -> None:
     """L D L^T of the lower triangles, the vectors carried along."""
     n, k = work.shape[0], rest.shape[0]
@@ -102,7 +102,7 @@ def _factor(work: Array, rest: Array, total: Array, pivots: Array) -> None:
                     rest[u, i, lane] -= ratio[lane] * rest[u, j, lane]
 
 
-@nb.njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _give(gram: Array, pivots: Array, total: Array, own: Array, start: int, width: int) -> None:
     k, n = gram.shape[0], pivots.shape[0]
     for u in range(k):

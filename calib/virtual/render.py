@@ -11,7 +11,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import NamedTuple
 
-import numba as nb
 import numpy as np
 import numpy.typing as npt
 
@@ -19,6 +18,7 @@ from calib.dic.camera import Camera, project
 from calib.virtual.cameras import CameraPair
 from calib.virtual.speckle import Speckle, brightness
 from calib.virtual.surface import Surface, place_at
+from fe.compiled import kernel
 from fe.response import Array
 
 NEWTON_STEPS = 12
@@ -98,7 +98,7 @@ def _first_guess(surface: Surface, camera: Camera, shape: tuple[int, int]) -> Ar
     return guess
 
 
-@nb.njit(cache=True)
+@kernel()
 def _rasterise(material: Array, pixels: Array, depth: Array, guess: Array, nearest: Array) -> None:
     rows, columns = nearest.shape
     corners = np.empty((3, 2), dtype=np.int64)
@@ -141,7 +141,7 @@ def _rasterise(material: Array, pixels: Array, depth: Array, guess: Array, neare
                                 )
 
 
-@nb.njit(cache=True)
+@kernel()
 def _see(
     place: Array, lens: Array, turn: Array, move: Array, pixel: Array, by_place: Array
 ) -> float:
@@ -169,7 +169,7 @@ def _see(
     return depth
 
 
-@nb.njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def _trace(
     guess: Array, knots_x: Array, knots_y: Array, coefficients: Array, lens: Array, turn: Array,
     move: Array, depths: Array, blurs: Array, centre: Array, radius: Array,
@@ -206,7 +206,7 @@ def _trace(
             material[row, column] = place
 
 
-@nb.njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def _find(
     row: int, column: int, knots_x: Array, knots_y: Array, coefficients: Array, lens: Array,
     turn: Array, move: Array, place: Array, surface: Array, by_pixel: Array,
@@ -243,7 +243,7 @@ def _find(
     return 0.0
 
 
-@nb.njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def _is_facing(surface: Array, turn: Array) -> bool:
     """Whether the surface's normal points to the camera, not only edgewise."""
     n0 = surface[1, 1] * surface[2, 2] - surface[1, 2] * surface[2, 1]

@@ -8,10 +8,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import NamedTuple
 
-import numba as nb
 import numpy as np
 import numpy.typing as npt
 
+from fe.compiled import kernel
 from fe.response import Array
 
 REACH = 2.6
@@ -92,7 +92,7 @@ def make_speckle(
     )  # fmt: skip
 
 
-@nb.njit(cache=True, fastmath=False)
+@kernel(fastmath=False)
 def brightness(
     x: float, y: float, centre: Array, radius: Array, first: npt.NDArray[np.int64], origin: Array,
     cell: float,

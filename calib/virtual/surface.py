@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numba as nb
 import numpy as np
 from scipy.interpolate import make_interp_spline
 
+from fe.compiled import kernel
 from fe.response import Array
 
 DEGREE = 3
@@ -62,7 +62,7 @@ def make_surface(low: tuple[float, float], high: tuple[float, float], places: Ar
     )  # fmt: skip
 
 
-@nb.njit(cache=True)
+@kernel()
 def basis(knots: Array, at: float, n: int, values: Array, slopes: Array) -> int:
     """The four cubic B-splines at a point and their slopes; returns the number of the first.
 
@@ -101,7 +101,7 @@ def basis(knots: Array, at: float, n: int, values: Array, slopes: Array) -> int:
     return m - 3
 
 
-@nb.njit(cache=True)
+@kernel()
 def place_at(
     knots_x: Array, knots_y: Array, coefficients: Array, x: float, y: float, out: Array
 ) -> None:
@@ -119,7 +119,7 @@ def place_at(
                 out[2, c] += bx[a] * dy[b] * value
 
 
-@nb.njit(cache=True)
+@kernel()
 def _many(
     knots_x: Array, knots_y: Array, coefficients: Array, material: Array, found: Array
 ) -> None:

@@ -11,7 +11,8 @@ import math
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
+
+from fe.compiled import kernel
 
 Array = npt.NDArray[np.float64]
 
@@ -21,7 +22,7 @@ NEGLIGIBLE = 1e-17
 """an off-diagonal entry below this part of its diagonal ones is zero to rounding"""
 
 
-@njit(cache=True)
+@kernel()
 def symmetric_eigen(C: Array, vectors: Array) -> None:
     """Diagonalise C (3, 3) in place; column a of `vectors` (3, 3) belongs to C[a, a]."""
     for i in range(3):
@@ -38,7 +39,7 @@ def symmetric_eigen(C: Array, vectors: Array) -> None:
             return
 
 
-@njit(cache=True)
+@kernel()
 def _rotate(C: Array, vectors: Array, p: int, q: int) -> None:
     """One rotation in the plane (p, q) that makes C[p, q] zero."""
     theta = (C[q, q] - C[p, p]) / (2.0 * C[p, q])

@@ -9,14 +9,14 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from fe.compiled import kernel
 from fe.materials.law_codes import invariant_derivatives
 
 Array = npt.NDArray[np.float64]
 
 
-@njit(cache=True)
+@kernel()
 def cofactor(F: Array, cof: Array) -> float:
     """Fill cof (3, 3) with dJ/dF = J F^-T and return J."""
     for i in range(3):
@@ -30,7 +30,7 @@ def cofactor(F: Array, cof: Array) -> float:
     return J
 
 
-@njit(cache=True)
+@kernel()
 def invariant_energy(law: int, F: Array, J: float, constants: Array) -> float:
     """Isochoric energy W (MPa) of a law at F (3, 3) with J = det F > 0."""
     i1 = 0.0
@@ -46,7 +46,7 @@ def invariant_energy(law: int, F: Array, J: float, constants: Array) -> float:
     return W
 
 
-@njit(cache=True)
+@kernel()
 def invariant_stress(
     law: int,
     F: Array,
@@ -83,7 +83,7 @@ def invariant_stress(
     return W
 
 
-@njit(cache=True)
+@kernel()
 def invariant_slopes(F: Array, cof: Array, J: float, work: Array) -> tuple[float, float, float]:
     """Fill work[4], work[5] (3, 3) with the derivatives of I1bar and I2bar in F.
 
@@ -113,7 +113,7 @@ def invariant_slopes(F: Array, cof: Array, J: float, work: Array) -> tuple[float
     return i1, i2, j23
 
 
-@njit(cache=True)
+@kernel()
 def _invariant_tangent(
     F: Array,
     work: Array,

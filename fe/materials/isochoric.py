@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from fe.compiled import kernel
 from fe.materials.invariant import invariant_energy, invariant_stress
 from fe.materials.law_codes import is_separable
 from fe.materials.stretch import separable_energy, separable_stress
@@ -13,7 +13,7 @@ from fe.materials.stretch import separable_energy, separable_stress
 Array = npt.NDArray[np.float64]
 
 
-@njit(cache=True, inline="always")
+@kernel(inline="always")
 def isochoric_energy(law: int, F: Array, J: float, constants: Array) -> float:
     """Isochoric energy W (MPa) of the law with this code at F (3, 3) with J = det F > 0."""
     if is_separable(law):
@@ -21,7 +21,7 @@ def isochoric_energy(law: int, F: Array, J: float, constants: Array) -> float:
     return invariant_energy(law, F, J, constants)
 
 
-@njit(cache=True, inline="always")
+@kernel(inline="always")
 def isochoric_stress(
     law: int,
     F: Array,

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from fe.compiled import kernel
 from fe.materials import mooney_rivlin, neo_hookean, yeoh
 
 Array = npt.NDArray[np.float64]
@@ -27,7 +27,7 @@ _mooney_rivlin_c20 = mooney_rivlin.c20_variant
 _yeoh = yeoh.derivatives
 
 
-@njit(cache=True, inline="always")
+@kernel(inline="always")
 def invariant_derivatives(
     law: int, i1: float, i2: float, constants: Array
 ) -> tuple[float, float, float, float, float, float]:
@@ -43,7 +43,7 @@ def invariant_derivatives(
     return _neo_hookean(i1, constants)
 
 
-@njit(cache=True, inline="always")
+@kernel(inline="always")
 def is_separable(law: int) -> bool:
     """Whether the law is a sum over principal stretches instead of a function of I1bar, I2bar."""
     return law >= OGDEN

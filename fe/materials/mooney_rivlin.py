@@ -12,12 +12,13 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
+
+from fe.compiled import kernel
 
 Array = npt.NDArray[np.float64]
 
 
-@njit(cache=True, inline="always")
+@kernel(inline="always")
 def two_constants(
     i1: float, i2: float, constants: Array
 ) -> tuple[float, float, float, float, float, float]:
@@ -26,7 +27,7 @@ def two_constants(
     return energy, constants[0], constants[1], 0.0, 0.0, 0.0
 
 
-@njit(cache=True, inline="always")
+@kernel(inline="always")
 def three_constants(
     i1: float, i2: float, constants: Array
 ) -> tuple[float, float, float, float, float, float]:
@@ -44,7 +45,7 @@ def three_constants(
     )
 
 
-@njit(cache=True, inline="always")
+@kernel(inline="always")
 def c20_variant(
     i1: float, i2: float, constants: Array
 ) -> tuple[float, float, float, float, float, float]:

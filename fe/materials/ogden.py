@@ -15,26 +15,26 @@ import math
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from fe.compiled import kernel
 from fe.materials.law_codes import OGDEN
 
 Array = npt.NDArray[np.float64]
 
 
-@njit(cache=True)
+@kernel()
 def sinhc(x: float) -> float:
     """sinh(x) / x, 1 at 0."""
     return math.sinh(x) / x if x != 0.0 else 1.0
 
 
-@njit(cache=True)
+@kernel()
 def expm1c(x: float) -> float:
     """(exp(x) - 1) / x, 1 at 0."""
     return math.expm1(x) / x if x != 0.0 else 1.0
 
 
-@njit(cache=True)
+@kernel()
 def derivatives(law: int, e: float, constants: Array) -> tuple[float, float, float]:
     """(w, dw/de, d2w/de2), MPa, of the law or of its slope at the logarithmic stretch e."""
     w, w1, w2 = 0.0, 0.0, 0.0
@@ -57,7 +57,7 @@ def derivatives(law: int, e: float, constants: Array) -> tuple[float, float, flo
     return w, w1, w2
 
 
-@njit(cache=True)
+@kernel()
 def divided_difference(law: int, a: float, b: float, constants: Array) -> float:
     """(dw/de(a) - dw/de(b)) / (a - b), MPa, without cancellation; d2w/de2 where a = b."""
     middle, half = 0.5 * (a + b), 0.5 * (a - b)

@@ -13,15 +13,15 @@ import math
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from fe.compiled import kernel
 from fe.materials.eigen import symmetric_eigen
 from fe.materials.ogden import derivatives, divided_difference, sinhc
 
 Array = npt.NDArray[np.float64]
 
 
-@njit(cache=True)
+@kernel()
 def principal_logarithms(F: Array, J: float, N: Array, lam: Array, e: Array) -> None:
     """Fill N (3, 3) columns N_a, stretches lam (3,) and isochoric logarithms e (3,) of F."""
     C = np.zeros((3, 3))
@@ -36,7 +36,7 @@ def principal_logarithms(F: Array, J: float, N: Array, lam: Array, e: Array) -> 
         e[a] = math.log(lam[a]) - mean
 
 
-@njit(cache=True)
+@kernel()
 def separable_energy(law: int, F: Array, J: float, constants: Array) -> float:
     """Isochoric energy W (MPa) at F (3, 3) with J = det F > 0."""
     N = np.empty((3, 3))
@@ -48,7 +48,7 @@ def separable_energy(law: int, F: Array, J: float, constants: Array) -> float:
     return energy
 
 
-@njit(cache=True)
+@kernel()
 def separable_stress(
     law: int, F: Array, J: float, constants: Array, P: Array, A: Array, with_tangent: bool
 ) -> float:
@@ -75,7 +75,7 @@ def separable_stress(
     return energy
 
 
-@njit(cache=True)
+@kernel()
 def _principal_tangent(
     law: int, lam: Array, e: Array, tau: Array, w2: Array, constants: Array
 ) -> Array:
@@ -98,7 +98,7 @@ def _principal_tangent(
     return M
 
 
-@njit(cache=True)
+@kernel()
 def _rotate_tangent(M: Array, n: Array, N: Array, A: Array) -> None:
     """Fill A (3, 3, 3, 3) from its components M (9, 9) in the basis n_a N_b'."""
     dyads = np.empty((9, 9))

@@ -14,7 +14,8 @@ from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
+
+from fe.compiled import kernel
 
 Array = npt.NDArray[np.float64]
 Volumetric = Literal["quadratic", "logarithmic", "simo-miehe"]
@@ -29,7 +30,7 @@ VOLUMETRIC_CODES: dict[Volumetric, int] = {
 }
 
 
-@njit(cache=True)
+@kernel()
 def deviation(volumetric: int, dilation: float) -> tuple[float, float, float]:
     """(v, v', v'') of v = u - (J - 1)^2 / 2 at the dilation J - 1; inf where J <= 0.
 
@@ -51,7 +52,7 @@ def deviation(volumetric: int, dilation: float) -> tuple[float, float, float]:
     )
 
 
-@njit(cache=True)
+@kernel()
 def deviation_slopes(volumetric: int, dilation: Array) -> Array:
     """Derivatives v' (n, m) of the deviation at dilations (n, m)."""
     slopes = np.empty(dilation.shape)
@@ -61,7 +62,7 @@ def deviation_slopes(volumetric: int, dilation: Array) -> Array:
     return slopes
 
 
-@njit(cache=True)
+@kernel()
 def pressure(volumetric: int, dilation: float) -> float:
     """du/dJ at the dilation J - 1: pressure (positive in tension) over the bulk modulus."""
     return dilation + deviation(volumetric, dilation)[1]

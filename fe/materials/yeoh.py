@@ -7,12 +7,13 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
+
+from fe.compiled import kernel
 
 Array = npt.NDArray[np.float64]
 
 
-@njit(cache=True, inline="always")
+@kernel(inline="always")
 def derivatives(i1: float, constants: Array) -> tuple[float, float, float, float, float, float]:
     """Energy and its derivatives (W, W1, W2, W11, W12, W22) in I1bar, I2bar, MPa."""
     a = i1 - 3.0
