@@ -7,6 +7,7 @@ Several nodal unknowns may share one equation, as the hoop unknowns of fe.plane_
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -43,6 +44,8 @@ class DrivenProblem:
     """(n_node, 3) mm of prescribed motion per mm of travel, 0 at free unknowns"""
     plate: Plate | None = None
     """rigid plate that moves by the travel and that free faces may touch"""
+    on_branch: Callable[[Array], bool] | None = None
+    """whether u (n_node, 3) mm is on the wanted branch of equilibria, where that is known"""
 
 
 def equations(fixed: BoolArray) -> IntArray:

@@ -28,7 +28,7 @@ from fe.linear_solver import SymmetricSolver
 from fe.materials.material import Material
 from fe.newton import Equilibrium, NewtonOptions, descent_direction, equilibrate
 from fe.parameters import Parameters
-from fe.plate import PlateMemory, PlateSlopes, initial_memory, moved_anchors, no_slopes
+from fe.plate import PlateMemory, PlateSlopes, doubts, initial_memory, moved_anchors, no_slopes
 from fe.progress import Progress
 from fe.sensitivity import Objective, Tangent, adjoint, direct
 from fe.steps import March, StepOptions, stride
@@ -158,6 +158,12 @@ def drive(
             start = refreshed(start, drawn)
         # Whatever was singular has raised by now: the step is tried again from the old memory.
         _warn_of(found, 0.0 if state is None else state.pin_force, reached, outcome)
+        on_branch = potential.problem.on_branch
+        if on_branch is not None and not on_branch(reached.u):
+            outcome.leave_branch(found)
+        if found.arrived and plate is not None:
+            for kind, doubt in doubts(plate, reached.u, found.travel):
+                outcome.warn(kind, doubt)
         state, memory = reached, drawn
         return start
 
@@ -169,7 +175,8 @@ def drive(
         return start._replace(assembly=assembly, negative=solver.factorise(assembly.data))
 
     here = restore(Start(*potential.zero_state(), None, 0.0, 0))
-    way = Way(aim, attempt, accept, restore, asked.control, newton.tolerance)
+    limit = np.inf if plate is None else plate.height / plate.speed
+    way = Way(aim, attempt, accept, restore, asked.control, newton.tolerance, limit)
     for _ in stride(potential, solver, way, here, targets, steps, outcome):
         assert state is not None
         yield state

@@ -32,7 +32,9 @@ FALL = 0.999
 
 JUMPS = "the force jumps past the wanted one"
 HOLDS_MORE = "what has stuck holds more than the wanted force"
-"""of forces that are asked too close to each other: points that touch get their hold in steps"""
+"""of a force too close to that of the step before: points that touch get their hold in steps"""
+SLIVER = 0.1
+"""of a step: with so much more of it a wanted force is met, and no short step is left before it"""
 
 
 class Start(NamedTuple):
@@ -81,6 +83,8 @@ class Way(NamedTuple):
     control: Control
     tolerance: float
     """to which a wanted force is met, relative"""
+    limit: float = np.inf
+    """travel, mm, at which nothing is left of the specimen"""
 
 
 def check_targets(travel: tuple[float, ...], force: tuple[float, ...]) -> None:
@@ -89,7 +93,10 @@ def check_targets(travel: tuple[float, ...], force: tuple[float, ...]) -> None:
     Both are tuples of finite numbers.
     """
     for name, values in (("travel", travel), ("force", force)):
-        numbers = np.asarray(values)
+        try:
+            numbers = np.asarray(values)
+        except ValueError:  # rows of several lengths
+            numbers = np.asarray(None)
         if isinstance(values, np.ndarray) or numbers.ndim != 1 or numbers.dtype.kind not in "fiu":
             raise ValueError(f"{name}: expected a tuple of numbers, found {values!r}")
     if travel and force:
@@ -121,7 +128,7 @@ def step_to_force(
     target: float,
 ) -> Found:
     """The equilibrium with the force `target` (N of the modelled part), or that at the travel `far`
-    (mm) where the force there is smaller.
+    (mm) where the force there is smaller, by more than a little more travel would bring.
 
     Every trial starts as a step to its travel would, and so finds the same: where something snaps,
     equilibria are not unique.  Where the force falls, or jumps past the wanted one, the equilibrium
@@ -137,9 +144,9 @@ def step_to_force(
     if held is not None and first <= here.travel:
         return _refused(Equilibrium(here.u, here.p, held, False, "", 0), here.travel, HOLDS_MORE)
     u, p = way.aim(here, far)
-    travel = min(far, first)
+    span, travel = far - here.travel, min(far, first)
     for _ in range(MAX_TRIALS):
-        part = (travel - here.travel) / (far - here.travel)
+        part = (travel - here.travel) / span
         start = here.u + part * (u - here.u), here.p + part * (p - here.p)
         found = way.attempt(start, travel)
         if not found.converged:
@@ -153,7 +160,9 @@ def step_to_force(
             if not slope > 0.0 or force < FALL * before:
                 return _refused(found, travel, "the force falls")
             if travel >= far:
-                return Found(found, travel, at.negative, False)
+                if not better - here.travel <= (1.0 + SLIVER) * span:
+                    return Found(found, travel, at.negative, False)
+                far = better
             low = travel
         else:
             high = travel

@@ -148,7 +148,8 @@ def _march(
         return start._replace(assembly=assembly, negative=solver.factorise(assembly.data))
 
     here = Start(*potential.zero_state(), None, 0.0, 0)
-    way = Way(aim, attempt, accept, restore, history.control, newton.tolerance)
+    limit = potential.problem.pin.height
+    way = Way(aim, attempt, accept, restore, history.control, newton.tolerance, limit)
     for _ in stride(potential, solver, way, here, targets, steps, outcome):
         assert state is not None
         yield state

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from fe.materials.material import Material
+from fe.materials.material import Material, check_material
 from fe.materials.mooney_rivlin import RATIO_DERIVATIVES
 
 Array = npt.NDArray[np.float64]
@@ -40,8 +40,9 @@ def all_parameters(material: Material) -> MaterialParameters:
     """Every constant of the law and, last, the bulk modulus.
 
     The contact stiffness goes with the shear modulus, which is affine in each single constant:
-    its central difference is exact.
+    its central difference is exact.  Raises ValueError for what is no material.
     """
+    check_material(material)
     law, theta = material.law, np.array(material.constants, dtype=np.float64)
     n = theta.size
     slopes = [

@@ -55,6 +55,10 @@ class NewtonOptions:
 
     def __post_init__(self) -> None:
         positive_numbers(self)
+        if not self.tolerance < 1.0:
+            raise ValueError(
+                f"tolerance: expected a share of the contact forces below 1, found {self.tolerance}"
+            )
 
 
 @dataclass(frozen=True)
@@ -138,6 +142,8 @@ def equilibrate(
         if not (assembly.smallest_J > 0.0 and np.isfinite(assembly.energy)):
             return Equilibrium(u, p, assembly, False, "an element turned inside out", iteration)
         norm = float(np.linalg.norm(assembly.gradient))
+        if not np.isfinite(norm):
+            return Equilibrium(u, p, assembly, False, "forces are no numbers any more", iteration)
         settled = norm <= options.tolerance * assembly.force_scale
         if settled and not (lagged and norm > 0.0 and solver.factorise(assembly.data) > 0):
             jump = float(np.abs(u - began).max()) if unstable else 0.0

@@ -26,9 +26,15 @@ Surface = TypeVar("Surface")
 
 
 def check_asked(sensitivities: tuple[str, ...] | None) -> None:
-    """Raise ValueError for one name where a tuple of names is expected."""
-    if isinstance(sensitivities, str):
-        raise ValueError(f"sensitivities: expected a tuple, found {sensitivities!r}")
+    """Raise ValueError unless these are different names, or None."""
+    if sensitivities is None:
+        return
+    if not isinstance(sensitivities, (tuple, list)) or not all(
+        isinstance(name, str) for name in sensitivities
+    ):
+        raise ValueError(f"sensitivities: expected a tuple of names, found {sensitivities!r}")
+    if len(set(sensitivities)) < len(sensitivities):
+        raise ValueError(f"sensitivities: expected each name once, found {sensitivities}")
 
 
 def check_names(names: tuple[str, ...], known: tuple[str, ...]) -> None:

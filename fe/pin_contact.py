@@ -52,11 +52,14 @@ def doubts(
         )
     left = pin.height - travel
     if deepest > DEEP * left:
-        found.append(
-            (
-                "penetration",
-                f"the surface is {deepest:.3g} mm inside the pin at a travel of {travel:.4f} mm, "
-                f"with {left:.3g} mm of height left: the contact's stiffness is part of the force",
-            )
-        )
+        found.append(penetration_doubt(deepest, "pin", travel, left))
     return found
+
+
+def penetration_doubt(deepest: float, body: str, travel: float, left: float) -> tuple[str, str]:
+    """Kind and sentence of a surface that is `deepest` mm in a body, with `left` mm of height."""
+    return (
+        "penetration",
+        f"the surface is {deepest:.3g} mm inside the {body} at a travel of {travel:.4f} mm, "
+        f"with {left:.3g} mm of height left: the contact's stiffness is part of the force",
+    )

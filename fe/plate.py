@@ -16,6 +16,7 @@ from skfem import ElementQuad2, FacetBasis, MeshQuad
 
 from fe.contact import PenaltyLaw
 from fe.discretisation import FACE_ORDER
+from fe.pin_contact import DEEP, penetration_doubt
 
 Array = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -184,3 +185,12 @@ def _drawn(
     place = np.where(drawn, here[0] - a * behind, anchor[0])
     gradient = here[1] - behind[..., None] * a_slope
     return place, np.where(drawn[..., None], gradient, anchor[1])
+
+
+def doubts(plate: Plate, u: Array, travel: float) -> list[tuple[str, str]]:
+    """What makes contact of the sides at a travel, mm, doubtful: (kind, sentence) each."""
+    left = plate.height - plate.speed * travel
+    deepest = float((edge_positions(plate.edges, u)[..., 1] - left).max(initial=0.0))
+    if not deepest > DEEP * left:
+        return []
+    return [penetration_doubt(deepest, "plate", travel, left)]

@@ -46,7 +46,7 @@ def simulate(
     Raises ValueError for what is no model, for an unknown law, names or numbers that are not those
     of the law, and what `fe.materials.Material` refuses.
     """
-    if not hasattr(specimen, "respond"):
+    if isinstance(specimen, type) or not hasattr(specimen, "respond"):
         raise ValueError(
             f"specimen: found {specimen!r}, expected a model that is meshed and loaded, such as "
             "BlockPinModel(BlockPin(), ...)"

@@ -34,6 +34,11 @@ class StepOptions:
 
     def __post_init__(self) -> None:
         positive_numbers(self)
+        if not self.smallest <= min(self.first, self.largest):
+            raise ValueError(
+                f"smallest: expected no more than the first and the largest step, {self.first} and "
+                f"{self.largest} mm, found {self.smallest}"
+            )
 
 
 @dataclass
@@ -107,6 +112,15 @@ class March:
             f"{',' if leaves else ':'} {why}",
         )
 
+    def leave_branch(self, found: Found) -> None:
+        """Note a step about to be accepted that is on another branch than the wanted one."""
+        self._leave(Status.JUMPED)
+        self.warn(
+            "branch",
+            f"the solution leaves the wanted branch of equilibria, which has turned unstable, on "
+            f"the way to a travel of {found.travel:.4f} mm",
+        )
+
     def _leave(self, how: Status) -> None:
         if self.good_until is None:
             self.good_until, self.left_by = self.reached, how
@@ -139,6 +153,11 @@ def stride(
                 outcome.stop(f"the force was not met in {MOST_STEPS} steps", here.travel)
                 return
             far = here.travel + step if by_force else _next_travel(here.travel, step, target)
+            if by_force and not far < way.limit:
+                far = 0.5 * (here.travel + way.limit)
+                if far - here.travel < steps.smallest:
+                    outcome.stop("nothing is left to compress, and the force is not met", far)
+                    return
             try:
                 if failed:
                     here = way.restore(here)  # the predictor needs its factor

@@ -14,6 +14,7 @@ from skfem import solve as linear_solve
 
 from fe import Cylinder, CylinderModel, Status
 from fe.closed_forms import uniaxial
+from fe.contact import PenaltyLaw
 from fe.discretisation import elements
 from fe.driven import DrivenPotential, DrivenProblem, equations, unknowns
 from fe.driving import DrivenState, Solution, solve
@@ -375,6 +376,27 @@ def test_field_points_lie_on_the_side_and_the_bonded_side_bulges():
     assert (u[:, 2] == 0.0).all()
 
 
+def test_cylinders_of_one_shape_have_one_pressure_whatever_their_size():
+    """The side on the plate gives way by the same share of the height."""
+    pressure = []
+    for scale in (1.0, 0.1):
+        size = Cylinder(50.0 * scale, 30.0 * scale)
+        steps = StepOptions(0.25 * scale, 1.0 * scale, 0.005 * scale)
+        model = CylinderModel(size, (4, 4), (15.0 * scale,), "bonded", steps=steps)
+        response = model.respond(material("neo-hookean", (0.015,), 3.0))
+        assert response.status is Status.CONVERGED
+        pressure.append(float(response.force[0]) / scale**2)
+    assert pressure[1] == pytest.approx(pressure[0], rel=1e-6)
+
+
+def test_a_side_deep_in_the_plate_is_told_with_the_height_left():
+    model = CylinderModel(
+        Cylinder(5.0, 3.0), (4, 4), (0.1, 1.5), "bonded", penalty=PenaltyLaw(500.0, 0.2)
+    )
+    message = model.respond(material("neo-hookean", (0.015,), 3.0)).message
+    assert "mm inside the plate at a travel of 1.5000 mm, with 0.75 mm of height left" in message
+
+
 def test_the_model_survives_pickling():
     model = CylinderModel(SIZE, (2, 2), (1.0,), friction=0.1)
     copy = pickle.loads(pickle.dumps(model))
@@ -392,6 +414,11 @@ def test_the_model_survives_pickling():
         (lambda: CylinderModel(SIZE, (1, 1), (1.0,), n_point=0), "n_point: expected a whole num"),
         (lambda: CylinderModel(SIZE, (1, 1), (1.0,), friction=np.inf), "friction: expected a fin"),
         (lambda: CylinderModel(SIZE, (1, 1), (1.0,), slip=0.0), "slip: expected a length above 0"),
+        (
+            lambda: CylinderModel(SIZE, (1, 1), (1.0,), penalty=PenaltyLaw(500.0, 0.2, slip=5.0)),
+            "penalty: slip is of a block under a pin; expected none, found 5.0",
+        ),
+        (lambda: CylinderModel(SIZE, ((1, 2), 3), (1.0,)), "cells: expected 2 whole numbers"),
         (lambda: Cylinder(height=np.inf), "height: expected a length above 0 mm, found inf"),
         (lambda: CylinderModel(SIZE, (1, 1), (30.0,)), "travel: expected less than the height"),
         (lambda: CylinderModel(SIZE, (1, 1), (1.0,), "glued"), "ends: expected 'bonded'"),

@@ -249,6 +249,49 @@ def test_a_response_at_forces_survives_storage_and_its_model_pickling(tmp_path):
 
 
 @pytest.mark.parametrize(
+    "model",
+    [
+        fe.DiscPinModel(fe.Disc(), fe.Contact(), (4, 2), force=(2e3, 3e3)),
+        fe.BlockPinModel(fe.BlockPin(pin_width=14.0), fe.Contact(), (3, 2, 2), force=(1e3, 1e5)),
+        fe.CylinderModel(fe.Cylinder(5.0, 3.0), (3, 3), ends="bonded", force=(1e3, 1e5)),
+    ],
+    ids=["disc", "platen", "cylinder"],
+)
+def test_no_force_drives_pin_or_plates_through_the_specimen(model):
+    response = fe.simulate(model, "neo-hookean", (0.015, 3.0))
+    assert response.status is fe.Status.STOPPED
+    assert response.reached < model.specimen.height
+    assert np.isnan(response.force[-1])
+
+
+def test_a_force_just_above_that_of_a_step_is_met_in_that_step():
+    """It was refused: what sticks at the end of the short step before it holds more."""
+    by_travel = block(("stick", "stick"))(RATIOS)
+    for share in (0.9999, 0.999, 1.001):
+        model = at_forces_of(block(("stick", "stick")), by_travel)
+        model = replace(model, force=tuple(share * np.array(model.force)))
+        steps = []
+        constants = material("mooney-rivlin-3", (0.6, 0.4, 0.1), 400.0)
+        response = replace(model, steps=StepOptions(0.05, 0.05)).respond(constants, steps.append)
+        assert response.status is fe.Status.CONVERGED, response.message
+        assert np.diff([0.0, *(step.travel for step in steps)]).max() < 1.1 * 0.05
+
+
+@pytest.mark.lasting
+def test_derivatives_with_a_pin_that_rubs_count_where_steps_between_forces_are():
+    """A disc whose base hardly sticks: the anchors of its steps move with the travel of before."""
+    of = fe.DiscPinModel(fe.Disc(), fe.Contact(1.0, 0.2), (5, 2), force=(0.2, 0.4, 0.6))
+    model = replace(of, steps=StepOptions(0.03, 0.03), newton=NewtonOptions(tolerance=1e-9))
+
+    def travel(c10: float) -> np.ndarray:
+        return fe.simulate(model, "neo-hookean", (c10, 3.0)).travel
+
+    found = fe.simulate(model, "neo-hookean", (0.015, 3.0)).travel_gradient[:, 0]
+    slope = (travel(0.015 + 1e-6) - travel(0.015 - 1e-6)) / 2e-6
+    np.testing.assert_allclose(found, slope, rtol=1e-4)
+
+
+@pytest.mark.parametrize(
     ("changes", "words"),
     [
         ({"travel": ()}, "travel: expected increasing travels above 0 mm"),

@@ -8,7 +8,7 @@ import pytest
 import fe
 from fe import BlockPin, BlockPinModel, Contact, Status
 from fe.contact import FREE, TIED_TO_PIN
-from fe.pin_contact import DEEP, touching
+from fe.pin_contact import DEEP, doubts, touching
 
 THETA = (0.01, 0.2)
 
@@ -38,6 +38,19 @@ def test_a_surface_deep_in_the_pin_is_told_with_the_height_left():
     response = respond((0.5, 2.45), ("slide", "slide"), (4, 2, 2))
     assert "mm inside the pin at a travel of 2.4500 mm, with 0.05 mm of height" in response.message
     assert "the contact's stiffness is part of the force" in response.message
+
+
+@pytest.mark.parametrize(("share", "told"), [(0.99, False), (1.01, True)])
+def test_a_surface_is_deep_from_a_twentieth_of_the_height_left_on(share, told):
+    model = BlockPinModel(BlockPin(pin_width=40.0), Contact("slide", "slide"), (3, 2, 2), (0.1,))
+    faces = model.discretise().faces
+    pin, tied = model.specimen.rigid_pin(10.0, 0.1, 1e3), np.full(faces.weights.shape, FREE)
+    left = 2.5 - 0.4
+    travel_of_surface = 0.4 - share * DEEP * left
+    u = np.zeros(model.discretise().elements.positions.shape)
+    u[:, 1] = -travel_of_surface * model.discretise().elements.positions[:, 1] / 2.5
+    kinds = [kind for kind, _ in doubts(u, faces, tied, 0.4, pin)]
+    assert kinds == (["penetration"] if told else [])
 
 
 def test_points_and_depth_are_those_of_the_moved_surface():

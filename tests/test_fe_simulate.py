@@ -198,6 +198,27 @@ def test_a_run_that_stops_says_so_and_keeps_what_is_good():
         (lambda: replace(SPECIMENS["uniaxial"], steps=None), "steps: expected StepOptions"),
         (lambda: replace(SPECIMENS["tensile"], specimen=fe.Bar()), "specimen: expected Notched"),
         (lambda: replace(SPECIMENS["cylinder"], friction="0.3"), "friction: expected a finite"),
+        (lambda: fe.simulate(fe.UniaxialModel, "yeoh", (1.0,)), "specimen: found <class"),
+        (lambda: fe.Material("neo-hookean", (0.01,), 1.0), "law: expected one of fe.materials"),
+        (lambda: fe.material("neo-hookean", 0.01, 1.0), "constants: expected some numbers"),
+        (lambda: fe.material("neo-hookean", ("0.01",), 1.0), "constants: expected 1 finite"),
+        (lambda: fe.material("neo-hookean", (0.01,), None), "bulk: expected a modulus above 0"),
+        (lambda: fe.material("neo-hookean", (0.01,), 1e200), "bulk: expected less than 1e"),
+        (lambda: fe.material("mooney-rivlin-3", (0.01, 0.01, 1e200), 1.0), "C11: expected less"),
+        (lambda: fe.material(["yeoh"], (0.01,)), "law: expected one of neo-hookean"),
+        (lambda: fe.material("neo-hookean", (0.01,), 1.0, ["log"]), "volumetric: expected one of"),
+        (
+            lambda: replace(SPECIMENS["block_pin"], plane_strain="no"),
+            "plane_strain: expected True or False, found 'no'",
+        ),
+        (
+            lambda: replace(
+                SPECIMENS["block_pin"],
+                specimen=fe.BlockPin(pin_shift=(4.95, 0.0)),
+                symmetry="auto",
+            ),
+            "pin_shift: expected at most 4.9 and 4.9 mm",
+        ),
         (lambda: fe.Bar(width="a"), "width: expected a length above 0 mm, found 'a'"),
     ],
 )

@@ -236,7 +236,7 @@ def test_an_unknown_parameter_is_refused_with_those_there_are(case, name):
         ValueError, match=rf"sensitivities: expected names among .*, found '{name}'"
     ):
         replace(MODELS[case], sensitivities=(name,)).respond(rubber())
-    with pytest.raises(ValueError, match="sensitivities: expected a tuple, found 'height'"):
+    with pytest.raises(ValueError, match="expected a tuple of names, found 'height'"):
         replace(MODELS[case], sensitivities="height")
 
 

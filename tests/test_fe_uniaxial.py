@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from material_laws import CONSTANTS, make
 
-from fe import Bar, Status, UniaxialModel
+from fe import Bar, NewtonOptions, Status, StepOptions, UniaxialModel, material, simulate
 from fe.closed_forms import uniaxial
 from fe.materials.volumetric import VOLUMETRIC_CODES
 
@@ -91,9 +91,49 @@ def test_the_model_survives_pickling():
         (lambda: UniaxialModel(BAR, (1.0,), "torsion"), "direction: expected"),
         (lambda: UniaxialModel(BAR, (1.0,), bulk_ratio=-1.0), "bulk_ratio: expected a finite"),
         (lambda: UniaxialModel(BAR, (1.0,), field_grid=(2,)), "field_grid: expected 2 whole"),
+        (lambda: UniaxialModel(BAR, ((0.1,), (0.2, 0.3))), "travel: expected a tuple of numbers"),
+        (lambda: UniaxialModel(BAR, (1.0,), sensitivities=("r", "r")), "expected each name once"),
+        (lambda: UniaxialModel(BAR, (1.0,), sensitivities=(1,)), "expected a tuple of names"),
+        (lambda: UniaxialModel(BAR, (1.0,))("ab"), "ratios: expected two finite numbers"),
+        (lambda: UniaxialModel(BAR, (1.0,)).respond("yeoh"), "material: expected fe.material"),
+        (lambda: StepOptions(0.1, 0.5, 0.2), "smallest: expected no more than the first"),
+        (lambda: NewtonOptions(1.0), "tolerance: expected a share of the contact forces below 1"),
         (lambda: Bar(depth=float("inf")), "depth: expected a length above 0 mm, found inf"),
     ],
 )
 def test_wrong_arguments_are_refused(make_model, message):
     with pytest.raises(ValueError, match=message):
         make_model()
+
+
+def test_a_bar_whose_width_and_depth_part_is_no_oracle_and_says_so():
+    """With C01 < 0 the square section turns into a strip, at less force than the closed form."""
+    constants = (0.0198, -0.00525, 0.00025)
+    theta = (*constants, 0.18)
+    response = simulate(UniaxialModel(Bar(), (1.0, 2.0)), "mooney-rivlin-3", theta)
+    assert response.status is Status.JUMPED
+    assert "leaves the wanted branch of equilibria" in response.message
+    assert 1.0 <= response.reached < 2.0  # what is beyond is there, and not counted as good
+    expected = uniaxial(material("mooney-rivlin-3", constants, 0.18), np.array([2.0, 3.0]))
+    assert response.force[0] == pytest.approx(expected[0], rel=1e-6)
+    assert response.force[1] < 0.9 * expected[1]
+
+
+@pytest.mark.parametrize(
+    ("law", "theta"),
+    [("ogden-1", (2e-6, 1e4, 1.0)), ("neo-hookean", (0.01, 1e99))],
+)
+def test_forces_that_are_no_numbers_are_no_equilibrium(law, theta):
+    response = simulate(UniaxialModel(Bar(), (0.05,)), law, theta)
+    assert response.status is not Status.CONVERGED or response.force[0] < 1e3
+
+
+@pytest.mark.parametrize("size", [(1e8, 0.05, 1.0), (1e3, 0.05, 1.0), (1e-3, 1.0, 1.0)])
+def test_bars_of_any_shape_have_their_force_or_none(size):
+    width, length, depth = size
+    response = simulate(UniaxialModel(Bar(*size), (0.1 * length,)), "neo-hookean", (0.01, 2.0))
+    expected = width * depth * uniaxial(material("neo-hookean", (0.01,), 2.0), np.array([1.1]))
+    if width < 1e8:
+        assert response.status is Status.CONVERGED
+    if response.status is Status.CONVERGED:
+        assert response.force == pytest.approx(expected, rel=1e-6)

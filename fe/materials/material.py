@@ -12,6 +12,7 @@ import numpy.typing as npt
 from fe.materials.law import LAWS, MOONEY_RIVLIN_3, Law
 from fe.materials.mooney_rivlin import from_ratios
 from fe.materials.volumetric import VOLUMETRIC_CODES, Volumetric
+from fe.positive_numbers import is_number
 
 Array = npt.NDArray[np.float64]
 
@@ -37,8 +38,8 @@ class KernelMaterial(NamedTuple):
 class Material:
     """W(F) = isochoric law + K u(J); MPa.
 
-    Raises ValueError for a wrong number of constants, numbers that are not finite, a shear or
-    bulk modulus that is not above 0, a shear modulus so large or small that its square is no
+    Raises ValueError for what is no law, a wrong number of constants, what is no finite number, a
+    shear or bulk modulus that is not above 0, a modulus so large or small that its square is no
     number, an Ogden exponent of 0 or an unknown volumetric law.
     """
 
@@ -50,13 +51,16 @@ class Material:
     volumetric: Volumetric = "quadratic"
 
     def __post_init__(self) -> None:
+        if not isinstance(self.law, Law):
+            raise ValueError(f"law: expected one of fe.materials, found {self.law!r}")
         names = self.law.constant_names
-        if len(self.constants) != len(names) or not np.isfinite(self.constants).all():
+        fits = isinstance(self.constants, tuple) and len(self.constants) == len(names)
+        if not (fits and all(is_number(c) and np.isfinite(c) for c in self.constants)):
             raise ValueError(
                 f"constants: expected {len(names)} finite numbers ({', '.join(names)}) "
                 f"for {self.law.name}, found {self.constants}"
             )
-        pairs = zip(names, self.constants, self.law.scales_stress, strict=True)
+        pairs = list(zip(names, self.constants, self.law.scales_stress, strict=True))
         for name, value, scales_stress in pairs:
             if not scales_stress and value == 0.0:
                 raise ValueError(f"{name}: expected an exponent other than 0, found {value}")
@@ -70,9 +74,14 @@ class Material:
                 f"constants: expected a shear modulus between {1.0 / LARGEST:g} and {LARGEST:g} "
                 f"MPa, found {self.shear_modulus}"
             )
-        if not self.bulk > 0.0:
-            raise ValueError(f"bulk: expected a modulus above 0 MPa, found {self.bulk}")
-        if self.volumetric not in VOLUMETRIC_CODES:
+        for name, value, scales_stress in pairs:
+            if scales_stress and not abs(value) < LARGEST:
+                raise ValueError(f"{name}: expected less than {LARGEST:g} MPa, found {value}")
+        if not (is_number(self.bulk) and self.bulk > 0.0):
+            raise ValueError(f"bulk: expected a modulus above 0 MPa, found {self.bulk!r}")
+        if LARGEST <= self.bulk < np.inf:
+            raise ValueError(f"bulk: expected less than {LARGEST:g} MPa or inf, found {self.bulk}")
+        if not isinstance(self.volumetric, str) or self.volumetric not in VOLUMETRIC_CODES:
             raise ValueError(
                 f"volumetric: expected one of {', '.join(VOLUMETRIC_CODES)}, "
                 f"found {self.volumetric!r}"
@@ -111,9 +120,19 @@ def material(
 
     Raises ValueError for an unknown law and what `Material` refuses.
     """
-    if law not in LAWS:
+    if not isinstance(law, str) or law not in LAWS:
         raise ValueError(f"law: expected one of {', '.join(LAWS)}, found {law!r}")
-    return Material(LAWS[law], tuple(float(c) for c in constants), float(bulk), volumetric)
+    try:
+        given = tuple(constants)
+    except TypeError:
+        raise ValueError(f"constants: expected some numbers, found {constants!r}") from None
+    return Material(LAWS[law], given, bulk, volumetric)
+
+
+def check_material(found: object) -> None:
+    """Raise ValueError for what is no `Material`."""
+    if not isinstance(found, Material):
+        raise ValueError(f"material: expected fe.material(law, constants, bulk), found {found!r}")
 
 
 def mooney_rivlin_of_ratios(ratios: Array, kappa: float, bulk: float) -> Material:
@@ -121,9 +140,13 @@ def mooney_rivlin_of_ratios(ratios: Array, kappa: float, bulk: float) -> Materia
 
     Raises ValueError unless the ratios are two finite numbers.
     """
-    ratios = np.asarray(ratios, dtype=np.float64)
+    given = ratios
+    try:
+        ratios = np.asarray(given, dtype=np.float64)
+    except (TypeError, ValueError):
+        ratios = np.empty(0)
     if ratios.shape != (2,) or not np.isfinite(ratios).all():
-        raise ValueError(f"ratios: expected two finite numbers (r, s), found {ratios}")
+        raise ValueError(f"ratios: expected two finite numbers (r, s), found {given!r}")
     constants = from_ratios(ratios, kappa)
     return Material(MOONEY_RIVLIN_3, tuple(float(c) for c in constants), bulk)
 

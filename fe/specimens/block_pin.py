@@ -48,6 +48,7 @@ from fe.specimens.block_pin_part import (
     SYMMETRY_FACTOR,
     check_part,
     check_plane_strain,
+    check_room,
     modelled_part,
 )
 from fe.specimens.checks import check_bulk_ratio, check_counts, check_kinds, check_travel
@@ -122,9 +123,12 @@ class BlockPinModel:
         check_travel(self.travel, self.specimen.height, "block's height")
         check_bulk_ratio(self.bulk_ratio)
         check_part(self.specimen, self.contact, self.symmetry)
+        check_room(self.specimen)
         if isinstance(self.cells, Rings):
             check_rings(self.specimen, self.part)
         check_field_grid(self.field_grid, self.specimen, self.part)
+        if not isinstance(self.plane_strain, bool):
+            raise ValueError(f"plane_strain: expected True or False, found {self.plane_strain!r}")
         if self.plane_strain:
             check_plane_strain(self.specimen, self.cells, self.part)
 

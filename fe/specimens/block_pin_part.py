@@ -9,6 +9,8 @@ from fe.specimens.ring_mesh import Cells, Rings
 
 Asked = Literal["auto"] | Symmetry
 
+ROOM = 0.01
+"""of a side of the block, between a face and the axis of a pin along it: elements are to fit"""
 SYMMETRY_FACTOR: dict[Symmetry, float] = {"quarter": 4.0, "half": 2.0, "full": 1.0}
 """how many of the modelled parts the whole sample has"""
 
@@ -50,4 +52,17 @@ def check_plane_strain(specimen: BlockPin, cells: Cells, part: Symmetry) -> None
             f"plane_strain: expected a bar along z, a quarter or half model and one element along "
             f"z, found pin={specimen.pin!r} turned by {specimen.pin_rotation} degrees, a {part} "
             f"model, cells={cells}"
+        )
+
+
+def check_room(specimen: BlockPin) -> None:
+    """Raise ValueError where no elements fit between a face and the axis of a pin along it."""
+    if specimen.turned:
+        return
+    sides = specimen.width, specimen.depth
+    most = [(0.5 - ROOM) * side for side in sides]
+    if any(abs(shift) > largest for shift, largest in zip(specimen.pin_shift, most, strict=True)):
+        raise ValueError(
+            f"pin_shift: expected at most {most[0]:g} and {most[1]:g} mm, {ROOM:.0%} of the block "
+            f"between its faces and the pin's axis, found {specimen.pin_shift} mm"
         )

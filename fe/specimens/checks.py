@@ -33,7 +33,10 @@ def check_kinds(model: Any, **kinds: type) -> None:
 
 def check_counts(name: str, found: object, least: int | tuple[int, ...]) -> None:
     """Raise ValueError unless these are as many whole numbers as in `least`, none below it."""
-    numbers = np.asarray(found)
+    try:
+        numbers = np.asarray(found)
+    except ValueError:  # rows of several lengths
+        numbers = np.asarray(None)
     fits = numbers.shape == np.shape(least) and numbers.dtype.kind == "i"
     if not (fits and (numbers >= least).all()):
         what = "a whole number" if isinstance(least, int) else f"{len(least)} whole numbers"

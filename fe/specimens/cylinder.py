@@ -40,6 +40,8 @@ from fe.steps import StepOptions
 Array = npt.NDArray[np.float64]
 
 SYMMETRY_FACTOR = 2.0
+STIFFNESS, RAMP = 15000.0, 1.0 / 150.0
+"""of the default penalty: over and times the height; softer than for the thin block"""
 GRADING = 0.7
 """0 is a uniform mesh; elements shrink towards the rim of the plate as it grows to 1"""
 
@@ -79,16 +81,21 @@ class CylinderModel:
     n_point: int = 20
     slip: float = 0.01
     """length over which friction builds up in a step, mm"""
-    penalty: PenaltyLaw = field(default_factory=lambda: PenaltyLaw(500.0, 0.2))
-    """of the side that rolls over, softer than for the thin block: 1/mm, mm"""
+    penalty: PenaltyLaw | None = None
+    """of the side that rolls over, stiffness and ramp; by default one that gives way by the same
+    share of the height whatever this is: 500 / mm and 0.2 mm at 30 mm"""
     steps: StepOptions = field(default_factory=lambda: StepOptions(0.25, 1.0, 0.005))
     newton: NewtonOptions = field(default_factory=lambda: NewtonOptions(1e-8, max_move=1.0))
     force: tuple[float, ...] = ()
     sensitivities: tuple[str, ...] | None = None
 
     def __post_init__(self) -> None:
-        check_kinds(self, specimen=Cylinder, penalty=PenaltyLaw)
-        check_kinds(self, steps=StepOptions, newton=NewtonOptions)
+        check_kinds(self, specimen=Cylinder, steps=StepOptions, newton=NewtonOptions)
+        if self.penalty is None:
+            height = self.specimen.height
+            object.__setattr__(self, "penalty", PenaltyLaw(STIFFNESS / height, RAMP * height))
+        check_kinds(self, penalty=PenaltyLaw)
+        _check_penalty(self.law)
         check_counts("cells", self.cells, (1, 1))
         check_counts("n_point", self.n_point, 1)
         check_targets(self.travel, self.force)
@@ -102,6 +109,12 @@ class CylinderModel:
             )
         check_length("slip", self.slip)
         check_bulk_ratio(self.bulk_ratio)
+
+    @property
+    def law(self) -> PenaltyLaw:
+        """The penalty of the side that rolls over."""
+        assert self.penalty is not None
+        return self.penalty
 
     def points(self) -> Array:
         """(n_point, 2) reference r, z of the field points on the side, mm."""
@@ -144,7 +157,7 @@ class CylinderModel:
             edges=self._side(mesh),
             friction=self.friction,
             slip=self.slip,
-            law=self.penalty,
+            law=self.law,
         )
         return DrivenSpecimen(
             problem=DrivenProblem(
@@ -179,3 +192,14 @@ class CylinderModel:
     def schedule(self) -> Schedule:
         """What is asked, and how the solver gets there."""
         return Schedule(self.travel, self.steps, self.newton, self.force)
+
+
+def _check_penalty(law: PenaltyLaw) -> None:
+    """Raise ValueError for what a plate takes no account of."""
+    for name in ("base", "slip", "grip"):
+        found, default = getattr(law, name), getattr(PenaltyLaw(), name)
+        if found != default:
+            raise ValueError(
+                f"penalty: {name} is of a block under a pin; expected none, found {found} "
+                "(a cylinder has its own slip)"
+            )

@@ -3,7 +3,8 @@
 The bar (width x, length y, depth z) stands on the planes x = 0, y = 0 and z = 0 and its end y =
 length moves.  The element is trilinear with one pressure, and the nodes of a free side share the
 motion of that side: two unknowns, so that the deformation is homogeneous also where a larger mesh
-would leave it by an instability.  The force is that of fe.closed_forms.uniaxial.
+would leave it by an instability.  The force is that of fe.closed_forms.uniaxial, up to where the
+bar would rather stretch less in width than in depth (C01 below 0): the status says so.
 """
 
 from __future__ import annotations
@@ -34,6 +35,9 @@ from fe.specimens.checks import (
 from fe.steps import StepOptions
 
 Array = npt.NDArray[np.float64]
+
+ALIKE = 1e-6
+"""difference of the stretches of width and depth beyond which they are not one"""
 
 
 @dataclass(frozen=True)
@@ -100,18 +104,28 @@ class UniaxialModel:
         """Tables of the one element."""
         basis = self._basis()
         table = first_order_elements(basis)
-        far = table.positions > 1e-9 * table.positions.max()
+        far = table.positions > 1e-9 * table.positions.max(axis=0)
         equation = np.full(table.positions.shape, -1, dtype=np.int64)
         equation[far[:, 0], 0] = 0
         equation[far[:, 2], 2] = 1
         motion = np.zeros(table.positions.shape)
         motion[far[:, 1], 1] = 1.0 if self.direction == "tension" else -1.0
         return DrivenSpecimen(
-            problem=DrivenProblem(table, unknowns(table.nodes, equation.ravel()), motion),
+            problem=DrivenProblem(
+                elements=table,
+                pattern=unknowns(table.nodes, equation.ravel()),
+                motion=motion,
+                on_branch=self._stretches_alike,
+            ),
             points=self.points(),
             probe=field_probe(basis, self._on_face()),
             symmetry=1.0,
         )
+
+    def _stretches_alike(self, u: Array) -> bool:
+        """Whether width and depth have one stretch, as the closed form has it."""
+        x, z = np.ptp(u[:, 0]) / self.specimen.width, np.ptp(u[:, 2]) / self.specimen.depth
+        return bool(abs(x - z) <= ALIKE)
 
     def shape(self, specimen: Bar) -> Shape:
         """What moves with the dimensions, at those of `specimen`."""
