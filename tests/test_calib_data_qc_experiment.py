@@ -58,9 +58,9 @@ GOOD = {
     for i in range(9)
 }
 BAD = {
-    "S10": Truth(angle=1.3, noise=0.005),
-    "S11": Truth(x_shift=-0.4, noise=0.005),
-    "S12": Truth(angle=-1.5, x_shift=0.5, noise=0.005),
+    "S10": Truth(angle=1.3, noise=0.005, force_noise=0.03),
+    "S11": Truth(x_shift=-0.4, noise=0.005, force_noise=0.03),
+    "S12": Truth(angle=-1.5, x_shift=0.5, noise=0.005, force_noise=0.03),
 }
 
 
@@ -746,13 +746,62 @@ def test_samples_that_make_no_data_set_together_are_refused_with_their_folder(tm
     assert f"{folder}: expected points that enough samples have, found none" in said
 
 
-def test_a_sample_that_was_copied_is_not_counted_twice(some, capsys):
+@pytest.mark.parametrize("what", ["machine.csv", "dic"])
+def test_files_of_a_sample_that_were_copied_are_not_counted_twice(some, capsys, what):
     folder = some("S1", "S3", "S5")
-    shutil.copytree(folder / "S3", folder / "S4")
+    original, copy = folder / "S3" / what, folder / "S5" / what
+    if original.is_dir():
+        shutil.rmtree(copy)
+        shutil.copytree(original, copy)
+    else:
+        shutil.copy(original, copy)
     assert main(["qc", str(folder)]) == 2
     said = capsys.readouterr().err.strip().splitlines()[-1]
-    machine = [folder / name / "machine.csv" for name in ("S4", "S3")]
-    assert f"{machine[0]}: expected a sample of its own, found a copy of {machine[1]}" in said
+    assert f"{copy}: expected files of this sample, found a copy of {original}" in said
+
+
+def _frames(folder):
+    return sorted(path for path in folder.iterdir() if path.suffix == ".csv")
+
+
+def test_exchanged_frames_and_frames_in_another_unit_reject_their_sample(some):
+    folder = some("S1", "S3", "S5")
+    frames = _frames(folder / "S3" / "dic")
+    two = [frames[-3], frames[-4]]
+    texts = [path.read_text() for path in two]
+    for path, text in zip(two, reversed(texts), strict=True):
+        path.write_text(text)
+    [one] = [r for r in analyse(folder).rejections if r.sample == "S3"]
+    assert one.rule == "protocol" and "displacement (root mean square) in frame" in one.reason
+
+
+def test_a_frame_that_was_cut_off_rejects_its_sample_and_the_others_go_on(some):
+    folder = some("S1", "S3", "S5", "S7")
+    path = _frames(folder / "S3" / "dic")[-3]
+    lines = path.read_text().splitlines()
+    half = len(lines) // 2
+    lost = [line.rpartition(",")[0] + ",0" for line in lines[half:]]
+    path.write_text("\n".join([*lines[:half], *lost]) + "\n")
+    result = analyse(folder)
+    [one] = [r for r in result.rejections if r.sample == "S3"]
+    assert one.reason == "points of half the face in all frames"
+    assert "expected at least" in one.text()
+    assert result.dataset is not None
+
+
+def test_links_to_nothing_are_named_and_what_a_mac_leaves_is_not_read(some, capsys):
+    folder = some("S1", "S3", "S5")
+    (folder / "S3" / "dic" / "._B0001.csv").write_bytes(b"\0\x05\x16\x07")
+    assert analyse(folder).dataset is not None
+    lost = folder / "S3" / "dic" / "B9999.csv"
+    lost.symlink_to(folder / "nowhere.csv")
+    assert main(["qc", str(folder)]) == 2
+    assert f"{lost}: expected a file, found a link to nothing" in capsys.readouterr().err
+    lost.unlink()
+    shutil.rmtree(folder / "static", ignore_errors=True)
+    (folder / "static").symlink_to(folder / "nowhere")
+    assert main(["qc", str(folder)]) == 2
+    assert "static: expected a file or folder, found a link to nothing" in capsys.readouterr().err
 
 
 @pytest.mark.lasting

@@ -72,23 +72,28 @@ def test_a_coarse_clock_that_gives_several_readings_one_time_is_no_hindrance(res
     assert np.median(np.diff(coarse.time)) == 0
     one = coarse.at_distinct_times()
     assert np.all(np.diff(one.time) > 0)
-    at = record.time < one.time[1] - 1e-9
-    assert one.force[0] == pytest.approx(record.force[at].mean())
+    np.testing.assert_allclose(one.time, record.time, atol=0.5 * resolution)
+    np.testing.assert_array_equal(one.force, record.force)
     fine, found = (machine_test(one, PROTOCOL, MACHINE) for one in (record, coarse))
     assert found.contact.travel == pytest.approx(fine.contact.travel, abs=0.01)
     np.testing.assert_allclose(found.loaded()[2], fine.loaded()[2], atol=0.02)
 
 
-def test_of_readings_of_one_time_the_first_image_is_kept():
+@pytest.mark.parametrize("resolution", [0.5, 1.0])
+def test_a_clock_in_seconds_does_not_move_the_contact(resolution):
+    """Means of the readings of one time moved it by 0.1 mm, five of its stated SDs."""
+    record, _, _ = machine_record(Truth(force_noise=0.03), np.random.default_rng(0))
+    coarse = replace(record, time=np.floor(record.time / resolution + 1e-9) * resolution)
+    fine, found = (machine_test(one, PROTOCOL, MACHINE) for one in (record, coarse))
+    assert found.contact.by_force == pytest.approx(fine.contact.by_force, abs=0.01)
+    np.testing.assert_allclose(found.loaded()[2], fine.loaded()[2], rtol=0.01)
+
+
+def test_readings_of_one_time_go_on_towards_the_next_and_not_into_a_pause():
     record, _, _ = machine_record(Truth(), np.random.default_rng(0))
-    few = replace(
-        record,
-        time=np.array([0.0, 0.0, 0.0, 1.0]),
-        force=np.zeros(4),
-        travel=np.zeros(4),
-        frame=np.array([np.nan, 7.0, 8.0, np.nan]),
-    )
-    np.testing.assert_array_equal(few.at_distinct_times().frame, [7.0, np.nan])
+    time = np.array([0.0, 0.0, 1.0, 2.0, 2.0, 9.0, 9.0])
+    few = replace(record, time=time, force=np.zeros(7), travel=np.zeros(7))
+    np.testing.assert_allclose(few.at_distinct_times().time, [0.0, 0.5, 1.0, 2.0, 2.5, 9.0, 9.5])
 
 
 def test_a_record_of_one_time_is_not_as_planned():
@@ -209,14 +214,67 @@ def test_force_begins_where_a_cubic_was_made_to():
     assert found.by_force == pytest.approx(0.314, abs=2e-3)
 
 
+def test_the_error_of_the_contact_is_about_what_is_stated():
+    """RMS of 150 errors over their SDs; the curvature at a corner makes it some more than one."""
+    rng, travel = np.random.default_rng(0), np.linspace(0.0, 1.2, 300)
+    clean, errors = force_at(travel - 0.3), []
+    for _ in range(150):
+        found = find_contact(travel, clean + 0.1 * rng.standard_normal(travel.size))
+        errors.append((found.by_force - 0.3) / found.by_force_sd)
+    assert 0.8 < np.sqrt(np.mean(np.square(errors))) < 1.45
+
+
+def test_the_error_of_the_force_of_a_hold_is_what_is_stated():
+    """RMS of 200 errors over their SDs within four of its SDs, 5 % each."""
+    rng, t = np.random.default_rng(0), np.arange(0.0, 20.0, 0.1)
+    clean, errors = 2.0 + 0.3 * np.exp(-t / 2.0), []
+    expected = clean[t >= 0.75 * t[-1]].mean()
+    for _ in range(200):
+        found = relaxation(t, clean + 0.05 * rng.standard_normal(t.size), 0.25)
+        errors.append((found.force - expected) / found.force_sd)
+    assert np.sqrt(np.mean(np.square(errors))) == pytest.approx(1.0, abs=0.2)
+
+
 def test_drift_of_the_load_cell_is_measured_each_time_the_pin_is_free():
     time = np.arange(0.0, 60.0, 0.1)
     travel = np.where((time > 20) & (time < 40), 0.5, -0.5)
     drift = 0.2 + 0.01 * time
     force = drift + np.where(travel > 0, 1.0, 0.0)
-    zero = force_zero(time, travel, force, 0.0)
+    zero, sd = force_zero(time, travel, force, 0.0)
     inside = (time > 15) & (time < 55)
     np.testing.assert_allclose(zero[inside], drift[inside], atol=0.01)
+    assert np.all(sd < 1e-9), "a drift is no noise"
+
+
+def test_the_zero_of_the_load_cell_has_the_error_that_is_stated():
+    """RMS of 400 errors over the SD within 15 %: a false alarm is beyond four of its SDs."""
+    rng, time = np.random.default_rng(0), np.arange(0.0, 30.0, 0.1)
+    travel = np.where(time > 10.0, 0.5, -0.5)
+    errors = []
+    for _ in range(400):
+        zero, sd = force_zero(time, travel, 0.1 * rng.standard_normal(time.size), 0.0)
+        errors.append(zero[-1] / sd[-1])
+    assert np.sqrt(np.mean(np.square(errors))) == pytest.approx(1.0, rel=0.15)
+
+
+def test_a_load_cell_at_the_end_of_its_range_is_not_as_planned():
+    record, _, travel = machine_record(Truth(force_noise=0.01), np.random.default_rng(0))
+    end = 0.8 * float(force_at(travel)[-1])
+    clipped = replace(record, force=np.clip(record.force, -end, end))
+    with pytest.raises(NotAsPlanned, match=r"readings stay at: found .*did the load cell reach"):
+        machine_test(clipped, PROTOCOL, MACHINE)
+    coarse = replace(record, force=np.round(record.force / 0.05) * 0.05)
+    machine_test(coarse, PROTOCOL, MACHINE)
+
+
+def test_holds_that_go_away_from_the_sample_are_told_as_a_matter_of_sign():
+    record, _, _ = machine_record(Truth(), np.random.default_rng(0))
+    assert record.travel is not None
+    turned = replace(record, travel=-record.travel, force=-record.force, positive="compression")
+    if record.positive != "compression":
+        turned = replace(turned, travel=record.travel, force=record.force)
+    with pytest.raises(NotAsPlanned, match="that go away from the sample by the signs of the file"):
+        machine_test(turned, PROTOCOL, MACHINE)
 
 
 @pytest.mark.parametrize("sign", [1, -1])

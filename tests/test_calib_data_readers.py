@@ -24,6 +24,7 @@ from calib.data.readers import (
 )
 from calib.data.readers.natural_order import natural_order
 from calib.data.readers.source import Source
+from calib.data.readers.units import FORCE, LENGTH, TIME
 
 FORMATS = {form.name: form for form in (*DIC_FORMATS, *MACHINE_FORMATS)}
 SAMPLES = [
@@ -341,3 +342,16 @@ def test_a_frame_checks_itself(change, message):
     PointFrame(**fields)
     with pytest.raises(ValueError, match=message):
         PointFrame(**(fields | change))
+
+
+def test_units_are_those_of_their_definitions():
+    """A pound is 0.45359237 kg, an inch 25.4 mm, standard gravity 9.80665 m/s2."""
+    assert pytest.approx(0.45359237 * 9.80665, rel=1e-12) == FORCE["lbf"]
+    assert pytest.approx(9.80665, rel=1e-12) == FORCE["kgf"] == 1e3 * FORCE["gf"]
+    prefixes = {"k": 1e3, "m": 1e-3, "da": 10.0, "M": 1e6, "c": 1e-2, "u": 1e-6, "n": 1e-9}
+    for name, size in prefixes.items():
+        for table, unit in ((FORCE, "N"), (LENGTH, "m")):
+            if name + unit in table:
+                assert pytest.approx(size * table[unit], rel=1e-12) == table[name + unit]
+    assert {LENGTH[name] for name in ("in", "inch", "inches")} == {25.4}
+    assert (TIME["s"], TIME["ms"], TIME["min"], TIME["h"]) == (1.0, 1e-3, 60.0, 3600.0)

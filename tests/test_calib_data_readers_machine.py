@@ -136,7 +136,7 @@ REFUSED_MACHINE_FILES = {
     "two loads": ("Time (s),Extension (mm),Load (N),Load (kN)\n0,0,0,0\n", 1, "one column", "2"),
     "a word": ("Time (s),Extension (mm),Load (N)\n0,0,0\n1,x,0\n", 3, "number in column", "'x'"),
     "a lost value": ("Time (s),Extension (mm),Load (N)\n0,0\n", 2, "3 values", "2"),
-    "no force": ("Time (s),Extension (mm),Load (N)\n0,0,0\n1,1,\n", 3, "a force of", "nan"),
+    "no force": ("Time (s),Extension (mm),Load (N)\n0,0,0\n1,1,\n", 3, "a number for the", "none"),
     "no rows": ("Time (s),Extension (mm),Load (N)\n", 1, "lines of numbers", "end of the file"),
     "time back": ("Time (s),Extension (mm),Load (N)\n5,0,0\n4,0,0\n", 3, "time of 5 s", "4 s"),
     "a huge force": ("Time (s),Extension (mm),Load (N)\n5,0,1e300\n", 2, "a force of", "1e+300"),

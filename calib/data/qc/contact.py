@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import minimize_scalar, nnls
 
+from calib.data.qc.relaxation import inflation
 from calib.data.readers import MachineRecord
 from calib.data.readers.frames import BoolArray
 from fe.response import Array
@@ -118,24 +119,35 @@ def _with_sd(travel: Array, force: Array, place: float) -> Contact:
     return Contact(place, sd, float(np.sqrt(variance)), place, sd)
 
 
-def force_zero(time: Array, travel: Array, force: Array, contact: float) -> Array:
-    """(n,) reading of the load cell without load, N: means where the pin is free, linear between.
+def force_zero(time: Array, travel: Array, force: Array, contact: float) -> tuple[Array, Array]:
+    """(n,) reading of the load cell without load, N, and its SD by the noise of the readings.
 
+    Means where the pin is free, linear between.
     A load cell drifts; each time the pin rests free of the sample its zero is measured again. Only
     the later half of such a time counts, as a sample may stick to a pin that leaves it, and short
     times between cycles do not. Without any such time the zero is that of the first reading.
     """
     is_free: BoolArray = travel < contact - CLEAR
     if not is_free.any():
-        return np.full(force.shape, force[0])
+        return np.full(force.shape, force[0]), np.zeros(force.shape)
     edges = np.flatnonzero(np.diff(np.concatenate([[False], is_free, [False]]).astype(np.int8)))
     starts, ends = edges[::2], edges[1::2]
     longest = (ends - starts).max()
-    times, zeros = [], []
+    times, zeros, variances = [], [], []
     for start, end in zip(starts, ends, strict=True):
         if end - start >= longest / 2:
             late = slice((start + end) // 2, end)
             times.append(time[late].mean())
             zeros.append(force[late].mean())
+            variances.append(_variance_of_mean(time[late], force[late]))
     zero: Array = np.interp(time, np.array(times), np.array(zeros))
-    return zero
+    sd: Array = np.sqrt(np.interp(time, np.array(times), np.array(variances)))
+    return zero, sd
+
+
+def _variance_of_mean(time: Array, force: Array) -> float:
+    """Variance of the mean of readings by their noise about a line, N2."""
+    if time.size < 4:
+        return 0.0
+    residual = force - np.polynomial.Polynomial.fit(time, force, 1)(time)
+    return float(residual @ residual) / (time.size - 2) / time.size * inflation(residual)

@@ -87,7 +87,14 @@ def static_folder(folder: Path) -> Path | None:
     path = folder / STATIC
     if path.is_file():
         raise WrongFile(path, None, "a folder of frames", "a file")
+    check_link(path)
     return path if path.is_dir() else None
+
+
+def check_link(path: Path) -> None:
+    """Raise WrongFile for a link to what is not there, which would pass for nothing."""
+    if path.is_symlink() and not path.exists():
+        raise WrongFile(path, None, "a file or folder", f"a link to nothing ({path.readlink()})")
 
 
 def input_hash(folder: Path, samples: tuple[SampleFiles, ...]) -> str:

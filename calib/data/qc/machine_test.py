@@ -29,6 +29,8 @@ SURE = 2.0
 """SDs of the contact that noise is allowed"""
 NEAR = 0.25
 """of an increment: readings that far beyond the first hold are beyond contact for certain"""
+SATURATED = 0.5
+"""share of a hold's readings that are the largest of all, from which the load cell is at its end"""
 LARGEST_GAP = 2e7
 """usual times between readings that two are apart at most: a clock that jumped gives more"""
 
@@ -76,8 +78,8 @@ def machine_test(record: MachineRecord, protocol: Protocol, machine: Machine) ->
     """
     record = in_compression(record.at_distinct_times(), machine.compression_force_sign)
     time, force, position = record.time, record.force, record.travel
-    if time.size < 2:
-        raise NotAsPlanned("times of readings", time.size, "2 or more")
+    if not time[-1] > time[0]:
+        raise NotAsPlanned("times of readings", 1, "2 or more")
     gaps = np.diff(time)
     largest = LARGEST_GAP * max(float(np.median(gaps)), SMALLEST_STEP)
     if (gap := float(gaps.max())) > largest:
@@ -87,9 +89,15 @@ def machine_test(record: MachineRecord, protocol: Protocol, machine: Machine) ->
     holds = find_holds(time, position, protocol)
     row = step_row(holds, protocol)
     if len(row) < 2:
+        away = len(step_row(find_holds(time, -position, protocol), protocol))
+        if away > 1:
+            raise NotAsPlanned(
+                "holds", f"{away} that go away from the sample by the signs of the file",
+                "holds that go into it (is compression positive there?)",
+            )  # fmt: skip
         raise NotAsPlanned("plateaus", 0, protocol.increments)
     by_force = _contact_by_force(time, position, force, row, protocol)
-    zeroed = force - force_zero(time, position, force, by_force.travel)
+    zeroed = force - force_zero(time, position, force, by_force.travel)[0]
     cycles = find_cycles(time, position - by_force.travel, zeroed, row[0].start, protocol)
     pressed = position - machine.compliance_mm_per_N * zeroed
     by_force = contact_after_recovery(time, pressed, zeroed, row, cycles, by_force)
@@ -101,20 +109,39 @@ def machine_test(record: MachineRecord, protocol: Protocol, machine: Machine) ->
     by_hand = numbered[0].position - numbered[0].number * protocol.increment_mm
     _check_contact(by_force, by_hand, protocol)
     contact = by_force.combined(by_hand, machine.contact_sd_mm)
-    force = force - force_zero(time, position, force, contact.travel)
+    zero, zero_sd = force_zero(time, position, force, contact.travel)
+    force = force - zero
     travel = position - contact.travel - machine.compliance_mm_per_N * force
     plateaus, places = [], []
     for hold in steps:
         during = (time >= hold.start) & (time <= hold.end)
         if np.count_nonzero(during) < 5:
             raise NotAsPlanned("readings of a hold", int(during.sum()), 5)
-        plateaus.append(relaxation(time[during], force[during], machine.force_window))
+        found = relaxation(time[during], force[during], machine.force_window)
+        by_zero = float(zero_sd[during].mean())
+        plateaus.append(found._replace(force_sd=float(np.hypot(found.force_sd, by_zero))))
         late = during & (time >= hold.end - machine.force_window * (hold.end - hold.start))
         places.append(float(travel[late].mean()))
+    during_steps = [(time >= h.start) & (time <= h.end) for h in steps if h.number > 0]
+    _check_saturation([record.force[during] for during in during_steps], float(record.force.max()))
     cycles = find_cycles(time, position - contact.travel, force, steps[0].start, protocol)
     return MachineTest(
         time, travel, force, contact, tuple(steps), tuple(plateaus), np.array(places), tuple(cycles)
     )
+
+
+def _check_saturation(holds: list[Array], largest: float) -> None:
+    """Raise NotAsPlanned where most readings of a hold are the largest of the record, N.
+
+    A force relaxes from its peak on; a load cell at the end of its range shows that end.
+    """
+    for readings in holds:
+        share = float(np.mean(np.isclose(readings, largest, rtol=1e-9, atol=0.0)))
+        if share > SATURATED:
+            raise NotAsPlanned(
+                "N that a hold's readings stay at", float(f"{largest:.4g}"),
+                "forces that relax (did the load cell reach the end of its range?)",
+            )  # fmt: skip
 
 
 def _contact_by_force(

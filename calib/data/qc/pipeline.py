@@ -19,7 +19,14 @@ from calib.data.qc.lab_files import SampleFiles, input_hash, sample_files, stati
 from calib.data.qc.machine_test import at_travel
 from calib.data.qc.mean_noise import FieldNoise, mean_noise
 from calib.data.qc.noise_floor import pooled_noise
-from calib.data.qc.quality import Rejection, Rule, broken, odd_forces, placement_rules
+from calib.data.qc.quality import (
+    Rejection,
+    Rule,
+    broken,
+    few_points,
+    odd_forces,
+    placement_rules,
+)
 from calib.data.qc.rules import Rules, inputs_under, under_rules
 from calib.data.qc.sample import REACH, Sample, read_sample
 from calib.data.qc.senses import check_senses
@@ -111,6 +118,7 @@ def analyse(
     rejections = [
         r for sample, own in zip(samples, limits, strict=True) for r in broken(sample, own)
     ]
+    rejections += few_points(samples, fields, rejections)
     rejections += _odd(samples, rejections, experiment)
     static = static_folder(folder)
     noise = None if static is None else static_noise(static, experiment, points)
@@ -156,18 +164,20 @@ def _samples(
 
 
 def _check_own(sample: Sample, files: SampleFiles, seen: dict[bytes, SampleFiles]) -> None:
-    """Raise WrongFile for a sample whose forces and field are those of one before, to the last bit.
+    """Raise WrongFile for a sample whose forces or field are those of one before, to the last bit.
 
-    A folder that was copied would count as one sample more. `seen` are those before; this one is
-    added.
+    Files that were copied would count twice. `seen` are those before; this one is added.
     """
-    machine, face = sample.machine, sample.face
-    if machine is None or face is None:
-        return
-    found = hashlib.sha256(machine.force.tobytes() + face.lattice.displacement.tobytes()).digest()
-    first = seen.setdefault(found, files)
-    if first is not files:
-        raise WrongFile(files.machine, None, "a sample of its own", f"a copy of {first.machine}")
+    values = []
+    if sample.machine is not None:
+        values.append(("machine", sample.machine.force))
+    if sample.face is not None:
+        values.append(("dic", sample.face.lattice.displacement))
+    for which, found in values:
+        first = seen.setdefault(hashlib.sha256(found.tobytes()).digest(), files)
+        if first is not files:
+            copy, original = (getattr(one, which) for one in (files, first))
+            raise WrongFile(copy, None, "files of this sample", f"a copy of {original}")
 
 
 def sample_field(sample: Sample, experiment: Experiment, points: Array, method: Mapping) -> Array:

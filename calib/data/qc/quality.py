@@ -12,6 +12,10 @@ from calib.data.qc.plateaus import SURE, cycle_change_sds, cycle_changes
 from calib.data.qc.sample import Sample
 from fe.response import Array
 
+POINTS_SHARE = "points of the others"
+ENOUGH_POINTS = 0.7
+"""of the median number of points that the samples have"""
+
 
 class Rejection(NamedTuple):
     """One rule that one sample breaks."""
@@ -29,7 +33,9 @@ class Rejection(NamedTuple):
         """One sentence."""
         value, threshold = (_shown(v) for v in (self.value, self.threshold))
         unit = f" {self.unit}" if self.unit else ""
-        bound = {"protocol": "", "min_points": "at least "}.get(self.rule, "at most ")
+        bound = {"protocol": "", "min_points": "at least ", POINTS_SHARE: "at least "}.get(
+            self.rule, "at most "
+        )
         return (
             f"{self.sample}: {self.reason}: found {value}{unit}, expected {bound}{threshold}{unit}"
         )
@@ -113,6 +119,29 @@ def broken(sample: Sample, rules: Sequence[Rule]) -> list[Rejection]:
                 Rejection(sample.name, rule.key, rule.reason, rule.value, rule.limit, rule.unit)
             )
     return found
+
+
+def few_points(
+    samples: Sequence[Sample], fields: Array, rejections: Sequence[Rejection]
+) -> list[Rejection]:
+    """Samples with far fewer points than the others, of those that meet all other rules.
+
+    A frame that was cut off leaves them, and would take the rest from the mean of all. fields
+    (n_sample, n_step, n, 3), NaN where there is nothing.
+    """
+    rejected = {one.sample for one in rejections}
+    counts = {
+        sample.name: int(np.isfinite(field).all(axis=(0, 2)).sum())
+        for sample, field in zip(samples, fields, strict=True)
+        if sample.name not in rejected
+    }
+    least = ENOUGH_POINTS * float(np.median([*counts.values()])) if counts else 0.0
+    reason = "points of half the face in all frames"
+    return [
+        Rejection(name, POINTS_SHARE, reason, float(count), least, "")
+        for name, count in counts.items()
+        if count < least
+    ]
 
 
 def odd_forces(names: Sequence[str], forces: Array, limit: float | None) -> list[Rejection]:

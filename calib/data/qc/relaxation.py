@@ -21,7 +21,7 @@ class Relaxation(NamedTuple):
     force: float
     """N, mean over the window at the end of the hold"""
     force_sd: float
-    """N, SD of that mean by the noise of its readings"""
+    """N, SD of that mean by the noise of its readings; of a test also by that of the zero"""
     noise_sd: float
     """N, SD of one reading about the fitted relaxation"""
     variation_percent: float
@@ -87,7 +87,7 @@ def relaxation(time: Array, force: Array, window: float) -> Relaxation:
     scale = 100 / mean if mean > 0 else np.nan
     return Relaxation(
         force=float(force[late].mean()),
-        force_sd=float(noise * np.sqrt(_inflation(residual) / np.count_nonzero(late))),
+        force_sd=float(noise * np.sqrt(inflation(residual) / np.count_nonzero(late))),
         noise_sd=noise,
         variation_percent=float(scale * (smooth.max() - smooth.min())),
         raw_variation_percent=float(scale * (force.max() - force.min())),
@@ -96,7 +96,7 @@ def relaxation(time: Array, force: Array, window: float) -> Relaxation:
     )
 
 
-def _inflation(residual: Array) -> float:
+def inflation(residual: Array) -> float:
     """Factor by which correlated noise widens the variance of a mean: (1 + r) / (1 - r)."""
     power = float(residual @ residual)
     if power == 0:

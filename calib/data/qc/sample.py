@@ -30,6 +30,10 @@ REACH = 0.6
 """of an increment that a hold may lie from the nominal travel"""
 WIDER = 0.05
 """than the specimen is said to be: points that far apart are not of such a one"""
+FALLING = 0.97
+"""of the displacement of the frame before, below which it has fallen, whatever noise there is"""
+ODD_SIZE = 5.0
+"""times the usual displacement over the travel, or its inverse, that no frame has"""
 HOLDS_OF_FORCE = 5
 """whose polynomial brings the force to the nominal travel: with three a stiffening block's force
 errs by more than the mean of sixteen samples does"""
@@ -144,6 +148,7 @@ def _face(
         displacement=np.concatenate([lattice.displacement[:1], cleaned.displacement])
     )
     loaded = [*range(1, len(picked))][-2:]
+    _check_growth(cleaned.displacement, places, [frames[index].name for index in chosen])
     options, width = experiment.field, experiment.specimen.width_mm
     placement = place(clean, loaded, width, options.edge_mm, options.base_mm)
     if placement.width > (1.0 + WIDER) * width:
@@ -155,6 +160,27 @@ def _face(
     length = max((f.correlation_length or 0.0 for f in picked[1:]), default=0.0) or None
     stated = _stated(picked[1:], axes, keep)
     return FaceField(lattice, places, placement, cleaned, stated, scale, length, on_pin)
+
+
+def _check_growth(displacement: Array, travel: Array, names: list[str]) -> None:
+    """Raise NotAsPlanned for a frame whose field is not between those of its neighbours in travel.
+
+    Its size, the root mean square over points (n_frame, ..., 3) that all frames have, grows with
+    the travel; exchanged frames and one in another unit do not.
+    """
+    flat = displacement.reshape(len(displacement), -1)
+    known = np.isfinite(flat).all(axis=0)
+    if not known.any():
+        return
+    size = np.sqrt(np.mean(flat[:, known] ** 2, axis=1))
+    usual = float(np.median(size / travel))
+    for k, name in enumerate(names):
+        others = size[max(k - 1, 0) : k]
+        falls = others.size > 0 and size[k] < FALLING * others[-1]
+        if falls or not 1.0 / ODD_SIZE < size[k] / (usual * travel[k]) < ODD_SIZE:
+            least = f"more than {others[-1]:.3g}" if falls else f"about {usual * travel[k]:.3g}"
+            what = f"mm of displacement (root mean square) in frame {name}"
+            raise NotAsPlanned(what, float(f"{size[k]:.3g}"), f"{least}, by the frames beside it")
 
 
 def _stated(

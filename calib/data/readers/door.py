@@ -138,7 +138,12 @@ def _unknown(source: Source, what: str, names: list[str]) -> WrongFile:
 
 
 def _read_folder(path: Path, mm_per_px: float | None) -> DicSeries:
-    files = [file for file in path.iterdir() if file.is_file()]
+    # `._*` are what macOS writes beside files of folders that are not its own
+    entries = [entry for entry in path.iterdir() if not entry.name.startswith("._")]
+    for entry in entries:
+        if entry.is_symlink() and not entry.exists():
+            raise WrongFile(entry, None, "a file", f"a link to nothing ({entry.readlink()})")
+    files = [entry for entry in entries if entry.is_file()]
     files.sort(key=lambda file: natural_order(file.name))
     if len(files) > MAX_FILES:
         raise WrongFile(path, None, f"at most {MAX_FILES:,} files", f"{len(files):,}")

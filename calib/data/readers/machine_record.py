@@ -71,20 +71,18 @@ class MachineRecord:
         return replace(self, force=-self.force, travel=travel, positive="compression")
 
     def at_distinct_times(self) -> MachineRecord:
-        """The same with one reading at each time, the mean of those that the file has there.
+        """The same with readings of one time spread evenly from there towards the next time.
 
         A clock that is written to a tenth of a second gives several readings one time; what is
-        fitted over time needs them apart. The number of the image is that of the first reading
-        that has one.
+        fitted over time needs them apart. Their mean would smear how the force begins. Readings
+        that all have one time stay as they are.
         """
-        time, first, place = np.unique(self.time, return_index=True, return_inverse=True)
-        if time.size == self.time.size:
+        time, first, place, count = np.unique(
+            self.time, return_index=True, return_inverse=True, return_counts=True
+        )
+        if time.size in (1, self.time.size):
             return self
-        count = np.bincount(place)
-        force = np.bincount(place, self.force) / count
-        travel = None if self.travel is None else np.bincount(place, self.travel) / count
-        frame = None if self.frame is None else self.frame[first]
-        if self.frame is not None and frame is not None:
-            numbered = np.flatnonzero(np.isfinite(self.frame))[::-1]
-            frame[place[numbered]] = self.frame[numbered]  # the first of each is written last
-        return replace(self, time=time, force=force, travel=travel, frame=frame)
+        gaps = np.diff(time)
+        gaps = np.minimum(np.append(gaps, np.inf), np.median(gaps))  # a pause is no clock's step
+        order = np.arange(self.time.size) - first[place]
+        return replace(self, time=self.time + order / count[place] * gaps[place])

@@ -115,6 +115,8 @@ def checked_record(
         if wrong.any():
             row = int(np.argmax(wrong))
             expected = f"a {name} of at most {LARGEST[kind]:g} {TARGET[kind][0]}"
+            if np.isnan(column[row]):
+                raise WrongFile(table.path, table.line(row), f"a number for the {name}", "none")
             raise WrongFile(table.path, table.line(row), expected, f"{column[row]:g}")
     back = np.diff(values.time) < 0
     if back.any():
