@@ -253,3 +253,11 @@ def test_bulk_modulus_is_that_of_the_poisson_ratio():
 def test_wrong_materials_are_refused_by_name(law, constants, more, message):
     with pytest.raises(ValueError, match=message):
         material(law, constants, **more)
+
+
+def test_a_material_is_the_same_of_any_kind_of_numbers():
+    law = LAWS["mooney-rivlin-2"]
+    kinds = [(0.25, 0.5), [0.25, 0.5], np.array([0.25, 0.5]), np.array([0.25, 0.5], np.float32)]
+    same = {Material(law, kind, np.float32(8.0)) for kind in kinds}  # type: ignore[arg-type]
+    assert same == {material("mooney-rivlin-2", (0.25, 0.5), 8)}
+    assert type(next(iter(same)).bulk) is float

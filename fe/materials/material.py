@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -54,12 +54,18 @@ class Material:
         if not isinstance(self.law, Law):
             raise ValueError(f"law: expected one of fe.materials, found {self.law!r}")
         names = self.law.constant_names
-        fits = isinstance(self.constants, tuple) and len(self.constants) == len(names)
-        if not (fits and all(is_number(c) and np.isfinite(c) for c in self.constants)):
+        try:
+            given = tuple(self.constants)
+        except TypeError:
+            raise ValueError(
+                f"constants: expected some numbers, found {self.constants!r}"
+            ) from None
+        if len(given) != len(names) or not all(is_number(c) and np.isfinite(c) for c in given):
             raise ValueError(
                 f"constants: expected {len(names)} finite numbers ({', '.join(names)}) "
                 f"for {self.law.name}, found {self.constants}"
             )
+        object.__setattr__(self, "constants", tuple(float(c) for c in given))
         pairs = list(zip(names, self.constants, self.law.scales_stress, strict=True))
         for name, value, scales_stress in pairs:
             if not scales_stress and value == 0.0:
@@ -79,6 +85,7 @@ class Material:
                 raise ValueError(f"{name}: expected less than {LARGEST:g} MPa, found {value}")
         if not (is_number(self.bulk) and self.bulk > 0.0):
             raise ValueError(f"bulk: expected a modulus above 0 MPa, found {self.bulk!r}")
+        object.__setattr__(self, "bulk", float(self.bulk))
         if LARGEST <= self.bulk < np.inf:
             raise ValueError(f"bulk: expected less than {LARGEST:g} MPa or inf, found {self.bulk}")
         if not isinstance(self.volumetric, str) or self.volumetric not in VOLUMETRIC_CODES:
@@ -122,11 +129,7 @@ def material(
     """
     if not isinstance(law, str) or law not in LAWS:
         raise ValueError(f"law: expected one of {', '.join(LAWS)}, found {law!r}")
-    try:
-        given = tuple(constants)
-    except TypeError:
-        raise ValueError(f"constants: expected some numbers, found {constants!r}") from None
-    return Material(LAWS[law], given, bulk, volumetric)
+    return Material(LAWS[law], cast("tuple[float, ...]", constants), bulk, volumetric)
 
 
 def check_material(found: object) -> None:
