@@ -280,6 +280,13 @@ def test_a_linear_field_is_carried_to_other_points_exactly() -> None:
     values = np.einsum("nd,sdc->snc", known, slope)
     expected = np.einsum("nd,sdc->snc", wanted, slope)
     assert at_points(known, values, wanted) == pytest.approx(expected)
+
+
+def test_points_on_one_line_give_the_values_of_the_nearest() -> None:
+    known = np.column_stack([np.full(4, 2.0), np.arange(4.0)])
+    values = np.arange(4.0)[None, :, None] * np.ones((2, 1, 3))
+    found = at_points(known, values, np.array([[2.5, 1.1], [0.0, 2.9]]))
+    np.testing.assert_array_equal(found, np.array([1.0, 3.0])[None, :, None] * np.ones((2, 1, 3)))
     assert at_points(known, values, known) is values
 
 

@@ -25,7 +25,7 @@ from scipy.spatial.distance import cdist
 from calib.data.dataset import FieldData
 from calib.data.noise_shape import correlation_at
 from calib.inference.field_floor import FieldFloor
-from calib.inference.point_weights import point_weights
+from calib.inference.point_weights import own_errors, point_weights
 from fe.response import Array
 
 # Smallest share of uncorrelated noise: smooth noise at points much closer than its length is
@@ -236,8 +236,8 @@ def field_covariance(
     )
     if freedom is not None:
         step = step_correlation(n_step, field.reference_share)
-        scale = point_weights(field, correlation, step, freedom) ** -0.5
-        correlation = scale[:, None] * correlation * scale
+        weights = point_weights(field, correlation, step, freedom)
+        correlation = correlation + np.diag(own_errors(weights))
     smooth = spatial_correlation(field.points, FLOOR_LENGTH, nugget=FLOOR_NUGGET)
     floors, smooth = _sized(floor, n_step, smooth)
     values, vectors = eigh(smooth, correlation)

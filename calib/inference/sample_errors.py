@@ -57,5 +57,8 @@ def own_field_patterns(
     n_place = int(np.any(slopes[:2] != 0, axis=(1, 2, 3)).sum()) if sizes.shape[1] else 0
     if not n_place:
         return rigid
-    sd = sizes[:, :n_place].std(axis=0, ddof=1)
+    with_field = sizes[has.any(axis=1), :n_place]  # the others' place is not known to be zero
+    if len(with_field) < 2:
+        return rigid
+    sd = with_field.std(axis=0, ddof=1)
     return np.concatenate([sd[:, None, None, None] * slopes[:n_place], rigid])

@@ -148,12 +148,16 @@ def _collected(data: SecondData, found: list[Response], points: Array, n_failed:
 def at_points(known: Array, values: Array, wanted: Array) -> Array:
     """(n_step, m, 3) values (n_step, n, 3) at known (n, 2), linearly at wanted (m, 2), all in mm.
 
-    The thesis maps so, too (section 5.6). Beyond the outermost known points the nearest one's.
+    The thesis maps so, too (section 5.6). Beyond the outermost known points, and where these are
+    on one line, the nearest one's.
     """
     if known.shape == wanted.shape and np.allclose(known, wanted, atol=1e-9):
         return values
     flat = np.moveaxis(values, 1, 0).reshape(len(known), -1)
-    inside = LinearNDInterpolator(known, flat)(wanted)
+    if np.linalg.matrix_rank(known - known[0], tol=1e-9) < 2:  # no triangles among them
+        inside = np.full((len(wanted), flat.shape[1]), np.nan)
+    else:
+        inside = LinearNDInterpolator(known, flat)(wanted)
     outside = np.isnan(inside).any(axis=1)
     if outside.any():
         inside[outside] = NearestNDInterpolator(known, flat)(wanted[outside])
