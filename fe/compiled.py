@@ -25,7 +25,8 @@ OWN = ("calib", "fe", "surrogate")
 def kernel(**options: Any) -> Callable[[F], F]:
     """Decorator: `numba.njit(cache=True, **options)` that counts what others' code goes into it.
 
-    That is the kernels it calls, those they call, and constants of modules.
+    That is all kernels, constants and named tuples that its module has when it is defined, by
+    imports above all, and what theirs have in turn. Of its own file numba knows.
     """
 
     def compiled(f: F) -> F:
@@ -41,27 +42,22 @@ def kernel(**options: Any) -> Callable[[F], F]:
 
 
 def digest(f: Callable[..., Any], options: dict[str, Any]) -> str:
-    """Twelve hex digits of what is compiled into a kernel, its own code too."""
+    """Twelve hex digits of what may be compiled into a kernel."""
     found = hashlib.sha256()
-    for part in _parts(f, options, set()):
+    for part in (*_code(f, options), *_globals(f.__globals__, {f.__module__})):
         found.update(part.encode() + b"\0")
     return found.hexdigest()[:12]
 
 
-def _parts(f: Any, options: dict[str, Any], seen: set[str]) -> Iterator[str]:
-    name = f"{f.__module__}.{f.__name__}"
-    if name in seen:
-        return
-    seen.add(name)
-    yield name
+def _code(f: Any, options: dict[str, Any]) -> Iterator[str]:
+    """A function's own code, defaults and options of its compilation."""
+    yield f"{f.__module__}.{f.__name__} {f.__defaults__!r} {f.__kwdefaults__!r}"
     for key, value in sorted(options.items()):
         yield f"{key}={sorted(value) if isinstance(value, (set, frozenset)) else value}"
     for code in _codes(f.__code__):
         yield code.co_code.hex()
+        yield repr(code.co_names)
         yield repr([const for const in code.co_consts if not isinstance(const, CodeType)])
-        for used in code.co_names:
-            yield used
-            yield from _value(f.__globals__.get(used), code.co_names, seen)
 
 
 def _codes(code: CodeType) -> Iterator[CodeType]:
@@ -72,16 +68,28 @@ def _codes(code: CodeType) -> Iterator[CodeType]:
             yield from _codes(const)
 
 
-def _value(value: Any, names: tuple[str, ...], seen: set[str]) -> Iterator[str]:
-    """What a global says of the machine code; of a module of ours, what is named of it."""
+def _globals(names: dict[str, Any], seen: set[str]) -> Iterator[str]:
+    """What the globals of a module say of the machine code; `seen` are modules that are told."""
+    for name, value in sorted(names.items()):
+        if not name.startswith("__"):
+            yield from _value(name, value, seen)
+
+
+def _value(name: str, value: Any, seen: set[str]) -> Iterator[str]:
     if hasattr(value, "py_func"):
-        yield from _parts(value.py_func, value.targetoptions, seen)
-    elif isinstance(value, (bool, int, float, complex, str, tuple)):
-        yield repr(value)
+        f = value.py_func
+        yield name
+        yield from _code(f, value.targetoptions)
+        if f.__module__ not in seen:
+            seen.add(f.__module__)
+            yield from _globals(f.__globals__, seen)
+    elif isinstance(value, (bool, int, float, complex, str, tuple, np.generic)):
+        yield f"{name} {type(value).__name__} {value!r}"
     elif isinstance(value, np.ndarray):
-        yield f"{value.dtype} {value.shape} {value.tobytes().hex()}"
-    elif isinstance(value, ModuleType) and value.__name__.split(".")[0] in OWN:
-        for name in names:
-            inner = getattr(value, name, None)
-            if not isinstance(inner, ModuleType):
-                yield from _value(inner, names, seen)
+        yield f"{name} {value.dtype} {value.shape} {value.tobytes().hex()}"
+    elif isinstance(value, type) and hasattr(value, "_fields"):
+        yield f"{name} {value._fields}"
+    elif isinstance(value, ModuleType) and value.__name__ not in seen:
+        seen.add(value.__name__)
+        if value.__name__.split(".")[0] in OWN:
+            yield from _globals(vars(value), seen)

@@ -160,7 +160,7 @@ def step_to_force(
             if not slope > 0.0 or force < FALL * before:
                 return _refused(found, travel, "the force falls")
             if travel >= far:
-                if not better - here.travel <= (1.0 + SLIVER) * span:
+                if not (better < way.limit and better - here.travel <= (1.0 + SLIVER) * span):
                     return Found(found, travel, at.negative, False)
                 far = better
             low = travel

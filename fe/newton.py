@@ -57,7 +57,7 @@ class NewtonOptions:
         positive_numbers(self)
         if not self.tolerance < 1.0:
             raise ValueError(
-                f"tolerance: expected a share of the contact forces below 1, found {self.tolerance}"
+                f"tolerance: expected a share of the acting forces below 1, found {self.tolerance}"
             )
 
 

@@ -31,14 +31,13 @@ class StepOptions:
     largest: float = 0.05
     """longer ones end on another path with friction, tie what sticks late, and snap more often"""
     smallest: float = 1e-3
+    """at most an eighth of the others: a step that fails is halved"""
 
     def __post_init__(self) -> None:
         positive_numbers(self)
-        if not self.smallest <= min(self.first, self.largest):
-            raise ValueError(
-                f"smallest: expected no more than the first and the largest step, {self.first} and "
-                f"{self.largest} mm, found {self.smallest}"
-            )
+        # shorter where a step is to be shorter: there must be room to halve it
+        least = min(self.smallest, self.first / 8.0, self.largest / 8.0)
+        object.__setattr__(self, "smallest", least)
 
 
 @dataclass

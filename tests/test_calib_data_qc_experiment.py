@@ -764,15 +764,30 @@ def _frames(folder):
     return sorted(path for path in folder.iterdir() if path.suffix == ".csv")
 
 
-def test_exchanged_frames_and_frames_in_another_unit_reject_their_sample(some):
+@pytest.mark.parametrize("inches", [False, True])
+def test_exchanged_frames_and_frames_in_another_unit_reject_their_sample(some, inches):
     folder = some("S1", "S3", "S5")
     frames = _frames(folder / "S3" / "dic")
     two = [frames[-3], frames[-4]]
     texts = [path.read_text() for path in two]
-    for path, text in zip(two, reversed(texts), strict=True):
-        path.write_text(text)
+    if inches:
+        series = read_dic(frames[-1]).frames[0]
+        write_points(frames[-1], replace(series, displacement=25.4 * series.displacement))
+    else:
+        for path, text in zip(two, reversed(texts), strict=True):
+            path.write_text(text)
     [one] = [r for r in analyse(folder).rejections if r.sample == "S3"]
-    assert one.rule == "protocol" and "displacement (root mean square) in frame" in one.reason
+    assert one.rule == "protocol" and "mm of displacement (root mean square" in one.reason
+
+
+def test_rigid_motion_between_frames_rejects_no_sample(some):
+    """It is taken off before fields are averaged."""
+    folder = some("S1", "S3", "S5")
+    for path in _frames(folder / "S3" / "dic")[1:3]:
+        series = read_dic(path).frames[0]
+        moved = series.displacement + np.array([0.6, 0.0, 0.2])
+        write_points(path, replace(series, displacement=moved))
+    assert not [r for r in analyse(folder).rejections if "root mean square" in r.reason]
 
 
 def test_a_frame_that_was_cut_off_rejects_its_sample_and_the_others_go_on(some):

@@ -263,7 +263,8 @@ def test_a_load_cell_at_the_end_of_its_range_is_not_as_planned():
     clipped = replace(record, force=np.clip(record.force, -end, end))
     with pytest.raises(NotAsPlanned, match=r"readings stay at: found .*did the load cell reach"):
         machine_test(clipped, PROTOCOL, MACHINE)
-    for resolution in (0.05, 0.2):  # of the second all readings of a hold are one number
+    for noise, resolution in ((0.005, 0.02), (0.01, 0.05), (0.005, 0.1), (0.01, 0.2)):
+        record, _, _ = machine_record(Truth(force_noise=noise), np.random.default_rng(0))
         coarse = replace(record, force=np.round(record.force / resolution) * resolution)
         machine_test(coarse, PROTOCOL, MACHINE)
 

@@ -6,7 +6,9 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any, NamedTuple
 
+import numpy as np
 import pytest
 from numba import njit
 
@@ -27,6 +29,10 @@ from inner import inner
 
 @kernel()
 def outer(x):
+    return _below(x)
+
+@kernel()
+def _below(x):
     return inner(x) + 1.0
 
 if __name__ == "__main__":
@@ -75,27 +81,55 @@ def test_a_kernel_follows_the_code_and_the_constants_of_other_files(folder: Path
     assert run(folder) == (19.0, 1)
 
 
-def test_a_digest_is_that_of_all_that_is_called_and_of_its_options() -> None:
-    @njit(cache=False)
-    def one(x: float) -> float:
-        return x + 1.0
+@njit(cache=False)
+def _one(x: float) -> float:
+    return x + 1.0
 
-    @njit(cache=False)
-    def two(x: float) -> float:
-        return x + 2.0
 
-    def of(called: object) -> str:
-        space: dict[str, object] = {"called": called}
-        exec("def f(x):\n    return called(x)", space)
-        return digest(space["f"], {"inline": "always"})  # type: ignore[arg-type]
+@njit(cache=False)
+def _two(x: float) -> float:
+    return x + 2.0
 
-    assert of(one) == of(one) != of(two)
-    assert of(3.0) != of(4.0)
 
-    def f(x: float) -> float:
-        return x
+class _Fields(NamedTuple):
+    a: float
+    b: float
 
-    assert digest(f, {"fastmath": {"nsz", "contract"}}) == digest(
-        f, {"fastmath": {"contract", "nsz"}}
-    )
+
+class _Exchanged(NamedTuple):
+    b: float
+    a: float
+
+
+@pytest.mark.parametrize(
+    ("one", "other"),
+    [
+        (_one, _two),
+        (3.0, 4.0),
+        (np.int64(3), np.int64(4)),
+        (np.uint64(3), np.int64(3)),
+        (np.arange(3), np.arange(4)),
+        (_Fields, _Exchanged),
+    ],
+)
+def test_a_digest_is_that_of_what_a_module_has(one: object, other: object) -> None:
+    def of(value: object) -> str:
+        space: dict[str, Any] = {"value": value, "__name__": "module"}
+        exec("def f(x):\n    return x", space)
+        return digest(space["f"], {"inline": "always"})
+
+    assert of(one) == of(one) != of(other)
+
+
+def test_a_digest_is_that_of_defaults_and_options() -> None:
+    def f(x: float, by: float = 1.0) -> float:
+        return x * by
+
+    def g(x: float, by: float = 2.0) -> float:
+        return x * by
+
+    g.__name__ = "f"
+    assert digest(f, {}) != digest(g, {})
+    sets = [{"fastmath": {"nsz", "contract"}}, {"fastmath": {"contract", "nsz"}}]
+    assert digest(f, sets[0]) == digest(f, sets[1])
     assert digest(f, {}) != digest(f, {"error_model": "numpy"})

@@ -382,7 +382,9 @@ def test_cylinders_of_one_shape_have_one_pressure_whatever_their_size():
     for scale in (1.0, 0.1):
         size = Cylinder(50.0 * scale, 30.0 * scale)
         steps = StepOptions(0.25 * scale, 1.0 * scale, 0.005 * scale)
-        model = CylinderModel(size, (4, 4), (15.0 * scale,), "bonded", steps=steps)
+        model = CylinderModel(Cylinder(), (4, 4), (15.0 * scale,), "bonded", steps=steps)
+        model = replace(model, specimen=size)
+        assert model.law.stiffened(2.0) == replace(model, penalty=model.law.stiffened(2.0)).law
         response = model.respond(material("neo-hookean", (0.015,), 3.0))
         assert response.status is Status.CONVERGED
         pressure.append(float(response.force[0]) / scale**2)
@@ -416,7 +418,7 @@ def test_the_model_survives_pickling():
         (lambda: CylinderModel(SIZE, (1, 1), (1.0,), slip=0.0), "slip: expected a length above 0"),
         (
             lambda: CylinderModel(SIZE, (1, 1), (1.0,), penalty=PenaltyLaw(500.0, 0.2, slip=5.0)),
-            "penalty: slip is of a block under a pin; expected none, found 5.0",
+            "penalty: a cylinder has its own slip, expected the default of 0.01 mm here, found 5",
         ),
         (lambda: CylinderModel(SIZE, ((1, 2), 3), (1.0,)), "cells: expected 2 whole numbers"),
         (lambda: Cylinder(height=np.inf), "height: expected a length above 0 mm, found inf"),

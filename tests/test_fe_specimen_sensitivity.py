@@ -7,7 +7,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fe import Bar, Cylinder, CylinderModel, NotchedPlate, Status, TensileModel, UniaxialModel
+from fe import (
+    Bar,
+    Cylinder,
+    CylinderModel,
+    NotchedPlate,
+    PenaltyLaw,
+    Status,
+    TensileModel,
+    UniaxialModel,
+)
 from fe.materials import material
 from fe.newton import NewtonOptions
 from fe.steps import StepOptions
@@ -24,6 +33,10 @@ OF_DIMENSION = 5e-4
 """the same of a dimension: where the side rolls, third derivatives in the height are large"""
 
 
+PENALTY = PenaltyLaw(500.0, 0.2)
+"""that of the default at 30 mm, which derivatives in the height hold"""
+
+
 def cylinder(ends: str, friction: float, travel=(1.0, 2.5, 4.0), **more) -> CylinderModel:
     return CylinderModel(
         Cylinder(),
@@ -32,6 +45,7 @@ def cylinder(ends: str, friction: float, travel=(1.0, 2.5, 4.0), **more) -> Cyli
         ends,
         friction,
         n_point=5,
+        penalty=PENALTY,
         newton=TIGHT,
         steps=ONE_STEP,
         **more,

@@ -12,7 +12,9 @@ from fe.response import Array
 
 DISTRIBUTIONS = ("uniform", "log_uniform", "normal", "lognormal", "half_cauchy")
 LEAST_MASS = 1e-200
-"""of a distribution between its bounds; a normal one has so much 30 SDs from its mean"""
+"""of a normal between its bounds: what it has 30 SDs from its mean"""
+LEAST_SHARE = 1e-10
+"""of a half-Cauchy: a difference of numbers near one"""
 
 
 @dataclass(frozen=True)
@@ -53,7 +55,7 @@ class Marginal:
         if not (0 < median < np.inf and self.low >= 0):
             got = f"{median}, {self.low}"
             raise ValueError(f"median, low: expected a positive median and low >= 0, got {got}")
-        if not self._mass >= LEAST_MASS:
+        if not self._mass >= LEAST_SHARE:
             raise ValueError(
                 f"low, high: [{self.low}, {self.high}] holds almost no probability of "
                 f"half_cauchy with median {median}; widen the bounds"

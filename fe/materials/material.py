@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple, cast
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -12,7 +12,6 @@ import numpy.typing as npt
 from fe.materials.law import LAWS, MOONEY_RIVLIN_3, Law
 from fe.materials.mooney_rivlin import from_ratios
 from fe.materials.volumetric import VOLUMETRIC_CODES, Volumetric
-from fe.positive_numbers import is_number
 
 Array = npt.NDArray[np.float64]
 
@@ -54,18 +53,13 @@ class Material:
         if not isinstance(self.law, Law):
             raise ValueError(f"law: expected one of fe.materials, found {self.law!r}")
         names = self.law.constant_names
-        try:
-            given = tuple(self.constants)
-        except TypeError:
-            raise ValueError(
-                f"constants: expected some numbers, found {self.constants!r}"
-            ) from None
-        if len(given) != len(names) or not all(is_number(c) and np.isfinite(c) for c in given):
+        given = _numbers(self.constants)
+        if given is None or len(given) != len(names) or not np.isfinite(given).all():
             raise ValueError(
                 f"constants: expected {len(names)} finite numbers ({', '.join(names)}) "
-                f"for {self.law.name}, found {self.constants}"
+                f"for {self.law.name}, found {self.constants!r}"
             )
-        object.__setattr__(self, "constants", tuple(float(c) for c in given))
+        object.__setattr__(self, "constants", given)
         pairs = list(zip(names, self.constants, self.law.scales_stress, strict=True))
         for name, value, scales_stress in pairs:
             if not scales_stress and value == 0.0:
@@ -83,9 +77,10 @@ class Material:
         for name, value, scales_stress in pairs:
             if scales_stress and not abs(value) < LARGEST:
                 raise ValueError(f"{name}: expected less than {LARGEST:g} MPa, found {value}")
-        if not (is_number(self.bulk) and self.bulk > 0.0):
+        bulk = _numbers([self.bulk])
+        if bulk is None or not bulk[0] > 0.0:
             raise ValueError(f"bulk: expected a modulus above 0 MPa, found {self.bulk!r}")
-        object.__setattr__(self, "bulk", float(self.bulk))
+        object.__setattr__(self, "bulk", bulk[0])
         if LARGEST <= self.bulk < np.inf:
             raise ValueError(f"bulk: expected less than {LARGEST:g} MPa or inf, found {self.bulk}")
         if not isinstance(self.volumetric, str) or self.volumetric not in VOLUMETRIC_CODES:
@@ -115,6 +110,17 @@ class Material:
         """
         code, constants = self.law.slope(np.array(self.constants, dtype=np.float64), direction)
         return KernelMaterial(code, constants, 1.0, VOLUMETRIC_CODES["quadratic"])
+
+
+def _numbers(values: object) -> tuple[float, ...] | None:
+    """The values as floats, of whatever kind of number they are; None where they are none."""
+    try:
+        given = tuple(cast("Iterable[Any]", values))
+        if any(isinstance(value, (bool, np.bool_, str, bytes)) for value in given):
+            return None
+        return tuple(float(value) for value in given)
+    except (TypeError, ValueError, OverflowError):
+        return None
 
 
 def material(

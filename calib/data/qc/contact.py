@@ -18,6 +18,8 @@ CLEAR = 0.03
 """mm before contact at which the pin is surely free"""
 MOST_ROUNDS = 100
 """of choosing which of three coefficients are positive; a few are enough"""
+FEW = 8
+"""readings by which their noise is not told"""
 MOST_POINTS = 1000
 """of a fit; ramps may hold many more readings"""
 SMALLEST_SD = 0.01
@@ -129,7 +131,7 @@ def force_zero(time: Array, travel: Array, force: Array, contact: float) -> tupl
     """
     is_free: BoolArray = travel < contact - CLEAR
     if not is_free.any():
-        return np.full(force.shape, force[0]), np.zeros(force.shape)
+        return np.full(force.shape, force[0]), np.full(force.shape, _reading_sd(force))
     edges = np.flatnonzero(np.diff(np.concatenate([[False], is_free, [False]]).astype(np.int8)))
     starts, ends = edges[::2], edges[1::2]
     longest = (ends - starts).max()
@@ -139,15 +141,23 @@ def force_zero(time: Array, travel: Array, force: Array, contact: float) -> tupl
             late = slice((start + end) // 2, end)
             times.append(time[late].mean())
             zeros.append(force[late].mean())
-            variances.append(_variance_of_mean(time[late], force[late]))
+            variances.append(_variance_of_mean(time[late], force[late], _reading_sd(force)))
     zero: Array = np.interp(time, np.array(times), np.array(zeros))
-    sd: Array = np.sqrt(np.interp(time, np.array(times), np.array(variances)))
+    shares = np.stack([np.interp(time, times, row) for row in np.eye(len(times))])
+    sd: Array = np.sqrt(np.array(variances) @ shares**2)
     return zero, sd
 
 
-def _variance_of_mean(time: Array, force: Array) -> float:
-    """Variance of the mean of readings by their noise about a line, N2."""
-    if time.size < 4:
-        return 0.0
+def _variance_of_mean(time: Array, force: Array, reading_sd: float) -> float:
+    """Variance of the mean of readings by their noise about a line, N2; of few by `reading_sd`."""
+    if time.size < FEW:
+        return reading_sd**2 / time.size
     residual = force - np.polynomial.Polynomial.fit(time, force, 1)(time)
     return float(residual @ residual) / (time.size - 2) / time.size * inflation(residual)
+
+
+def _reading_sd(force: Array) -> float:
+    """SD of the noise of one reading, N, by second differences, in which a force hardly shows."""
+    if force.size < 3:
+        return 0.0
+    return float(1.4826 * np.median(np.abs(np.diff(force, 2))) / np.sqrt(6.0))

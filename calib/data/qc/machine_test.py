@@ -123,26 +123,29 @@ def machine_test(record: MachineRecord, protocol: Protocol, machine: Machine) ->
         late = during & (time >= hold.end - machine.force_window * (hold.end - hold.start))
         places.append(float(travel[late].mean()))
     during_steps = [(time >= h.start) & (time <= h.end) for h in steps if h.number > 0]
-    _check_saturation([record.force[during] for during in during_steps], float(record.force.max()))
+    raw = [record.force[during] for during in during_steps]
+    _check_saturation(position, record.force, raw, protocol.increment_mm)
     cycles = find_cycles(time, position - contact.travel, force, steps[0].start, protocol)
     return MachineTest(
         time, travel, force, contact, tuple(steps), tuple(plateaus), np.array(places), tuple(cycles)
     )
 
 
-def _check_saturation(holds: list[Array], largest: float) -> None:
-    """Raise NotAsPlanned where most readings of a hold are the largest of the record, N.
+def _check_saturation(position: Array, force: Array, holds: list[Array], increment: float) -> None:
+    """Raise NotAsPlanned where a load cell is at the end of its range, N over mm of (n,) readings.
 
-    A force relaxes from its peak on; a load cell at the end of its range shows that end. One so
-    coarse that the readings of all holds are one number each says nothing of it.
+    Most readings of a hold are then the largest of the record, which came before the pin was there.
+    A cell so coarse that the readings of all holds are one number each says nothing of it.
     """
+    largest = float(force.max())
+    before = float(np.ptp(position[np.isclose(force, largest, rtol=1e-9, atol=0.0)]))
     at_end = [_share_at(readings, largest) > SATURATED for readings in holds]
     others = [r for r, ends in zip(holds, at_end, strict=True) if not ends]
     coarse = all(_share_at(r, float(np.median(r))) > SATURATED for r in others)
-    if any(at_end) and not coarse:
+    if any(at_end) and before > NEAR * increment and not coarse:
         raise NotAsPlanned(
             "N that a hold's readings stay at", float(f"{largest:.4g}"),
-            "forces that relax (did the load cell reach the end of its range?)",
+            "forces that go on (did the load cell reach the end of its range?)",
         )  # fmt: skip
 
 

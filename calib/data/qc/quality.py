@@ -135,7 +135,9 @@ def few_points(
         for sample, field in zip(samples, fields, strict=True)
         if sample.name not in rejected
     }
-    least = ENOUGH_POINTS * float(np.median([*counts.values()])) if counts else 0.0
+    if len(counts) < 3:  # of two neither is the usual one
+        return []
+    least = ENOUGH_POINTS * float(np.median([*counts.values()]))
     reason = "points of half the face in all frames"
     return [
         Rejection(name, POINTS_SHARE, reason, float(count), least, "")

@@ -163,24 +163,43 @@ def _face(
 
 
 def _check_growth(displacement: Array, travel: Array, names: list[str]) -> None:
-    """Raise NotAsPlanned for a frame whose field is not between those of its neighbours in travel.
+    """Raise NotAsPlanned for a frame whose field is not what its travel lets expect.
 
-    Its size, the root mean square over points (n_frame, ..., 3) that all frames have, grows with
-    the travel; exchanged frames and one in another unit do not.
+    Its size, the root mean square over the points of a lattice (n_frame, n_v, n_h, 3) that all
+    frames have, less rigid motion, grows with the travel; exchanged frames and one in another unit
+    do not.
     """
-    flat = displacement.reshape(len(displacement), -1)
-    known = np.isfinite(flat).all(axis=0)
-    if not known.any():
+    size = np.array([_deformed(frame) for frame in displacement])
+    usual = float(np.median(size / travel)) if np.all(travel > 0.0) else 0.0
+    if not usual > 0.0:  # NaN is not, either
         return
-    size = np.sqrt(np.mean(flat[:, known] ** 2, axis=1))
-    usual = float(np.median(size / travel))
     for k, name in enumerate(names):
-        others = size[max(k - 1, 0) : k]
-        falls = others.size > 0 and size[k] < FALLING * others[-1]
+        falls = k > 0 and size[k] < FALLING * size[k - 1]
         if falls or not 1.0 / ODD_SIZE < size[k] / (usual * travel[k]) < ODD_SIZE:
-            least = f"more than {others[-1]:.3g}" if falls else f"about {usual * travel[k]:.3g}"
-            what = f"mm of displacement (root mean square) in frame {name}"
+            least = f"more than {size[k - 1]:.3g}" if falls else f"about {usual * travel[k]:.3g}"
+            what = f"mm of displacement (root mean square, less rigid motion) in frame {name}"
             raise NotAsPlanned(what, float(f"{size[k]:.3g}"), f"{least}, by the frames beside it")
+
+
+def _deformed(displacement: Array) -> float:
+    """Root mean square, mm, of a lattice's displacements (n_v, n_h, 3) less a small rigid motion.
+
+    NaN where no point is known.
+    """
+    v, h = (axis.ravel() for axis in np.indices(displacement.shape[:2]).astype(np.float64))
+    flat = displacement.reshape(-1, 3)
+    known = np.isfinite(flat).all(axis=1)
+    if not known.any():
+        return float("nan")
+    v, h, flat = v[known] - v[known].mean(), h[known] - h[known].mean(), flat[known]
+    turned = np.linalg.norm(np.concatenate([v, h])) > 0
+    in_plane = flat[:, :2] - flat[:, :2].mean(axis=0)
+    if turned:
+        angle = (h @ in_plane[:, 1] - v @ in_plane[:, 0]) / (h @ h + v @ v)
+        in_plane = in_plane - angle * np.column_stack([-v, h])
+    plane = np.column_stack([np.ones_like(h), h, v])
+    out = flat[:, 2] - plane @ np.linalg.lstsq(plane, flat[:, 2], rcond=None)[0]
+    return float(np.sqrt((np.sum(in_plane**2) + out @ out) / (3 * len(out))))
 
 
 def _stated(
