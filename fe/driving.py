@@ -157,13 +157,8 @@ def drive(
             drawn = moved_anchors(plate, slopes, memory, pressed, reached.u, reached.u_gradient)
             start = refreshed(start, drawn)
         # Whatever was singular has raised by now: the step is tried again from the old memory.
-        _warn_of(found, 0.0 if state is None else state.pin_force, reached, outcome)
-        on_branch = potential.problem.on_branch
-        if on_branch is not None and not on_branch(reached.u):
-            outcome.leave_branch(found)
-        if found.arrived and plate is not None:
-            for kind, doubt in doubts(plate, reached.u, found.travel):
-                outcome.warn(kind, doubt)
+        before = 0.0 if state is None else state.pin_force
+        _warn_of(potential.problem, found, before, reached, outcome)
         state, memory = reached, drawn
         return start
 
@@ -182,14 +177,23 @@ def drive(
         yield state
 
 
-def _warn_of(found: Found, before: float, reached: DrivenState, outcome: March) -> None:
-    """Note a force that falls, a jump, and lost derivatives in a step about to be accepted.
+def _warn_of(
+    problem: DrivenProblem, found: Found, before: float, reached: DrivenState, outcome: March
+) -> None:
+    """Note what is to be told of a step about to be accepted.
+
+    A force that falls, a jump, another branch, a side deep in the plate, lost derivatives.
 
     `before` is the force of the last one, N.
     """
     if reached.pin_force < FALL * before:
         outcome.fall(found)
     outcome.jump(found, leaves=True)
+    if problem.on_branch is not None and not problem.on_branch(reached.u):
+        outcome.leave_branch(found)
+    if found.arrived and problem.plate is not None:
+        for kind, doubt in doubts(problem.plate, reached.u, found.travel):
+            outcome.warn(kind, doubt)
     if not np.isfinite(reached.force_gradient).all():
         lost = f"no derivatives from a travel of {found.travel:.4f} mm on"
         outcome.warn("derivatives", lost)

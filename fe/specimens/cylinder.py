@@ -41,7 +41,7 @@ Array = npt.NDArray[np.float64]
 
 SYMMETRY_FACTOR = 2.0
 STIFFNESS, RAMP = 15000.0, 1.0 / 150.0
-"""of the default penalty: over and times the height; softer than for the thin block"""
+"""default penalty: stiffness = STIFFNESS / height, ramp = RAMP * height; softer than a block's"""
 GRADING = 0.7
 """0 is a uniform mesh; elements shrink towards the rim of the plate as it grows to 1"""
 

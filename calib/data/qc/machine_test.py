@@ -132,8 +132,9 @@ def machine_test(record: MachineRecord, protocol: Protocol, machine: Machine) ->
 
 
 def _check_saturation(position: Array, force: Array, holds: list[Array], increment: float) -> None:
-    """Raise NotAsPlanned where a load cell is at the end of its range, N over mm of (n,) readings.
+    """Raise NotAsPlanned where the load cell is at the end of its range.
 
+    position [mm] and force [N] (n,) of all readings, forces of each hold, increment [mm].
     Most readings of a hold are then the largest of the record, which came before the pin was there.
     A cell so coarse that the readings of all holds are one number each says nothing of it.
     """

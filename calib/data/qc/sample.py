@@ -165,9 +165,9 @@ def _face(
 def _check_growth(displacement: Array, travel: Array, names: list[str]) -> None:
     """Raise NotAsPlanned for a frame whose field is not what its travel lets expect.
 
-    Its size, the root mean square over the points of a lattice (n_frame, n_v, n_h, 3) that all
-    frames have, less rigid motion, grows with the travel; exchanged frames and one in another unit
-    do not.
+    Its size, the root mean square over its points on the lattice (n_frame, n_v, n_h, 3) [mm] less
+    rigid motion, grows with the travel (n_frame,) [mm]; exchanged frames and one in another unit do
+    not.
     """
     size = np.array([_deformed(frame) for frame in displacement])
     usual = float(np.median(size / travel)) if np.all(travel > 0.0) else 0.0
@@ -192,10 +192,10 @@ def _deformed(displacement: Array) -> float:
     if not known.any():
         return float("nan")
     v, h, flat = v[known] - v[known].mean(), h[known] - h[known].mean(), flat[known]
-    turned = np.linalg.norm(np.concatenate([v, h])) > 0
     in_plane = flat[:, :2] - flat[:, :2].mean(axis=0)
-    if turned:
-        angle = (h @ in_plane[:, 1] - v @ in_plane[:, 0]) / (h @ h + v @ v)
+    arm = h @ h + v @ v
+    if arm > 0.0:
+        angle = (h @ in_plane[:, 1] - v @ in_plane[:, 0]) / arm
         in_plane = in_plane - angle * np.column_stack([-v, h])
     plane = np.column_stack([np.ones_like(h), h, v])
     out = flat[:, 2] - plane @ np.linalg.lstsq(plane, flat[:, 2], rcond=None)[0]
