@@ -9,6 +9,7 @@ import argparse
 import shlex
 import sys
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -189,7 +190,7 @@ def summary_verb(arguments: argparse.Namespace) -> int:
         raise ValueError(f"{path}: found no such file, expected the posterior of a finished study")
     summaries = load_summary(path)
     if changed := changed_since(path):
-        print(f"calib: {changed}", file=sys.stderr)
+        summaries = [replace(s, failures=(*s.failures, changed)) for s in summaries]
     style = to_json if arguments.json else to_csv if arguments.csv else format_table
     print(style(summaries).rstrip("\n"))
     return _verdict(summaries)

@@ -38,9 +38,9 @@ class CampaignPlan:
     """What is to be run and where it is kept.
 
     Raises ValueError for a model with forces asked, for a design that `checked_theta` refuses or a
-    method `check_rows(theta)` of the model, if it has one, and for a fingerprint or `design` that
-    does not consist of finite JSON values, TypeError where no fingerprint is given for a model that
-    is no dataclass.
+    method `check_rows(theta)` of the model, if it has one, for a store that is a file, and for a
+    fingerprint or `design` that does not consist of finite JSON values, TypeError where no
+    fingerprint is given for a model that is no dataclass.
     """
 
     simulate: Simulate
@@ -76,6 +76,8 @@ class CampaignPlan:
         if callable(check_rows):
             check_rows(self.theta)
         object.__setattr__(self, "store", Path(self.store))
+        if self.store.exists() and not self.store.is_dir():
+            raise ValueError(f"store: expected a folder, found the file {self.store}")
         if not self.fingerprint:
             object.__setattr__(self, "fingerprint", fingerprint_of(self.simulate))
         for what in ("fingerprint", "design"):

@@ -35,6 +35,16 @@ class Chosen(NamedTuple):
     """runs whose score it is"""
 
 
+class _Runs(NamedTuple):
+    """What a choice is made on."""
+
+    x: Array
+    y: Array
+    slopes: Array | None
+    error: float = 0.0
+    """SD of outputs that does not matter"""
+
+
 class _Candidate(NamedTuple):
     strength: Array
     family: int
@@ -42,17 +52,20 @@ class _Candidate(NamedTuple):
     score: float
 
 
-def choose_coordinates(x: Array, y: Array, slopes: Array | None = None) -> Chosen:
+def choose_coordinates(
+    x: Array, y: Array, slopes: Array | None = None, *, error: float = 0.0
+) -> Chosen:
     """Coordinates and covariance in which runs left out of outputs y (n, k) are most probable.
 
     First the covariance, then one input after the other is stretched, then the covariance again.
     The outputs share their covariance. The score is the leave-one-out predictive probability
     (Rasmussen & Williams 2006, 5.4.2), which depends less on the model being true than the evidence
     does: that prefers rough covariances of huge length, which err several times more. `slopes`
-    (n, k, d) as in `surrogate.gp_fit.fit_processes`; raises ValueError as that does.
+    (n, k, d) as in `surrogate.gp_fit.fit_processes`; raises ValueError as that does. `error` is an
+    SD of each output that does not matter: to be nearer scores no more.
     """
     part = thinned(len(x), slopes)
-    runs = x[part], y[part], None if slopes is None else slopes[part]
+    runs = _Runs(x[part], y[part], None if slopes is None else slopes[part], error)
     flat = np.zeros(x.shape[1])
     found = [_candidate(runs, flat, family, None) for family in range(len(FAMILIES))]
     best = max(found, key=lambda candidate: candidate.score)
@@ -78,7 +91,7 @@ def left_out(
 
     With coordinates and covariance as given, and few steps of the search for its lengths.
     """
-    processes, _ = _fitted((x, y, slopes), strength, FAMILIES.index(family), None)
+    processes, _ = _fitted(_Runs(x, y, slopes), strength, FAMILIES.index(family), None)
     return processes.leave_one_out()
 
 
@@ -89,25 +102,26 @@ def thinned(n: int, slopes: Array | None) -> npt.NDArray[np.int64]:
 
 
 def _candidate(
-    runs: tuple[Array, Array, Array | None],
+    runs: _Runs,
     strength: Array,
     family: int,
     start: Hyperparameters | None,
 ) -> _Candidate:
     processes, parameters = _fitted(runs, strength, family, start)
     mean, variance = processes.leave_one_out()
-    score = -0.5 * np.sum(np.log(2.0 * np.pi * variance) + (runs[1] - mean) ** 2 / variance)
+    variance = variance + runs.error**2
+    score = -0.5 * np.sum(np.log(2.0 * np.pi * variance) + (runs.y - mean) ** 2 / variance)
     return _Candidate(strength, family, parameters, float(score))
 
 
 def _fitted(
-    runs: tuple[Array, Array, Array | None],
+    runs: _Runs,
     strength: Array,
     family: int,
     start: Hyperparameters | None,
 ) -> tuple[GaussianProcesses, Hyperparameters]:
     """Processes of a shared covariance after a short search."""
-    scaled = scale_runs(*runs, strength)
+    scaled = scale_runs(runs.x, runs.y, runs.slopes, strength)
     fitted = maximise_evidence(
         (family,),
         scaled.inputs,

@@ -13,6 +13,9 @@ from surrogate.pod import fit_pod
 
 Array = npt.NDArray[np.float64]
 
+ERROR = 1e-7
+"""of a force, relative: no choice is made by what is foretold better than to this"""
+
 
 @dataclass(frozen=True)
 class ForceScale:
@@ -70,8 +73,11 @@ def choose_scale(x: Array, force: Array, gradient: Array | None) -> ChosenScale:
         slopes = None
         if gradient is not None:
             slopes = np.matmul(pod.dual.T, scale.slopes(force, gradient))
-        chosen = choose_coordinates(x, pod.weights(y), slopes)
+        chosen = choose_coordinates(x, pod.weights(y), slopes, error=ERROR)
+        # Modes that one scale does not need and another does: foretold to what does not matter.
+        n_without = len(chosen.part) * (y.shape[1] - pod.modes.shape[1])
+        exact = -0.5 * n_without * np.log(2.0 * np.pi * ERROR**2)
         # d log(f) = df / f: a density of the logarithm over f is one of f.
         jacobian = scale.log * np.log(force / mean)[chosen.part].sum()
-        best.append((chosen.score - jacobian, ChosenScale(scale, chosen)))
+        best.append((chosen.score + exact - jacobian, ChosenScale(scale, chosen)))
     return max(best, key=lambda scored: scored[0])[1]

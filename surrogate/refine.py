@@ -65,7 +65,7 @@ def propose(
     weight = _force_weight(emulator, force_noise)
     gains = [Gain.of(emulator.force.processes, candidates, places, weight)]
     if emulator.field is not None:
-        weight = np.sum(emulator.field_modes**2, axis=0) / field_noise**2
+        weight = _field_weight(emulator, field_noise)
         gains.append(Gain.of(emulator.field.processes, candidates, places, weight))
     chosen: list[int] = []
     for _ in range(n):
@@ -153,6 +153,12 @@ def _force_weight(emulator: Emulator, noise: float) -> Array:
     mean = 1.0 if emulator.force_scale.log else emulator.force.pod.offset[:, None]
     relative = modes / mean
     weight: Array = np.sum(relative**2, axis=0) / noise**2
+    return weight
+
+
+def _field_weight(emulator: Emulator, noise: float) -> Array:
+    """(k,) weight of each mode's variance: that of all displacements over that of the noise."""
+    weight: Array = np.sum(emulator.field_modes**2, axis=0) / noise**2
     return weight
 
 

@@ -64,7 +64,8 @@ class TrainingSet:
             run, step = np.argwhere(self.force <= 0.0)[0]
             raise ValueError(
                 f"force: must be positive (compression), got {self.force[run, step]:.6g} N "
-                f"in run {run}, step {step}; leave out the run"
+                f"at step {step} of the run at ratios {self.ratios[run].tolist()}; leave it out by "
+                "`reached`, or its steps from there on by `good`"
             )
         if len(np.unique(self.ratios, axis=0)) != n:
             raise ValueError("ratios: must differ between runs, found a point twice")

@@ -60,3 +60,17 @@ def test_a_bound_of_kappa_is_given_in_mpa() -> None:
 def test_a_side_that_is_none_is_refused() -> None:
     with pytest.raises(ValueError, match="expected low or high"):
         AtBound("r", "left", 0.0, 1.0)
+
+
+def test_where_the_constants_have_the_priors_their_bounds_count() -> None:
+    """C10 lies at its lower bound, r inside and at the edge of the box about both."""
+    rng = np.random.default_rng(12)
+    c10, c01 = 0.001 + rng.exponential(0.0005, N), rng.normal(0.006, 0.0004, N)
+    kappa, s = c10 + c01, rng.normal(0.1, 0.005, N)
+    draws = np.column_stack([np.log(kappa), c01 / kappa, s])
+    stated = np.array([[0.001, 0.02], [0.0, 0.02], [0.0, 0.004]])
+    bounds = np.array([[np.log(0.001), np.log(0.04)], [0.0, draws[:, 1].max()], [0.0, 0.1]])
+    found = at_bound(draws, bounds, None, stated)
+    assert [(entry.parameter, entry.side) for entry in found] == [("C10", "low")]
+    assert found[0].text == "C10 = 0.001 MPa"
+    assert "s" in {entry.parameter for entry in at_bound(draws, bounds)}

@@ -16,6 +16,7 @@ from calib.study.artifacts import (
     StageRecord,
     hash_of,
     hash_of_file,
+    outdated,
     plain,
     read_json,
     read_npz,
@@ -157,3 +158,19 @@ def test_later_stages_see_other_outputs_as_another_input(tmp_path: Path) -> None
     record = _finished(tmp_path)
     assert record.digest() != replace(record, outputs={"campaign/a.npz": "other"}).digest()
     assert record.digest() == replace(record, seconds=99.0).digest()
+
+
+def test_a_stage_is_outdated_where_one_that_it_needs_wrote_something_else(tmp_path: Path) -> None:
+    def wrote(stage: str, digest: str, inputs: dict[str, str]) -> StageRecord:
+        record = StageRecord(stage, "1", 0, inputs, {"file": digest}, 0.0)
+        write_record(tmp_path, record)
+        return record
+
+    assert outdated(tmp_path, "predict") == ""  # nothing is known
+    data, sample = wrote("data", "a", {}), wrote("sample", "b", {})
+    wrote("predict", "c", {"stage data": data.digest(), "stage sample": sample.digest(), "x": "1"})
+    assert outdated(tmp_path, "predict") == ""
+    wrote("sample", "other", {})
+    assert outdated(tmp_path, "predict") == "sample" and outdated(tmp_path, "sample") == ""
+    (tmp_path / "stages" / "sample.json").unlink()
+    assert outdated(tmp_path, "predict") == "sample"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,7 @@ from analytic_block import analytic_block
 from calib.data.sample_forces import has_samples, read_sample_forces
 from calib.inference import NoiseSettings
 from calib.inference.sample_errors import SampleErrors
+from calib.study.artifacts import read_record, write_record
 from calib.study.config import Study, StudyError, load_study, read_study
 from calib.study.data_source import measured_dataset
 from calib.study.data_stage import StudyData, save_data
@@ -145,6 +147,23 @@ def test_the_population_holds_the_truth_and_is_told(
     for title in ("Population under sliding", "A new sample under", "Samples under sliding"):
         assert title in text and title in format_table([summary])
     assert json.loads(to_json([summary]))[0]["population"]["sample_names"][0] == "S1"
+
+
+@pytest.mark.slow
+def test_a_population_of_a_run_before_is_not_shown_with_the_posterior(
+    finished: tuple[StudyResult, Array, list[str]], tmp_path: Path
+) -> None:
+    """As where new data were sampled and the run was stopped before its population."""
+    out = tmp_path / "copy"
+    shutil.copytree(finished[0].out, out)
+    record = read_record(out, "sample")
+    assert record is not None
+    write_record(out, replace(record, outputs={"samples_sliding.npz": "0123456789abcdef"}))
+    [summary] = load_summary(out / "posterior.nc")
+    assert summary.population is None and not summary.passed
+    assert "population_sliding.nc is left out, as it was before the last stage sample" in " ".join(
+        summary.failures
+    )
 
 
 @pytest.mark.slow

@@ -319,6 +319,17 @@ def test_coordinates_have_their_units_in_file_table_and_figure() -> None:
     assert labels == ["ln($\\kappa$ / MPa)", "$r$ [-]", "height [mm]"]
 
 
+def test_where_the_constants_have_the_priors_words_are_of_these() -> None:
+    whole = part("force", [0.02, 0.28, 0.01])
+    profiles = known(whole).profiles
+    sd = whole.constants.sd / np.array([0.5, 0.9, 0.3, 0.1])
+    said = " ".join(warnings_of(SPACE, PRIOR_SD, (whole,), profiles, sd))
+    assert "C01 is the prior: the data leave 90 % of its SD." in said
+    assert (
+        "r = C01" not in said and "C10 is the prior" not in said and "mu is the prior" not in said
+    )
+
+
 def test_words_say_what_is_the_prior_and_what_is_known_as_a_sum() -> None:
     found = known(part("force", [0.02, 0.28, 0.01]), curved=(50.0, 0.01, 50.0))
     text = " ".join(found.warnings)

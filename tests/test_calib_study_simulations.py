@@ -12,6 +12,7 @@ from analytic_block import AnalyticBlock
 
 from calib.study.run_identity import run_identity
 from calib.study.simulations import StoredSimulate
+from fe import run_files
 from fe.campaign import run_campaign
 from fe.response import Array, Response
 
@@ -70,3 +71,18 @@ def test_derivatives_are_by_the_columns_of_a_row_and_nan_where_a_run_has_none(
     np.testing.assert_array_equal(found.force_gradient[:, 0], BLOCK(RATIOS[0]).force_gradient[:, 0])
     assert np.isnan(found.force_gradient[:, 1]).all()
     assert np.isnan(found.displacement_gradient[..., 1]).all()
+
+
+def test_runs_of_another_version_are_not_solved_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """They are kept under other names, and would all be missing."""
+    stored = StoredSimulate(BLOCK, tmp_path)
+    for row in RATIOS[:3]:
+        stored(row)
+    other = {**run_files.software_versions(), "softcal": "0.0.0"}
+    monkeypatch.setattr(run_files, "software_versions", lambda: other)
+    monkeypatch.setattr("calib.study.simulations.software_versions", lambda: other)
+    stored(RATIOS[3])
+    manifest = json.loads((tmp_path / "manifest.json").read_text())
+    np.testing.assert_array_equal([run["theta"] for run in manifest["runs"]], RATIOS[3:4])

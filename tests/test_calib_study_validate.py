@@ -16,6 +16,8 @@ from calib.cli import FAILED, WRONG_INPUT, main
 from calib.data.dataset import Dataset, FieldData, SampleData
 from calib.data.dataset_file import save_dataset
 from calib.inference.inference_data import load_inference_data, save_inference_data
+from calib.study.block_cells import refinement
+from calib.study.mesh_error import left_share
 from calib.study.second_data import SecondData, Study, plate_model, second_data, solve, stated
 from calib.study.second_prediction import N_REPLICATES, Predicted, at_points, replicates
 from calib.study.second_test import SecondTest, load_second_test
@@ -143,6 +145,31 @@ def test_a_measured_data_set_is_read_from_its_file(second_file: Path) -> None:
     read = second_data(*_measured(second_file, dataset), STUDY)
     assert not read.synthetic and read.levels == pytest.approx(made.levels)
     assert read.answer == pytest.approx(made.answer)
+
+
+def test_what_a_data_set_states_of_its_zero_is_known_of_the_second_test(second_file: Path) -> None:
+    travel, force = np.array([2.0, 4.0]), np.array([0.3, 0.6])
+    dataset = Dataset("measured", False, travel, force, 0.04 * force, 9, travel_zero_sd=0.025)
+    assert second_data(*_measured(second_file, dataset), STUDY).travel_zero_sd == 0.025
+
+
+def test_what_is_left_of_the_mesh_error_moves_answer_and_field_together(second_file: Path) -> None:
+    """With the SD of a share of the measured difference; within four SDs of an SD of so many."""
+    test, _ = load_second_test(second_file)
+    levels, force = np.array([2.0, 4.0]), np.array([0.3, 0.5])
+    moved, tiny = np.ones((2, 1, 3)), np.full(2, 1e-9)
+    field = FieldData(np.ones((1, 2)), moved, np.full(3, 1e-9), 1.0, 0.5)
+    data = SecondData("plate", True, "travel", levels, force, tiny, 9, None, field, 0.7)
+    draws = Predicted(np.tile(force, (4, 1)), np.tile(moved, (4, 1, 1, 1)))
+    off = Predicted(np.array([[0.01, -0.02]]), np.full((1, 2, 1, 3), 0.003))
+    again = replicates(test, data, draws, off, np.random.default_rng(4))
+    left = left_share(refinement(test.mesh.check, test.mesh.sampling))
+    of_an_sd = 4 / np.sqrt(2 * N_REPLICATES)
+    assert again.answer.std(axis=0) == pytest.approx(left * np.array([0.01, 0.02]), rel=of_an_sd)
+    assert again.field is not None
+    assert again.field[:, 0, 0, 0].std() == pytest.approx(left * 0.003, rel=of_an_sd)
+    together = np.corrcoef(again.answer[:, 0], again.field[:, 1, 0, 2])[0, 1]
+    assert together == pytest.approx(1.0, abs=1e-4)
 
 
 def _measured(second_file: Path, dataset: Dataset) -> tuple[SecondTest, Path]:

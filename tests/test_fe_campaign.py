@@ -316,3 +316,9 @@ def test_a_model_that_writes_to_its_argument_leaves_design_and_keys_alone(tmp_pa
     first = run_campaign(_OfLaw(_Linear(3.0)), theta, tmp_path)
     np.testing.assert_array_equal(first.theta, RATIOS[:2])
     assert run_campaign(_OfLaw(_Linear(3.0)), RATIOS[:2], tmp_path).n_reused == 2
+
+
+def test_a_store_that_is_a_file_is_refused_by_name(tmp_path: Path) -> None:
+    (tmp_path / "runs").write_text("")
+    with pytest.raises(ValueError, match=r"store: expected a folder, found the file .*runs"):
+        run_campaign(Toy(), RATIOS[:2], tmp_path / "runs", fingerprint=FINGERPRINT)

@@ -21,7 +21,7 @@ from surrogate.evidence import (
     spectrum,
 )
 from surrogate.gp import GaussianProcesses
-from surrogate.gp_fit import at_bounds, fit_processes, posterior, scale_runs
+from surrogate.gp_fit import _honest, at_bounds, fit_processes, posterior, scale_runs
 from surrogate.regressor import fit_regressor
 from surrogate.value_rows import value_rows
 from surrogate.variance_directions import unneeded
@@ -556,3 +556,17 @@ def test_a_search_that_goes_on_from_a_known_first_start_finds_the_same_bits(fami
     assert begun.log_marginal_likelihood_value_ == whole.log_marginal_likelihood_value_
     np.testing.assert_array_equal(begun.kernel_.theta, whole.kernel_.theta)
     np.testing.assert_array_equal(begun.L_, whole.L_)
+
+
+def test_of_runs_that_are_corners_mostly_all_ask_for_variance() -> None:
+    """Two of six are inside: by these alone nothing would be asked."""
+    x = np.array([[0.0, 0.0], [0.0, 1.0], [1.0, 0.0], [1.0, 1.0], [0.5, 0.5], [0.4, 0.6]])
+    y = np.array([[0.0], [1.0], [1.0], [0.0], [0.5], [0.48]])
+    parameters = Hyperparameters(np.array([3.0, 3.0]), 1e-8)
+    scaled = scale_runs(x, y, None)
+    fitted = Fitted(FAMILIES.index("rbf"), parameters, np.full(1, 1e-6), 0.0, np.arange(6), 6)
+    bare = replace(posterior(scaled, [np.arange(1)], [fitted]), inflation=np.full(1, 0.1))
+    mean, variance = bare.leave_one_out()
+    z = (mean - y) ** 2 / variance
+    assert z.mean() > 1.5 and abs(z[4:].mean() / z.mean() - 1.0) > 0.2
+    np.testing.assert_allclose(_honest(bare).inflation / bare.inflation, z.mean(axis=0))

@@ -13,6 +13,7 @@ from surrogate.evidence import Fitted, Hyperparameters
 from surrogate.expected_gain import Gain
 from surrogate.gp import GaussianProcesses
 from surrogate.gp_fit import posterior, scale_runs
+from surrogate.refine import _field_weight, _force_weight
 
 BOX = np.array([[0.0, 1.0], [0.0, 1.0]])
 TRAVEL = np.array([0.6, 1.0, 1.4])
@@ -88,18 +89,17 @@ def _conditioned(x: np.ndarray, with_slopes: bool) -> GaussianProcesses:
 
 
 def test_a_batch_does_not_put_runs_beside_each_other() -> None:
-    """Least distance of 4 proposals against that of the 4 draws of largest variance alone."""
+    """Least distance of 4 proposals against that of the 4 draws that are best one by one."""
     emulator, sample = _emulator(), _sample()
     points = propose(emulator, sample, 4, np.random.default_rng(0))
-    _, covariance = emulator.unit_force(sample)
-    variance = np.einsum("nii->n", covariance)
-    naive = sample[np.argsort(-variance)[:4]]
+    gain = Gain.of(emulator.force.processes, sample, sample, _force_weight(emulator, 1.0)).total
+    alone = sample[np.argsort(-gain)[:4]]
 
     def least(x: np.ndarray) -> float:
         distance = np.linalg.norm(x[:, None] - x, axis=2)
         return float(distance[np.triu_indices(4, 1)].min())
 
-    assert least(points) > 3.0 * least(naive)
+    assert least(points) > 3.0 * least(alone)
 
 
 def test_runs_proposed_lower_the_error_where_the_posterior_is() -> None:
@@ -218,3 +218,52 @@ def test_a_shift_of_nothing_is_refused(
         predicted_shift(_emulator(), _sample(1001), _log_likelihood, 2, rng)
     with pytest.raises(ValueError, match="log_likelihood: expected finite"):
         predicted_shift(_emulator(), _sample(100), lambda f, w: np.full(100, -np.inf), 2, rng)
+
+
+def _with_field() -> Emulator:
+    """Forces that wave in r, fields that wave in s."""
+    x = sobol_design(12, BOX, seed=2)
+    r, s = x[:, :1], x[:, 1:]
+    force = 20.0 * TRAVEL * np.exp(0.3 * s + 0.2 * np.sin(7.0 * r) * TRAVEL)
+    shape = np.sin(np.arange(12.0)).reshape(4, 3)
+    field = 0.1 * (TRAVEL * r + 0.4 * np.sin(7.0 * s) * TRAVEL**2)[:, :, None, None] * shape
+    return Emulator.fit(TrainingSet(x, force, field), 1, n_restarts=0, sharing="all")
+
+
+def test_a_score_counts_variances_over_those_of_the_noise() -> None:
+    """Of relative forces and of displacements, summed over all values, at a place by itself."""
+    emulator, noise, place = _with_field(), (0.02, 0.003), np.array([[0.35, 0.6]])
+    _, covariance = emulator.unit_force(place)
+    relative = np.einsum("nii->ni", covariance) / emulator.unit_force(place)[0] ** 2
+    # the log-normal spread is that of the logarithm to first order
+    spread = np.log1p(relative) if emulator.force_scale.log else relative
+    by_mode = emulator.force.processes.predict(place)[1][0]
+    assert _force_weight(emulator, noise[0]) @ by_mode <= spread.sum() / noise[0] ** 2
+    left_out = emulator.force.pod.left_out_variance.sum() / noise[0] ** 2
+    found = _force_weight(emulator, noise[0]) @ by_mode + left_out
+    assert found == pytest.approx(spread.sum() / noise[0] ** 2, rel=0.05)
+    assert emulator.field is not None
+    by_mode = emulator.field.processes.predict(place)[1][0]
+    whole = np.sum(emulator.field.pod.modes**2 @ by_mode)
+    found = _field_weight(emulator, noise[1]) @ by_mode
+    assert found == pytest.approx(whole / noise[1] ** 2, rel=1e-9)
+
+
+def test_the_noise_decides_whether_runs_serve_the_force_or_the_field() -> None:
+    emulator, sample = _with_field(), _sample(100, spread=0.3)
+    assert emulator.field is not None
+
+    def proposed(force_noise: float, field_noise: float) -> np.ndarray:
+        noises = {"force_noise": force_noise, "field_noise": field_noise}
+        return propose(emulator, sample, 1, np.random.default_rng(0), **noises)[0]
+
+    best = []
+    for processes, weight in (
+        (emulator.force.processes, _force_weight(emulator, 1.0)),
+        (emulator.field.processes, _field_weight(emulator, 1.0)),
+    ):
+        gain = Gain.of(processes, sample, sample, weight).total
+        best.append(sample[np.argmax(gain)])
+    assert not np.array_equal(*best)
+    np.testing.assert_array_equal(proposed(1e-4, 1.0), best[0])
+    np.testing.assert_array_equal(proposed(1.0, 1e-6), best[1])

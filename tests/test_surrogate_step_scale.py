@@ -54,3 +54,11 @@ def test_a_step_that_is_the_same_in_all_runs_is_left_as_it_is() -> None:
     assert step_scale(x, y, None, CHOSEN)[0] == 1.0
     modal = fit_modal(x, y.reshape(12, -1), 1, n_step=2, n_restarts=0, sharing="all")
     np.testing.assert_allclose(modal.predict(x)[0][:, :30], 0.5, atol=1e-12)
+
+
+def test_a_step_that_is_foretold_to_rounding_keeps_a_share_of_its_variation() -> None:
+    """Two steps in proportion to an input, one a thousandth of the other."""
+    x = unit_design(24, 2, 0)
+    shape = np.outer(x[:, 0], np.linspace(1.0, 2.0, 30))
+    y = np.stack([shape, 1e-3 * shape], axis=1)
+    np.testing.assert_allclose(step_scale(x, y, None, CHOSEN), [1.0, 1e-3], rtol=1e-6)

@@ -47,7 +47,7 @@ def test_the_fingerprint_changes_with_any_bit_and_with_nothing_else() -> None:
 def test_a_force_that_is_not_positive_is_refused_by_run_and_step() -> None:
     force = _set().force.copy()
     force[4, 2] = -0.1
-    with pytest.raises(ValueError, match=r"got -0\.1 N in run 4, step 2"):
+    with pytest.raises(ValueError, match=r"got -0\.1 N at step 2 of the run at ratios \["):
         replace(_set(), force=force)
 
 

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
-from calib.inference.coordinates import Space
+from calib.inference.coordinates import Space, theta_of
 from fe.response import Array
 
 STRIP = 0.25
@@ -15,7 +16,7 @@ SMALL = float(np.exp(-2.0))
 """density over its maximum below which a bound is not felt: that of a normal two SDs out"""
 
 UNITS = {
-    "kappa": "MPa",
+    **dict.fromkeys(("kappa", "C10", "C01", "C11"), "MPa"),
     **dict.fromkeys(("height", "fillet", "pin_width", "pin_shift"), "mm"),
 }
 """units of the parameters that have one"""
@@ -53,29 +54,44 @@ class AtBound:
         return f"{self.parameter} = {self.value:g}{unit}" + (f" ({meaning})" if meaning else "")
 
 
-def at_bound(draws: Array, bounds: Array, space: Space | None = None) -> tuple[AtBound, ...]:
+def at_bound(
+    draws: Array, bounds: Array, space: Space | None = None, constants: Array | None = None
+) -> tuple[AtBound, ...]:
     """Bounds (d, 2) of x = (ln kappa, r, s, ...) on which posterior draws (n, d) lean.
+
+    Where the law's constants have the priors, `constants` (k, 2) are their bounds, MPa, and count
+    in place of those of kappa and the ratios, which are none that the prior states.
 
     The marginal density is taken in strips of a quarter of the posterior SD, counted from the
     bound: the posterior leans on the bound when the first strip holds more than exp(-2) times
     what the fullest one holds. A bound further out than all draws has an empty first strip.
     """
-    found = []
-    for index, unknown in enumerate((space or Space()).unknowns):
-        values = draws[:, index]
-        width = STRIP * float(values.std())
-        for side, bound, distance in (
-            ("low", bounds[index, 0], values - bounds[index, 0]),
-            ("high", bounds[index, 1], bounds[index, 1] - values),
-        ):
-            # A posterior without width lies in one strip; it leans if that is the first.
-            strips = np.floor(distance / max(width, np.finfo(float).tiny))
-            counts = np.unique(strips, return_counts=True)[1]
-            ratio = float(np.sum(strips <= 0) / counts.max())
-            if ratio > SMALL:
-                value = float(unknown.value(bound))
-                found.append(AtBound(unknown.name, side, value, ratio))
+    space = space or Space()
+    found: list[AtBound] = []
+    k = 0 if constants is None else len(constants)
+    if constants is not None:
+        values = space.constants(theta_of(draws))
+        for name, column, ends in zip(space.law.constants, values.T, constants, strict=False):
+            found += [
+                AtBound(name, side, ends[i], ratio) for i, side, ratio in _leans(column, ends)
+            ]
+    for index, unknown in enumerate(space.unknowns[k:], start=k):
+        ends = bounds[index]
+        for i, side, ratio in _leans(draws[:, index], ends):
+            found.append(AtBound(unknown.name, side, float(unknown.value(ends[i])), ratio))
     return tuple(found)
+
+
+def _leans(values: Array, ends: Array) -> Iterator[tuple[int, str, float]]:
+    """Ends (2,) by number and name on which values (n,) lean, with the density there."""
+    width = STRIP * float(values.std())
+    for i, side, distance in ((0, "low", values - ends[0]), (1, "high", ends[1] - values)):
+        # A posterior without width lies in one strip; it leans if that is the first.
+        strips = np.floor(distance / max(width, np.finfo(float).tiny))
+        counts = np.unique(strips, return_counts=True)[1]
+        ratio = float(np.sum(strips <= 0) / counts.max())
+        if ratio > SMALL:
+            yield i, side, ratio
 
 
 def leaning_sentence(hypothesis: str, found: tuple[AtBound, ...]) -> str:

@@ -138,18 +138,27 @@ class CondensedSamples:
         assert found.weights is not None
         return int(self.field[0].weights.size - found.weights.shape[1])
 
-    def _of_field(self, found: Prediction, m: int) -> Array:
-        """(m, n, k, k) factor of the errors of mesh and emulator, mm.
+    @cached_property
+    def _see_the_same(self) -> bool:
+        """Whether the model's errors are the same in all fields, as where all are whole."""
+        seen = [part.common for part in self.field if np.isfinite(part.own).all()]
+        return all(np.array_equal(each, seen[0]) for each in seen)
 
-        Of a sample that lacks points the factor is another root of the same covariance, so that its
-        errors go with those of the others nearly, not exactly, as they do.
+    def _of_field(self, found: Prediction, m: int) -> Array:
+        """(m, n, k, q) factor of the errors of mesh and emulator, mm.
+
+        Where all samples are complete all roots of their covariance have the same meaning, and the
+        least is taken.
         """
-        own = np.array([part.common @ part.common.T for part in self.field])
-        total = np.repeat(own[None], m, axis=0)
+        common = np.array([part.common for part in self.field])
+        variance = np.zeros((m, *common.shape[:2]))
         if found.weight_variance is not None:
-            variance = found.weight_variance.reshape(m, len(own), -1)
-            none = np.zeros((m, len(own), self._n_nuisance(found)))
-            total += diagonal(np.concatenate([variance, none], axis=2))
+            modes = found.weight_variance.shape[1]
+            variance[:, :, :modes] = found.weight_variance.reshape(m, len(common), modes)
+        if not self._see_the_same:
+            every = np.broadcast_to(common, (m, *common.shape))
+            return np.concatenate([every, diagonal(np.sqrt(variance))], axis=3)
+        total = common @ common.transpose(0, 2, 1) + diagonal(variance)
         scale = np.abs(total).max(axis=(2, 3))[..., None] + np.finfo(np.float64).tiny
         return cholesky_of(total, np.broadcast_to(ROUNDING * scale, total.shape[:3]))
 

@@ -21,7 +21,7 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from scipy.linalg import eigh
+from scipy.linalg import block_diag, eigh
 
 from calib.data.dataset import Dataset, FieldData, SampleData
 from calib.inference.field_floor import FieldFloor
@@ -38,6 +38,9 @@ SEEN = 1e-6
 """of directions of length 1: what changes a sample's field by less is not seen at its points"""
 SAME = 1e-3
 """share of a direction by which it must differ from others to be one more"""
+COUNTS = 1e-3
+"""variance, as a share of the samples' own, from which on what incomplete samples see otherwise of
+common errors is told from errors of their own"""
 
 
 class FieldPart(NamedTuple):
@@ -50,7 +53,8 @@ class FieldPart(NamedTuple):
     by_travel: Array
     """(k,) change of w_i by one SD of the sample's own zero of the travel"""
     common: Array
-    """(k, k) factor of the model's errors, which are the same in all samples"""
+    """(k, q) factor of the model's errors, which are the same in all samples; q = k where all are
+    complete"""
     by_offset: Array
     """(s, k) change of w_i by one SD of each nuisance that all samples share, of the offset"""
     by_weight: Array
@@ -119,17 +123,21 @@ class FieldCondenser:
         whole = np.ones(len(self.field.points), dtype=np.bool_)
         reference = self._estimator(covariance, whole)
         estimators = {whole.tobytes(): reference}
-        found = []
-        for displacement in self.samples.displacement:
-            has = np.isfinite(displacement).all(axis=(0, 2))
+        seen = [np.isfinite(sample).all(axis=(0, 2)) for sample in self.samples.displacement]
+        found: dict[int, FieldPart] = {}
+        for index, (displacement, has) in enumerate(
+            zip(self.samples.displacement, seen, strict=True)
+        ):
             if not self._are_told_apart(has):
-                found.append(self._nothing())
                 continue
             if has.tobytes() not in estimators:
                 estimators[has.tobytes()] = self._estimator(covariance, has)
-            part = self._part(displacement, estimators[has.tobytes()], noise)
-            found.append(_with_common(part, estimators[has.tobytes()], reference, common))
-        return found
+            found[index] = self._part(displacement, estimators[has.tobytes()], noise)
+        parts = list(found.values())
+        by_part = [estimators[seen[index].tobytes()] for index in found]
+        found = dict(zip(found, _with_common(parts, by_part, reference, common), strict=True))
+        columns = max((part.common.shape[1] for part in found.values()), default=len(reference))
+        return [found.get(index) or self._nothing(columns) for index in range(len(seen))]
 
     def _are_told_apart(self, has: npt.NDArray[np.bool_]) -> bool:
         """Whether the directions differ at the points that a sample has."""
@@ -166,27 +174,61 @@ class FieldCondenser:
             by_weight=np.array([_products(fields, estimator) for fields in by_weight]),
         )
 
-    def _nothing(self) -> FieldPart:
+    def _nothing(self, columns: int) -> FieldPart:
         """Of a sample without a field."""
         k, s = len(self.directions), len(self.errors.shared)
         none = np.zeros((k, k))
         by_weight = np.zeros((s, len(self.modes), k))
         unknown = np.full((k, k), np.inf)
-        return FieldPart(none[0], unknown, none[0], none, np.zeros((s, k)), by_weight)
+        common = np.zeros((k, columns))
+        return FieldPart(none[0], unknown, none[0], common, np.zeros((s, k)), by_weight)
 
 
 def _with_common(
-    part: FieldPart, estimator: Array, reference: Array, common: FieldCovariance
-) -> FieldPart:
-    """With the model's errors as complete samples see them; what one sees otherwise is its own."""
+    parts: list[FieldPart], estimators: list[Array], reference: Array, common: FieldCovariance
+) -> list[FieldPart]:
+    """With the model's errors, which all samples share, as each sees them.
+
+    Complete samples see k of them.  What others see otherwise has columns of its own, as many as
+    count beside what is a sample's own; the rest is counted as that.
+    """
     applied = common.applied(reference)
     factor = cholesky_of(*_with_rounding(_products(reference, applied)))
-    if estimator is reference:
-        return part._replace(common=factor)
-    solved = np.linalg.solve(factor, _products(applied, estimator))
-    seen = np.asarray(solved.T, dtype=np.float64)
-    left = _products(estimator, common.applied(estimator)) - seen @ seen.T
-    return part._replace(common=seen, own=part.own + _symmetric(left))
+    others = {id(each): each for each in estimators if each is not reference}
+    if not others:
+        return [part._replace(common=factor) for part in parts]
+    distinct = list(others.values())
+    seen = [np.linalg.solve(factor, _products(applied, each)).T for each in distinct]
+    both = np.concatenate(distinct)
+    left = _products(both, common.applied(both))
+    left -= np.concatenate(seen) @ np.concatenate(seen).T
+    users = [[i for i, each in enumerate(estimators) if each is one] for one in distinct]
+    own = [parts[which[0]].own / len(which) for which in users]
+    columns, rest = _leading(_symmetric(left), own)
+    none = np.zeros((len(factor), columns.shape[1]))
+    found = [part._replace(common=np.hstack([factor, none])) for part in parts]
+    k = len(factor)
+    for which, sees, first in zip(users, seen, range(0, len(both), k), strict=True):
+        rows = slice(first, first + k)
+        for i in which:
+            found[i] = parts[i]._replace(
+                common=np.hstack([sees, columns[rows]]), own=parts[i].own + rest[rows, rows]
+            )
+    return found
+
+
+def _leading(left: Array, own: list[Array]) -> tuple[Array, Array]:
+    """(nk, q) columns of a covariance (nk, nk) that count beside n own ones (k, k), and the rest.
+
+    Own ones are of the mean of the samples that share an estimator.
+    """
+    lower = block_diag(*[cholesky_of(*_with_rounding(each)) for each in own])
+    white = np.linalg.solve(lower, np.linalg.solve(lower, left).T)
+    values, vectors = np.linalg.eigh(_symmetric(white))
+    counts = values > COUNTS
+    columns = lower @ (vectors[:, counts] * np.sqrt(values[counts]))
+    small = lower @ (vectors[:, ~counts] * np.sqrt(np.maximum(values[~counts], 0.0)))
+    return columns, small @ small.T
 
 
 def _at_points(covariance: FieldCovariance, has: npt.NDArray[np.bool_]) -> FieldCovariance:

@@ -134,14 +134,16 @@ def knowledge(
     profiles = tuple(
         _profile(posterior, sampled, index, whole, n_profile) for index in range(space.size)
     )
-    said = warnings_of(space, prior_sd, tuple(parts), profiles)
+    prior_constants = constants_of(Moments(drawn, np.full(N_PRIOR, 1.0 / N_PRIOR)), space)
+    of_constants = prior_constants.sd if posterior.prior.of else None
+    said = warnings_of(space, prior_sd, tuple(parts), profiles, of_constants)
     return Knowledge(
         _labels(space),
         tuple(unknown.x_unit for unknown in space.unknowns),
         prior_sd,
         space.law.constants,
         space.law.units,
-        constants_of(Moments(drawn, np.full(N_PRIOR, 1.0 / N_PRIOR)), space),
+        prior_constants,
         tuple(parts),
         profiles,
         said,
@@ -174,14 +176,19 @@ def warnings_of(
     prior_sd: Array,
     parts: tuple[PartKnowledge, ...],
     profiles: tuple[Profile, ...],
+    of_constants: Array | None = None,
 ) -> tuple[str, ...]:
-    """What the numbers say in plain words."""
+    """What the numbers say in plain words.
+
+    `of_constants` are the prior SDs of the constants and mu where these have the priors: what the
+    data leave is then told of them, as kappa and the ratios have none that anyone stated.
+    """
     whole, names = parts[-1], space.names
     meaning = MEANING if "C01" in space.law.constants else MEANING | {"kappa": STIFFNESS}
     said = [_constants_sentence(whole.moments, space)]
     said += [
         f"{meaning.get(name, name)} is the prior: the data leave {100 * ratio:.0f} % of its SD."
-        for name, ratio in zip(names, whole.contraction, strict=True)
+        for name, ratio in _contractions(whole, space, of_constants)
         if ratio > IS_PRIOR
     ]
     said += _combinations(_labels(space), whole)
@@ -195,12 +202,24 @@ def warnings_of(
     for entry in parts[:-1]:
         blind = [
             meaning.get(name, name)
-            for name, ratio in zip(names, entry.contraction, strict=True)
+            for name, ratio in _contractions(entry, space, of_constants)
             if ratio > 0.95
         ]
         if blind:
             said.append(f"The {entry.part} alone says nothing of {'; '.join(blind)}.")
     return tuple(said)
+
+
+def _contractions(
+    part: PartKnowledge, space: Space, of_constants: Array | None
+) -> list[tuple[str, float]]:
+    """Name and posterior SD over prior SD of what the prior is stated of."""
+    if of_constants is None:
+        return list(zip(space.names, part.contraction.tolist(), strict=True))
+    n = len(of_constants) - 1  # the last is mu, which the others make
+    ratios = (part.constants.sd / of_constants)[:n].tolist()
+    found = list(zip(space.law.constants[:n], ratios, strict=True))
+    return found + list(zip(space.names[n:], part.contraction[n:].tolist(), strict=True))
 
 
 def _constants_sentence(moments: Moments, space: Space) -> str:

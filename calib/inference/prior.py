@@ -92,6 +92,11 @@ class Prior:
                 bounds[row] = np.log(bounds[row])
         return bounds
 
+    @cached_property
+    def constant_bounds(self) -> Array | None:
+        """(k, 2) bounds of the constants, MPa, where these have the priors."""
+        return np.array([(m.low, m.high) for m in self.of]) if self.of else None
+
     def within(self, box: Array) -> Prior:
         """The same density inside a box (k, 2) of the k ratios and inputs of x, zero outside.
 

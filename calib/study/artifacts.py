@@ -24,6 +24,8 @@ from fe.atomic_file import replacing
 
 RECORD_FOLDER = "stages"
 _AGAIN = "delete it and `calib run` the study again"
+NEEDED = "stage "
+"""before the name of an earlier stage among the inputs of a record"""
 _DIGITS = 16
 """hexadecimal digits kept of a SHA-256: 64 bits, ample for telling files of one study apart"""
 
@@ -175,6 +177,23 @@ def mark_begun(out: Path, stage: str) -> None:
 
 def _begun_path(out: Path, stage: str) -> Path:
     return record_path(out, stage).with_suffix(".begun")
+
+
+def outdated(out: Path, stage: str) -> str:
+    """Which earlier stage has made other files since a stage was finished; empty where none has.
+
+    As after a run that was stopped between the two.
+    """
+    record = read_record(out, stage)
+    if record is None:
+        return ""
+    for name, digest in record.inputs.items():
+        earlier = name.removeprefix(NEEDED)
+        if earlier != name:
+            now = read_record(out, earlier)
+            if now is None or now.digest() != digest:
+                return earlier
+    return ""
 
 
 def why_stale(

@@ -40,7 +40,7 @@ def run(context: Context) -> list[Path]:
         name = hypothesis.name
         samples = load_samples(context.out, hypothesis)
         whole = prior_of(study, hypothesis, with_field=data.dataset.field is not None)
-        leaning = at_bound(samples.result.draws, whole.bounds, whole.space)
+        leaning = at_bound(samples.result.draws, whole.bounds, whole.space, whole.constant_bounds)
         found[name] = {
             "log_evidence": fits[name].log_evidence,
             "log_evidence_error": fits[name].log_evidence_error,

@@ -121,7 +121,8 @@ def leaning(
     population = posterior.population
     prior, varying = population.prior, population.varying
     x = draws.x.reshape(-1, draws.x.shape[-1])
-    found = [("the population", at_bound(x, prior.bounds, prior.space))]
+    of_constants = prior.constant_bounds
+    found = [("the population", at_bound(x, prior.bounds, prior.space, of_constants))]
     for index, name in enumerate(posterior.samples.names):
         own = x.copy()
         own[:, population.columns] = draws.own[..., index, :].reshape(len(x), -1)

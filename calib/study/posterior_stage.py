@@ -87,10 +87,12 @@ def _hypothesis(
     with_field: bool,
 ) -> dict[str, object]:
     result = load_samples(out, hypothesis).result
+    prior = prior_of(study, hypothesis, with_field=with_field)
     return {
         "contact": hypothesis,
         "space": load_samples(out, hypothesis).space,
-        "bounds": prior_of(study, hypothesis, with_field=with_field).bounds,
+        "bounds": prior.bounds,
+        "constant_bounds": prior.constant_bounds,
         "map": maximum,
         "emulator": {
             key: diagnostics[key] for key in ("n_train", "n_excluded", "leave_one_out", "held_out")

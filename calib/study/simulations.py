@@ -13,7 +13,7 @@ from fe.campaign import CampaignPlan, load_response_at, run_campaigns
 from fe.campaign_parameters import RATIOS, Parameter
 from fe.fingerprint import canonical_json
 from fe.response import Array, Response
-from fe.run_files import load_run, run_files
+from fe.run_files import load_run, run_files, software_versions
 from surrogate import named_gradient
 
 
@@ -61,7 +61,15 @@ class StoredSimulate:
         )
 
     def _kept(self, row: Array) -> list[Array]:
-        """Ratios (1, d) of the runs of this model in the store, in the order of solving."""
+        """Ratios (1, d) of the runs of this model in the store, in the order of solving.
+
+        Those of another version of softcal are kept under other names, and would be solved anew.
+        """
         model = canonical_json(self._plan(row, self.store).fingerprint)
         runs = [load_run(path) for path in run_files(self.store).values()]
-        return [run.theta[None] for run in runs if run.fingerprint == model]
+        version = software_versions()["softcal"]
+        return [
+            run.theta[None]
+            for run in runs
+            if run.fingerprint == model and run.software["softcal"] == version
+        ]

@@ -14,10 +14,12 @@ from threadpoolctl import threadpool_limits
 from calib import __version__
 from calib.study import findings, map_stage, simulate_stage, train_report, verification
 from calib.study.artifacts import (
+    NEEDED,
     StageRecord,
     hash_of,
     hash_of_file,
     mark_begun,
+    outdated,
     read_record,
     why_stale,
     write_record,
@@ -86,7 +88,7 @@ def run_stages(context: Context, until: str = "report") -> tuple[str, ...]:
     while index < len(stages):
         stage = stages[index]
         inputs = stage.inputs(context)
-        inputs |= {f"stage {name}": digests[name] for name in stage.needs if name in digests}
+        inputs |= {f"{NEEDED}{name}": digests[name] for name in stage.needs if name in digests}
         if stage.name == "refine":
             base = _base(context, inputs)
             verification.drop_foreign(context, base)
@@ -130,11 +132,22 @@ def _run_stage(context: Context, stage: Stage, inputs: dict[str, str]) -> StageR
 
 
 def report_again(context: Context) -> list[Path]:
-    """Draw the report once more, with what was asked since; returns its path, if there was one."""
+    """Draw the report once more, with what was asked since; returns its path, if there was one.
+
+    Not where a part of it is another run's, as of a run that was stopped after the posterior.
+    """
     record = read_record(context.out, "report")
     if record is None:
         return []
     [stage] = [stage for stage in STAGES if stage.name == "report"]
+    for name in stage.needs:
+        if changed := outdated(context.out, name):
+            again = f"`calib run {context.out / STUDY_FILE} --out {context.out}`"
+            context.echo(
+                f"report.html is not drawn again: stage {name} was before the last {changed}; "
+                f"{again} makes both anew"
+            )
+            return []
     found = stage.settings(context)
     added = {name: hash_of(found[name]) for name in ("validations", "answers") if name in found}
     _run_stage(context, stage, record.inputs | added)

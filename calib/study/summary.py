@@ -19,6 +19,7 @@ from calib.inference.convergence import Convergence, convergence
 from calib.inference.inference_data import load_inference_data, provenance_of
 from calib.inference.laws import DEFAULT_LAW
 from calib.inference.verdict import HOPELESS, NONE_EXPLAINS, POOR_FIT
+from calib.study.artifacts import outdated
 from calib.study.figure_style import INTERVAL, Array, hdi
 from calib.study.further_table import further_table
 from calib.study.maxima_table import is_verified, largest_difference
@@ -126,10 +127,16 @@ def load_summary(path: Path) -> list[Summary]:
 
 
 def _with_population(summary: Summary, folder: Path) -> Summary:
-    """With the population of the same study, where its file is there."""
+    """With the population of the same study and run, where its file is there."""
     path = population_path(folder, summary.hypothesis)
     if not path.is_file():
         return summary
+    if changed := outdated(folder, "population"):
+        failure = (
+            f"population: {path.name} is left out, as it was before the last stage {changed}; "
+            "`calib run` makes it anew"
+        )
+        return replace(summary, failures=(*summary.failures, failure))
     population = load_population(path)
     failures = (*summary.failures, *population.failures)
     return replace(summary, population=population, failures=failures)
@@ -201,7 +208,9 @@ def _leaning(posterior: Any, provenance: Mapping[str, Any]) -> tuple[AtBound, ..
         np.log(posterior[u.name].values.ravel()) if u.log else posterior[u.name].values.ravel()
         for u in space.unknowns
     ]
-    return at_bound(np.stack(columns, axis=-1), bounds, space)
+    stated = facts.get("constant_bounds")
+    constants = None if stated is None else np.array(stated)
+    return at_bound(np.stack(columns, axis=-1), bounds, space, constants)
 
 
 def _constant(

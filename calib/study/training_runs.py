@@ -9,6 +9,7 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 
+from fe.campaign import CampaignFailed
 from fe.campaign_result import Campaign
 from fe.response import Array
 from surrogate import Emulator, TrainingSet, named_gradient
@@ -56,6 +57,15 @@ def training_set(campaigns: Sequence[Campaign], *, gradients: bool) -> TrainingS
     theta, reached = (
         np.concatenate([getattr(c, name) for c in campaigns]) for name in ("theta", "reached")
     )
+    if not campaigns[0].reached.any():
+        n = len(campaigns[0].theta)
+        raise CampaignFailed(
+            f"design: none of its {n} runs reached the last increment, expected 3 or more to train "
+            "an emulator on; lower the largest travel, or narrow what the design varies",
+            n_failed=n,
+            n_done=n,
+            n_total=n,
+        )
     extent = np.ptp(campaigns[0].theta[campaigns[0].reached], axis=0)
     kept = _distinct(theta, reached, extent)
     parts = zip(campaigns, _split(kept, campaigns), strict=True)
