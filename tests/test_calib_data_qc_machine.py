@@ -246,6 +246,15 @@ def test_drift_of_the_load_cell_is_measured_each_time_the_pin_is_free():
     assert np.all(sd < 1e-9), "a drift is no noise"
 
 
+def test_readings_just_before_contact_are_no_zero():
+    """An uneven sample is touched a little before: 0.03 mm before the pin may not be free."""
+    time = np.arange(0.0, 30.0, 0.1)
+    travel = np.interp(time, [0.0, 5.0, 20.0, 30.0], [-0.6, -0.02, -0.02, 0.9])
+    force = 0.2 + np.where(travel > -0.025, 0.05, 0.0)
+    zero, _ = force_zero(time, travel, force, 0.0)
+    np.testing.assert_allclose(zero, 0.2, atol=1e-12)
+
+
 def test_the_zero_of_the_load_cell_has_the_error_that_is_stated():
     """RMS of 400 errors over the SD within 15 %: a false alarm is beyond four of its SDs."""
     rng, time = np.random.default_rng(0), np.arange(0.0, 30.0, 0.1)

@@ -73,6 +73,12 @@ def test_tecplot_gives_grid_and_time_and_masks_what_is_not_valid(put):
     assert frame.valid.tolist() == [True] * 5 + [False] * 5 + [True] * 10
 
 
+def test_a_point_that_is_not_valid_is_masked_whatever_it_says(put):
+    head = "x [mm];y [mm];x-displacement [mm];y-displacement [mm];isValid\n"
+    frame = read_dic(put(head + "1;0;0.01;0.02;1\n2;0;0.9;-0.7;0\n3;0;0.02;0.02;1\n")).frames[0]
+    assert frame.valid.tolist() == [True, False, True]
+
+
 def test_false_zeros_are_masked_in_a_frame_that_moved_and_kept_in_one_that_did_not(put):
     text = reader_samples.davis_tecplot().decode().replace(', "isValid"', ', "other"')
     assert read_dic(put(text)).frames[0].n_valid == 15

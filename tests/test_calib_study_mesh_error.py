@@ -94,6 +94,20 @@ def test_a_difference_that_is_linear_in_the_ratios_is_corrected_to_second_order(
     assert error.field_floor.sd == pytest.approx(share * np.sqrt(size), rel=1e-4)
 
 
+def test_the_correction_goes_on_by_the_derivatives_of_the_last_check() -> None:
+    """Those of the check before are of another place: here three times as large."""
+    fine, coarse = both(CHECKS)
+    first = fine.responses[0]
+    change = first.displacement_gradient - coarse.responses[0].displacement_gradient
+    other = replace(first, displacement_gradient=first.displacement_gradient + 2.0 * change)
+    error = mesh_error(
+        replace(fine, responses=(other, *fine.responses[1:])), coarse, 1.5, "stuck", EXTENT
+    )
+    assert error.slopes is not None and error.correction.slopes is not None
+    assert np.array_equal(error.correction.slopes.field, -error.slopes.field[-1])
+    assert error.slopes.field[0] == pytest.approx(3.0 * error.slopes.field[-1], rel=1e-6)
+
+
 def test_the_last_two_checks_that_got_to_the_end_tell_the_error() -> None:
     fine, coarse = both(np.vstack([[[0.8, 0.4]], CHECKS, [[0.5, 0.1]]]))
     failed = replace(fine.responses[3], reached=0.5, status=Status.STOPPED)
