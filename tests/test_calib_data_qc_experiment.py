@@ -800,6 +800,11 @@ def test_a_frame_that_was_cut_off_rejects_its_sample_and_the_others_go_on(some):
     result = analyse(folder)
     [one] = [r for r in result.rejections if r.sample == "S3"]
     assert one.reason == "points of half the face in all frames"
+    assert one.rule == "min_points_share"
+    value, limit = one.value, one.threshold
+    assert isinstance(value, float) and isinstance(limit, float)
+    kept = analyse(folder, rules=Rules(min_points_share=0.9 * 0.7 * value / limit))
+    assert not [r for r in kept.rejections if r.rule == "min_points_share"]
     assert "expected at least" in one.text()
     assert result.dataset is not None
 

@@ -206,6 +206,9 @@ class Quality:
     """largest share of points that are outliers"""
     min_points: Count = 100
     """smallest number of points with a displacement in every frame used"""
+    min_points_share: Share = 0.7
+    """smallest number of points of half the face, as a share of the median of the samples; used
+    from three samples on"""
     outlier_mad: Positive = 5.0
     """a point is an outlier beyond this many local median deviations"""
     outlier_floor_mm: Positive = 0.005

@@ -16,6 +16,7 @@ from calib.data.csv_cells import csv_cells
 from calib.data.qc.experiment_file import FILE, Experiment
 from calib.data.readers import DicSeries, PointFrame, WrongFile
 from calib.data.readers.natural_order import natural_order
+from calib.data.readers.wrong_file import check_link
 from fe.response import Array
 
 STATIC = "static"
@@ -87,14 +88,8 @@ def static_folder(folder: Path) -> Path | None:
     path = folder / STATIC
     if path.is_file():
         raise WrongFile(path, None, "a folder of frames", "a file")
-    check_link(path)
+    check_link(path, "a file or folder")
     return path if path.is_dir() else None
-
-
-def check_link(path: Path) -> None:
-    """Raise WrongFile for a link to what is not there, which would pass for nothing."""
-    if path.is_symlink() and not path.exists():
-        raise WrongFile(path, None, "a file or folder", f"a link to nothing ({path.readlink()})")
 
 
 def input_hash(folder: Path, samples: tuple[SampleFiles, ...]) -> str:

@@ -118,7 +118,7 @@ def analyse(
     rejections = [
         r for sample, own in zip(samples, limits, strict=True) for r in broken(sample, own)
     ]
-    rejections += few_points(samples, fields, rejections)
+    rejections += few_points(samples, fields, rejections, experiment.quality.min_points_share)
     rejections += _odd(samples, rejections, experiment)
     static = static_folder(folder)
     noise = None if static is None else static_noise(static, experiment, points)

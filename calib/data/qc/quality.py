@@ -12,9 +12,7 @@ from calib.data.qc.plateaus import SURE, cycle_change_sds, cycle_changes
 from calib.data.qc.sample import Sample
 from fe.response import Array
 
-POINTS_SHARE = "points of the others"
-ENOUGH_POINTS = 0.7
-"""of the median number of points that the samples have"""
+POINTS_SHARE = "min_points_share"
 
 
 class Rejection(NamedTuple):
@@ -122,9 +120,9 @@ def broken(sample: Sample, rules: Sequence[Rule]) -> list[Rejection]:
 
 
 def few_points(
-    samples: Sequence[Sample], fields: Array, rejections: Sequence[Rejection]
+    samples: Sequence[Sample], fields: Array, rejections: Sequence[Rejection], share: float
 ) -> list[Rejection]:
-    """Samples with far fewer points than the others, of those that meet all other rules.
+    """Samples with fewer points than a share of their median, of those that meet all other rules.
 
     A frame that was cut off leaves them, and would take the rest from the mean of all. fields
     (n_sample, n_step, n, 3), NaN where there is nothing.
@@ -137,7 +135,7 @@ def few_points(
     }
     if len(counts) < 3:  # of two neither is the usual one
         return []
-    least = ENOUGH_POINTS * float(np.median([*counts.values()]))
+    least = share * float(np.median([*counts.values()]))
     reason = "points of half the face in all frames"
     return [
         Rejection(name, POINTS_SHARE, reason, float(count), least, "")

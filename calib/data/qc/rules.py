@@ -34,6 +34,8 @@ class Rules:
     """largest share of points that are outliers"""
     min_points: Count | None = None
     """smallest number of points with a displacement in every frame used, a whole number"""
+    min_points_share: Share | None = None
+    """smallest number of points of half the face, as a share of the median of the samples"""
 
     def given(self) -> dict[str, Any]:
         """Those that the study has."""

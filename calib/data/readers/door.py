@@ -26,7 +26,7 @@ from calib.data.readers.machine_record import MachineRecord
 from calib.data.readers.matlab_file import is_matlab, variable_names
 from calib.data.readers.natural_order import natural_order
 from calib.data.readers.source import Source
-from calib.data.readers.wrong_file import WrongFile, shown
+from calib.data.readers.wrong_file import WrongFile, check_link, shown
 
 MAX_FILES = 20_000
 
@@ -141,8 +141,7 @@ def _read_folder(path: Path, mm_per_px: float | None) -> DicSeries:
     # `._*` are what macOS writes beside files of folders that are not its own
     entries = [entry for entry in path.iterdir() if not entry.name.startswith("._")]
     for entry in entries:
-        if entry.is_symlink() and not entry.exists():
-            raise WrongFile(entry, None, "a file", f"a link to nothing ({entry.readlink()})")
+        check_link(entry, "a file")
     files = [entry for entry in entries if entry.is_file()]
     files.sort(key=lambda file: natural_order(file.name))
     if len(files) > MAX_FILES:

@@ -31,3 +31,9 @@ def shown(text: object) -> str:
     if len(whole) <= _LONGEST_FOUND:
         return repr(whole)
     return f"{whole[:_LONGEST_FOUND]!r}..."
+
+
+def check_link(path: Path, expected: str) -> None:
+    """Raise WrongFile for a link to what is not there, which would pass for nothing."""
+    if path.is_symlink() and not path.exists():
+        raise WrongFile(path, None, expected, f"a link to nothing ({path.readlink()})")
