@@ -710,6 +710,14 @@ def test_a_specimen_narrower_than_its_points_are_apart_rejects_all_samples(some)
         assert "mm between points: found 9." in rejection.text()
 
 
+def test_static_frames_that_are_copies_are_refused(some):
+    folder = some("S1", "S3")
+    first, second, *_ = _frames(folder / "static")[1:]
+    shutil.copy(first, second)
+    with pytest.raises(WrongFile, match="static: expected frames of their own, found one twice"):
+        analyse(folder)
+
+
 def test_static_frames_in_which_things_move_are_refused(some):
     folder = some("S1", "S2")
     for path in sorted((folder / "S1" / "dic").iterdir()):
@@ -788,6 +796,57 @@ def test_rigid_motion_between_frames_rejects_no_sample(some):
         moved = series.displacement + np.array([0.6, 0.0, 0.2])
         write_points(path, replace(series, displacement=moved))
     assert not [r for r in analyse(folder).rejections if "root mean square" in r.reason]
+
+
+@pytest.mark.parametrize("factor", [1000.0, 1e-3])
+def test_frames_that_are_all_in_another_unit_reject_their_samples(some, factor):
+    folder = some("S1", "S3")
+    for sample in ("S1", "S3"):
+        for path in _frames(folder / sample / "dic"):
+            frame = read_dic(path).frames[0]
+            write_points(path, replace(frame, displacement=factor * frame.displacement))
+    result = analyse(folder)
+    assert {r.sample for r in result.rejections} == {"S1", "S3"} and result.dataset is None
+    assert all("in another unit" in r.text() for r in result.rejections)
+
+
+def test_a_sample_whose_displacements_are_three_times_the_others_is_rejected(some):
+    """In frames of its own they look right, and ended all where samples were put in place."""
+    folder = some("S1", "S3", "S5", "S7")
+    for path in _frames(folder / "S3" / "dic"):
+        frame = read_dic(path).frames[0]
+        write_points(path, replace(frame, displacement=3.0 * frame.displacement))
+    result = analyse(folder)
+    [one] = [r for r in result.rejections if r.sample == "S3"]
+    assert one.reason == "displacements over the median of the samples"
+    assert one.value == pytest.approx(3.0, rel=0.05)
+    assert result.dataset is not None
+
+
+def test_a_sample_whose_force_is_ten_times_the_others_is_rejected(some):
+    folder = some("S1", "S3", "S5", "S7")
+    path = folder / "S5" / "machine.csv"
+    head, *rows = path.read_text().splitlines()
+    while rows[0].startswith("#") or not rows[0][:1].isdigit():
+        head += "\n" + rows.pop(0)
+    column = head.splitlines()[-1].split(",").index("force_N")
+    cells = [row.split(",") for row in rows]
+    for row in cells:
+        row[column] = repr(10.0 * float(row[column]))
+    path.write_text("\n".join([head, *(",".join(row) for row in cells)]) + "\n")
+    result = analyse(folder)
+    [one] = [r for r in result.rejections if r.sample == "S5"]
+    assert one.reason == "force over the median of the samples"
+    assert isinstance(one.value, float) and 5.0 < one.value < 20.0
+
+
+def test_a_frame_that_is_one_before_under_its_own_name_rejects_its_sample(some):
+    folder = some("S1", "S3")
+    frames = _frames(folder / "S3" / "dic")
+    last, before = read_dic(frames[-1]).frames[0], read_dic(frames[-2]).frames[0]
+    write_points(frames[-1], replace(last, displacement=before.displacement))
+    [one] = analyse(folder).rejections
+    assert one.sample == "S3" and "the displacements of" in one.text()
 
 
 def test_a_frame_that_was_cut_off_rejects_its_sample_and_the_others_go_on(some):

@@ -455,3 +455,10 @@ def test_what_the_force_says_of_contact_has_its_weight_beside_the_operator():
     sds = np.array([test.contact.by_force_sd, MACHINE.contact_sd_mm])
     assert test.contact.force_share == pytest.approx(sds[0] ** -2 / np.sum(sds**-2.0))
     assert run(Truth(), contact_sd_mm=0.0)[0].contact.force_share == 0.0
+
+
+@pytest.mark.parametrize("planned", [0.25, 0.22, 0.15])
+def test_holds_that_are_no_increment_apart_are_not_as_planned(planned: float):
+    record, _, _ = machine_record(Truth(), np.random.default_rng(0))
+    with pytest.raises(NotAsPlanned, match=r"hold to hold: found 0\.2.* protocol.increment_mm"):
+        machine_test(record, replace(PROTOCOL, increment_mm=planned), MACHINE)

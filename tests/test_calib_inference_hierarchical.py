@@ -21,6 +21,7 @@ from benchmarks.linear_population import (
 from calib.data import Dataset, FieldData
 from calib.data.dataset import SampleData
 from calib.data.qc.placing_errors import field_slopes
+from calib.inference import condensed_field
 from calib.inference.condensed import CondensedSamples, condense
 from calib.inference.coordinates import theta_of
 from calib.inference.field_floor import FieldFloor
@@ -165,6 +166,42 @@ def test_density_is_that_of_dense_matrices(n: int, lost: int, by_all: bool, erro
     dense = np.array([dense_log_prob(data, theta, forward) for theta in at])
     assert np.ptp(dense) > 5.0
     assert found == pytest.approx(dense, abs=error * np.ptp(dense))
+
+
+@pytest.mark.parametrize("counts", [1e-9, condensed_field.COUNTS, 1e9])
+def test_common_and_own_errors_of_a_sample_are_those_of_its_estimate(
+    counts: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whatever counts as common: together they are H (own + common) H^T of the points it has."""
+    monkeypatch.setattr(condensed_field, "COUNTS", counts)
+    data = samples_of(6, np.random.default_rng(8), 2, by_all=True)
+    forward = AnalyticForward(BLOCK, field=True)
+    samples = condense(data, forward, NOISE, OWN, **ERRORS)
+    assert data.field is not None and data.samples is not None and forward.basis is not None
+    covariance = field_covariance(data.field, floor=FLOOR, patterns=PATTERNS)
+    covariance = covariance.with_patterns(forward.basis.truncation)
+    own = own_field_patterns(data, data.field, data.samples, NOISE)
+    noise = replace(covariance, noise_variance=covariance.noise_variance * 6, patterns=own)
+    noise = replace(noise, floor=0 * covariance.floor)
+    model = replace(covariance, noise_variance=np.zeros(3))
+    size = data.samples.displacement[0].size
+    unit = np.eye(size).reshape(-1, *data.samples.displacement[0].shape)
+    both, mean = (
+        given.applied(unit).reshape(size, size)
+        for given in (model, covariance.with_patterns(own / np.sqrt(6)))
+    )
+    both = both + noise.applied(unit).reshape(size, size)
+    modes = forward.basis.modes.reshape(len(forward.basis.modes), -1)
+    k = len(samples.field[0].weights)
+    assert samples.field[0].common.shape[1] <= (1 + condensed_field.MOST) * k
+    off = (data.field.displacement - forward.basis.offset).ravel()
+    middle = np.linalg.lstsq(modes.T, off, rcond=None)[0] @ modes
+    middle = middle.reshape(unit.shape[1:]) + forward.basis.offset
+    directions = np.vstack([modes, np.tensordot(slope_matrix(TRAVEL), middle, 1).ravel()])
+    for part, displacement in zip(samples.field, data.samples.displacement, strict=True):
+        h = estimator(mean, directions, np.isfinite(displacement).ravel())
+        found = part.own + part.common @ part.common.T
+        np.testing.assert_allclose(found, h @ both @ h.T, rtol=1e-6, atol=1e-9 * found.max())
 
 
 def test_what_the_data_state_of_the_zero_of_the_travel_is_common_to_all_samples() -> None:
@@ -388,11 +425,14 @@ def test_impossible_populations_are_refused_in_one_sentence() -> None:
         SampleErrors(-0.1)
 
 
-@pytest.mark.parametrize("without", [0, 20])
-def test_placing_errors_of_one_sample_have_the_size_that_samples_show(without: int) -> None:
+@pytest.mark.parametrize(("without", "left"), [(0, 0), (20, 0), (20, 1)])
+def test_placing_errors_of_one_sample_have_the_size_that_samples_show(
+    without: int, left: int
+) -> None:
     """Fields moved by 0.05 mm (SD) along x on their lattice: the first pattern is that.
 
-    Samples without a field do not show any, which is not that they have none.
+    Samples without a field do not show any, which is not that they have none; that of one point,
+    far off, is its noise.
     """
     rng = np.random.default_rng(4)
     n, grid = 40 + without, np.stack(np.meshgrid(np.linspace(0, 5, 9), np.linspace(0, 2.4, 6)), -1)
@@ -402,8 +442,9 @@ def test_placing_errors_of_one_sample_have_the_size_that_samples_show(without: i
     moved = 0.05 * rng.standard_normal((n, 1, 1, 1)) * by_x
     noise = 1e-3 * rng.standard_normal((n, *clean.shape))
     fields = clean + moved + noise
-    fields[40:] = np.nan
-    average = np.nanmean(fields, axis=0)
+    fields[40:, :, left:] = np.nan
+    fields[40:, :, :left] += 0.5 * rng.standard_normal((without, 1, left, 3))
+    average = np.nanmean(fields[:40], axis=0)
     mean = FieldData(points, average, np.full(3, 1e-3 / np.sqrt(n)), 0.1, 0.0)
     force = np.tile(np.arange(1.0, 6.0), (n, 1))
     data = Dataset(

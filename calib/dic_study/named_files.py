@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import glob
+import re
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -10,6 +11,10 @@ from calib.data.readers.natural_order import natural_order
 from calib.dic import GreyImage, read_image
 from calib.dic.images import check_sizes
 from calib.toml_file import Contradiction
+
+
+SPARSE = 3
+"""times the number of images that numbers which count them may span"""
 
 
 def named_files(
@@ -55,3 +60,27 @@ def check_files(reference: GreyImage, paths: Sequence[Path]) -> None:
     """Sizes of all images before hours of work; raises ValueError for the first that differs."""
     for path in paths:
         check_sizes([reference, read_image(path)])
+
+
+def check_numbers(key: str, left: Sequence[Path], right: Sequence[Path]) -> None:
+    """Raises Contradiction, at `key`, where numbers in the names tell of other pairs.
+
+    As where each camera lacks a frame, another one: the numbers of a pair are no longer as far
+    apart as those of others. Numbers that do not count images, as times, say nothing.
+    """
+    ones, twos = ([_number(path) for path in paths] for paths in (left, right))
+    known = [(a, b) for a, b in zip(ones, twos, strict=True) if a is not None and b is not None]
+    most = SPARSE * len(ones)
+    if len(known) < len(ones) or any(max(n) - min(n) > most for n in zip(*known, strict=True)):
+        return
+    for path, other, (a, b) in zip(left, right, known, strict=True):
+        if b - a != known[0][1] - known[0][0]:
+            raise Contradiction(
+                key, other.name, f"the image that goes with {path.name} (does a camera lack one?)"
+            )
+
+
+def _number(path: Path) -> int | None:
+    """Last number in the name of a file without its ending; None where there is none."""
+    found = re.findall(r"\d+", path.stem)
+    return int(found[-1]) if found else None

@@ -38,9 +38,11 @@ SEEN = 1e-6
 """of directions of length 1: what changes a sample's field by less is not seen at its points"""
 SAME = 1e-3
 """share of a direction by which it must differ from others to be one more"""
-COUNTS = 1e-3
+COUNTS = 1e-2
 """variance, as a share of the samples' own, from which on what incomplete samples see otherwise of
 common errors is told from errors of their own"""
+MOST = 2
+"""times as many columns as there are directions may do so: the work goes with their square"""
 
 
 class FieldPart(NamedTuple):
@@ -225,7 +227,7 @@ def _leading(left: Array, own: list[Array]) -> tuple[Array, Array]:
     lower = block_diag(*[cholesky_of(*_with_rounding(each)) for each in own])
     white = np.linalg.solve(lower, np.linalg.solve(lower, left).T)
     values, vectors = np.linalg.eigh(_symmetric(white))
-    counts = values > COUNTS
+    counts = (values > COUNTS) & (np.arange(len(values))[::-1] < MOST * len(own[0]))
     columns = lower @ (vectors[:, counts] * np.sqrt(values[counts]))
     small = lower @ (vectors[:, ~counts] * np.sqrt(np.maximum(values[~counts], 0.0)))
     return columns, small @ small.T

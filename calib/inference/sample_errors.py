@@ -57,7 +57,9 @@ def own_field_patterns(
     n_place = int(np.any(slopes[:2] != 0, axis=(1, 2, 3)).sum()) if sizes.shape[1] else 0
     if not n_place:
         return rigid
-    with_field = sizes[has.any(axis=1), :n_place]  # the others' place is not known to be zero
+    # The others' place is not known to be zero, and that of few points is that of their noise.
+    n_points = has.sum(axis=1)
+    with_field = sizes[n_points >= max(0.5 * n_points.max(), 1.0), :n_place]
     if len(with_field) < 2:
         return rigid
     sd = with_field.std(axis=0, ddof=1)

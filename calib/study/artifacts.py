@@ -175,6 +175,11 @@ def mark_begun(out: Path, stage: str) -> None:
     write_bytes(_begun_path(out, stage), b"")
 
 
+def clear_begun(out: Path, stage: str) -> None:
+    """Say that what a finished stage wrote is up to date, though it had begun again since."""
+    _begun_path(out, stage).unlink(missing_ok=True)
+
+
 def _begun_path(out: Path, stage: str) -> Path:
     return record_path(out, stage).with_suffix(".begun")
 
@@ -182,11 +187,13 @@ def _begun_path(out: Path, stage: str) -> Path:
 def outdated(out: Path, stage: str) -> str:
     """Which earlier stage has made other files since a stage was finished; empty where none has.
 
-    As after a run that was stopped between the two.
+    As after a run that was stopped between the two. The stage itself where it has begun again.
     """
     record = read_record(out, stage)
     if record is None:
         return ""
+    if _begun_path(out, stage).exists():
+        return stage
     for name, digest in record.inputs.items():
         earlier = name.removeprefix(NEEDED)
         if earlier != name:

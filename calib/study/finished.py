@@ -20,8 +20,6 @@ from fe.executors import serial_map
 POSTERIOR = "posterior.nc"
 FREE = ("compute", "name")
 """sections and keys that change no result"""
-PLACES = {"source", "folder"}
-"""keys that hold a path"""
 
 
 def finished(out: Path) -> Context:
@@ -107,9 +105,7 @@ def _stated(section: Any) -> Any:
         return [_stated(item) for item in section]
     if not isinstance(section, dict):
         return section
-    stated = {key: _stated(value) for key, value in section.items() if value is not None}
-    # Data are what they are, not where: `input_hashes` of the posterior tell of what is in them.
-    return stated | {key: Path(stated[key]).name for key in PLACES & stated.keys()}
+    return {key: _stated(value) for key, value in section.items() if value is not None}
 
 
 def posteriors(context: Context) -> dict[str, Posterior]:

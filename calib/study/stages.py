@@ -16,6 +16,7 @@ from calib.study import findings, map_stage, simulate_stage, train_report, verif
 from calib.study.artifacts import (
     NEEDED,
     StageRecord,
+    clear_begun,
     hash_of,
     hash_of_file,
     mark_begun,
@@ -96,6 +97,7 @@ def run_stages(context: Context, until: str = "report") -> tuple[str, ...]:
         record, reason = why_stale(context.out, stage.name, inputs, __version__)
         if record is not None and not reason:
             context.echo(f"{stage.name:<10} up to date")
+            clear_begun(context.out, stage.name)
         else:
             context.echo(f"{stage.name:<10} {stage.title} ({reason})")
             record = _run_stage(context, stage, inputs)
@@ -140,7 +142,8 @@ def report_again(context: Context) -> list[Path]:
     if record is None:
         return []
     [stage] = [stage for stage in STAGES if stage.name == "report"]
-    for name in stage.needs:
+    wanted = {one.name for one in stages_of(context.study)}
+    for name in (name for name in stage.needs if name in wanted):
         if changed := outdated(context.out, name):
             again = f"`calib run {context.out / STUDY_FILE} --out {context.out}`"
             context.echo(

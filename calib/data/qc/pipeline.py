@@ -24,6 +24,7 @@ from calib.data.qc.quality import (
     Rule,
     broken,
     few_points,
+    gross,
     odd_forces,
     placement_rules,
 )
@@ -119,6 +120,7 @@ def analyse(
         r for sample, own in zip(samples, limits, strict=True) for r in broken(sample, own)
     ]
     rejections += few_points(samples, fields, rejections, experiment.quality.min_points_share)
+    rejections += gross(samples, fields, rejections)
     rejections += _odd(samples, rejections, experiment)
     static = static_folder(folder)
     noise = None if static is None else static_noise(static, experiment, points)

@@ -13,6 +13,9 @@ from calib.data.qc.sample import Sample
 from fe.response import Array
 
 POINTS_SHARE = "min_points_share"
+ODD_FORCE, ODD_FIELD = 5.0, 2.0
+"""times the median of the samples, or less by as much: no scatter of one rubber. What moves at set
+travels hardly depends on its stiffness"""
 
 
 class Rejection(NamedTuple):
@@ -142,6 +145,39 @@ def few_points(
         for name, count in counts.items()
         if count < least
     ]
+
+
+def gross(
+    samples: Sequence[Sample], fields: Array, rejections: Sequence[Rejection]
+) -> list[Rejection]:
+    """Samples whose forces or displacements are so many times the others' that a unit is wrong.
+
+    Of those that meet all other rules, from three on; fields (n_sample, n_step, n, 3) mm.
+    """
+    rejected = {one.sample for one in rejections}
+    good = [i for i, one in enumerate(samples) if one.name not in rejected]
+    if len(good) < 3:  # of two neither is the usual one
+        return []
+    found = []
+    sizes = [_rms(fields[i]) for i in good]
+    forces = [_rms(samples[i].force) for i in good]
+    for values, most, what in ((forces, ODD_FORCE, "force"), (sizes, ODD_FIELD, "displacements")):
+        ratios = np.array(values) / max(float(np.median(values)), np.finfo(float).tiny)
+        found += [
+            Rejection(
+                samples[i].name, "protocol", f"{what} over the median of the samples",
+                float(f"{ratio:.3g}"), f"{1 / most:.3g} to {most:g} (another unit?)", "",
+            )
+            for i, ratio in zip(good, ratios, strict=True)
+            if not 1.0 / most < ratio < most
+        ]  # fmt: skip
+    return found
+
+
+def _rms(values: Array | None) -> float:
+    """Root mean square of those that are known; 0 where none is."""
+    known = np.zeros(0) if values is None else values[np.isfinite(values)]
+    return float(np.sqrt(np.mean(known**2))) if known.size else 0.0
 
 
 def odd_forces(names: Sequence[str], forces: Array, limit: float | None) -> list[Rejection]:

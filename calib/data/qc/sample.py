@@ -8,7 +8,7 @@ from functools import partial
 
 import numpy as np
 
-from calib.data.qc.experiment_file import Box, Experiment, Mapping, RigidBody
+from calib.data.qc.experiment_file import Box, Experiment, Mapping, RigidBody, Specimen
 from calib.data.qc.lab_files import SampleFiles, frames_in_time
 from calib.data.qc.lattice import Lattice, lattice_of
 from calib.data.qc.machine_test import MachineTest, NotAsPlanned, at_travel, machine_test
@@ -32,6 +32,8 @@ WIDER = 0.05
 """than the specimen is said to be: points that far apart are not of such a one"""
 FALLING = 0.97
 """of the displacement of the frame before, below which it has fallen, whatever noise there is"""
+LEAST_SIZE = 0.005
+"""root mean square of displacements less rigid motion, over the travel: below it nothing moves"""
 ODD_SIZE = 5.0
 """times the usual displacement over the travel, or its inverse, that no frame has"""
 HOLDS_OF_FORCE = 5
@@ -148,7 +150,8 @@ def _face(
         displacement=np.concatenate([lattice.displacement[:1], cleaned.displacement])
     )
     loaded = [*range(1, len(picked))][-2:]
-    _check_growth(cleaned.displacement, places, [frames[index].name for index in chosen])
+    names = [frames[index].name for index in chosen]
+    _check_growth(cleaned.displacement, places, names, experiment.specimen)
     options, width = experiment.field, experiment.specimen.width_mm
     placement = place(clean, loaded, width, options.edge_mm, options.base_mm)
     if placement.width > (1.0 + WIDER) * width:
@@ -162,7 +165,7 @@ def _face(
     return FaceField(lattice, places, placement, cleaned, stated, scale, length, on_pin)
 
 
-def _check_growth(displacement: Array, travel: Array, names: list[str]) -> None:
+def _check_growth(displacement: Array, travel: Array, names: list[str], specimen: Specimen) -> None:
     """Raise NotAsPlanned for a frame whose field is not what its travel lets expect.
 
     Its size, the root mean square over its points on the lattice (n_frame, n_v, n_h, 3) [mm] less
@@ -173,7 +176,16 @@ def _check_growth(displacement: Array, travel: Array, names: list[str]) -> None:
     usual = float(np.median(size / travel)) if np.all(travel > 0.0) else 0.0
     if not usual > 0.0:  # NaN is not, either
         return
+    # A side that is squeezed out goes as far as half the width over the height times the travel.
+    most = 0.5 * (1.0 + specimen.width_mm / specimen.height_mm)
+    if not LEAST_SIZE < usual < most:
+        what = "mm of displacement a mm of travel (root mean square, less rigid motion)"
+        possible = f"{LEAST_SIZE:g} to {most:g} (are the frames in another unit?)"
+        raise NotAsPlanned(what, float(f"{usual:.3g}"), possible)
     for k, name in enumerate(names):
+        for one in range(k):
+            if np.array_equal(displacement[k], displacement[one], equal_nan=True):
+                raise NotAsPlanned(f"frame {name}", f"the displacements of {names[one]}", "its own")
         falls = k > 0 and size[k] < FALLING * size[k - 1]
         if falls or not 1.0 / ODD_SIZE < size[k] / (usual * travel[k]) < ODD_SIZE:
             least = f"more than {size[k - 1]:.3g}" if falls else f"about {usual * travel[k]:.3g}"

@@ -45,6 +45,7 @@ def static_noise(folder: Path, experiment: Experiment, points: Array) -> StaticN
             series.frames, experiment.axes.matrix, partial(inside, experiment.mask)
         )
         lattice = _without_reference(lattice)
+        _check_copies(lattice)
         quality = experiment.quality
         cleaned = without_outliers(
             lattice.displacement, quality.outlier_mad, quality.outlier_floor_mm
@@ -70,6 +71,15 @@ def _without_reference(lattice: Lattice) -> Lattice:
     with np.errstate(invalid="ignore"):
         moved = np.nan_to_num(np.abs(lattice.displacement)).max(axis=(1, 2, 3)) > STATIC
     return lattice._replace(displacement=lattice.displacement[moved])
+
+
+def _check_copies(lattice: Lattice) -> None:
+    """Raise ValueError for two frames that are the same to the last bit: noise never is."""
+    seen: set[bytes] = set()
+    for frame in lattice.displacement:
+        if (found := frame.tobytes()) in seen:
+            raise ValueError("expected frames of their own, found one twice, to the last bit")
+        seen.add(found)
 
 
 def _centred(lattice: Lattice) -> Placement:

@@ -1,0 +1,36 @@
+"""Images of two cameras go together by the numbers in their names."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from calib.dic_study.named_files import check_numbers
+from calib.toml_file import Contradiction
+
+
+def named(side: str, numbers: list[int]) -> list[Path]:
+    return [Path(f"{side}_{number:04d}.tif") for number in numbers]
+
+
+@pytest.mark.parametrize(
+    ("left", "right"),
+    [
+        ([1, 2, 3], [1, 2, 3]),
+        ([1, 3, 5], [2, 4, 6]),  # one counter for both
+        ([0, 1, 2], [1, 2, 3]),  # one camera counts from 1
+        ([1001, 2003, 3004], [1002, 2002, 3006]),  # times
+    ],
+)
+def test_numbers_that_go_together_or_say_nothing_are_taken(
+    left: list[int], right: list[int]
+) -> None:
+    check_numbers("stereo.right_deformed", named("left", left), named("right", right))
+    check_numbers("stereo.right_deformed", [Path("a.tif")] * 3, named("right", right))
+
+
+def test_frames_that_each_camera_lacks_do_not_shift_the_pairs() -> None:
+    with pytest.raises(Contradiction, match=r"right_0003.*goes with left_0004"):
+        check_numbers("stereo.right_deformed", named("left", [1, 2, 4, 5]),
+                      named("right", [1, 2, 3, 5]))  # fmt: skip
