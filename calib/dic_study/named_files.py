@@ -12,7 +12,6 @@ from calib.dic import GreyImage, read_image
 from calib.dic.images import check_sizes
 from calib.toml_file import Contradiction
 
-
 SPARSE = 3
 """times the number of images that numbers which count them may span"""
 
