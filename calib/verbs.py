@@ -181,6 +181,7 @@ def _check_executor(arguments: argparse.Namespace) -> None:
 
 def summary_verb(arguments: argparse.Namespace) -> int:
     """Print the constants of a finished study."""
+    from calib import __version__
     from calib.study.finished import changed_since
     from calib.study.summary import format_table, load_summary
     from calib.study.summary_files import to_csv, to_json
@@ -189,7 +190,10 @@ def summary_verb(arguments: argparse.Namespace) -> int:
     if not path.is_file():
         raise ValueError(f"{path}: found no such file, expected the posterior of a finished study")
     summaries = load_summary(path)
-    if changed := changed_since(path):
+    changed = changed_since(path)
+    if changed and summaries[0].version != __version__:  # whose study files had other keys
+        print(f"calib: {changed}", file=sys.stderr)
+    elif changed:
         summaries = [replace(s, failures=(*s.failures, changed)) for s in summaries]
     style = to_json if arguments.json else to_csv if arguments.csv else format_table
     print(style(summaries).rstrip("\n"))

@@ -35,16 +35,6 @@ class Chosen(NamedTuple):
     """runs whose score it is"""
 
 
-class _Runs(NamedTuple):
-    """What a choice is made on."""
-
-    x: Array
-    y: Array
-    slopes: Array | None
-    error: float = 0.0
-    """SD of outputs that does not matter"""
-
-
 class _Candidate(NamedTuple):
     strength: Array
     family: int
@@ -52,20 +42,17 @@ class _Candidate(NamedTuple):
     score: float
 
 
-def choose_coordinates(
-    x: Array, y: Array, slopes: Array | None = None, *, error: float = 0.0
-) -> Chosen:
+def choose_coordinates(x: Array, y: Array, slopes: Array | None = None) -> Chosen:
     """Coordinates and covariance in which runs left out of outputs y (n, k) are most probable.
 
     First the covariance, then one input after the other is stretched, then the covariance again.
     The outputs share their covariance. The score is the leave-one-out predictive probability
     (Rasmussen & Williams 2006, 5.4.2), which depends less on the model being true than the evidence
     does: that prefers rough covariances of huge length, which err several times more. `slopes`
-    (n, k, d) as in `surrogate.gp_fit.fit_processes`; raises ValueError as that does. `error` is an
-    SD of each output that does not matter: to be nearer scores no more.
+    (n, k, d) as in `surrogate.gp_fit.fit_processes`; raises ValueError as that does.
     """
     part = thinned(len(x), slopes)
-    runs = _Runs(x[part], y[part], None if slopes is None else slopes[part], error)
+    runs = x[part], y[part], None if slopes is None else slopes[part]
     flat = np.zeros(x.shape[1])
     found = [_candidate(runs, flat, family, None) for family in range(len(FAMILIES))]
     best = max(found, key=lambda candidate: candidate.score)
@@ -91,8 +78,13 @@ def left_out(
 
     With coordinates and covariance as given, and few steps of the search for its lengths.
     """
-    processes, _ = _fitted(_Runs(x, y, slopes), strength, FAMILIES.index(family), None)
+    processes, _ = _fitted((x, y, slopes), strength, FAMILIES.index(family), None)
     return processes.leave_one_out()
+
+
+def log_density(error: Array, variance: Array) -> float:
+    """Sum of the log densities of normal errors (n, k) of variance (n, k)."""
+    return float(-0.5 * np.sum(np.log(2.0 * np.pi * variance) + error**2 / variance))
 
 
 def thinned(n: int, slopes: Array | None) -> npt.NDArray[np.int64]:
@@ -102,26 +94,25 @@ def thinned(n: int, slopes: Array | None) -> npt.NDArray[np.int64]:
 
 
 def _candidate(
-    runs: _Runs,
+    runs: tuple[Array, Array, Array | None],
     strength: Array,
     family: int,
     start: Hyperparameters | None,
 ) -> _Candidate:
     processes, parameters = _fitted(runs, strength, family, start)
     mean, variance = processes.leave_one_out()
-    variance = variance + runs.error**2
-    score = -0.5 * np.sum(np.log(2.0 * np.pi * variance) + (runs.y - mean) ** 2 / variance)
-    return _Candidate(strength, family, parameters, float(score))
+    score = log_density(runs[1] - mean, variance)
+    return _Candidate(strength, family, parameters, score)
 
 
 def _fitted(
-    runs: _Runs,
+    runs: tuple[Array, Array, Array | None],
     strength: Array,
     family: int,
     start: Hyperparameters | None,
 ) -> tuple[GaussianProcesses, Hyperparameters]:
     """Processes of a shared covariance after a short search."""
-    scaled = scale_runs(runs.x, runs.y, runs.slopes, strength)
+    scaled = scale_runs(*runs, strength)
     fitted = maximise_evidence(
         (family,),
         scaled.inputs,

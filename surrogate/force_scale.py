@@ -8,13 +8,13 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from surrogate.coordinates import Chosen, choose_coordinates
+from surrogate.coordinates import Chosen, choose_coordinates, left_out, log_density
 from surrogate.pod import fit_pod
 
 Array = npt.NDArray[np.float64]
 
-ERROR = 1e-7
-"""of a force, relative: no choice is made by what is foretold better than to this"""
+ERROR = 1e-4
+"""of a force, relative: scales are not told apart by what is foretold better than to this"""
 
 
 @dataclass(frozen=True)
@@ -73,11 +73,16 @@ def choose_scale(x: Array, force: Array, gradient: Array | None) -> ChosenScale:
         slopes = None
         if gradient is not None:
             slopes = np.matmul(pod.dual.T, scale.slopes(force, gradient))
-        chosen = choose_coordinates(x, pod.weights(y), slopes, error=ERROR)
-        # Modes that one scale does not need and another does: foretold to what does not matter.
-        n_without = len(chosen.part) * (y.shape[1] - pod.modes.shape[1])
-        exact = -0.5 * n_without * np.log(2.0 * np.pi * ERROR**2)
+        chosen = choose_coordinates(x, pod.weights(y), slopes)
+        # All directions of the steps count, those too that one scale does not need: a density of
+        # the modes that each has would make the numbers of rounding a merit.
+        part, here = chosen.part, None if slopes is None else slopes[chosen.part]
+        weights = pod.weights(y[part])
+        mean_left, variance = left_out(x[part], weights, here, chosen.strength, chosen.family)
+        nothing = np.zeros((len(part), y.shape[1] - weights.shape[1]))
+        error = np.hstack([weights - mean_left, nothing])
+        score = log_density(error, np.hstack([variance, nothing]) + ERROR**2)
         # d log(f) = df / f: a density of the logarithm over f is one of f.
-        jacobian = scale.log * np.log(force / mean)[chosen.part].sum()
-        best.append((chosen.score + exact - jacobian, ChosenScale(scale, chosen)))
+        jacobian = scale.log * np.log(force / mean)[part].sum()
+        best.append((score - jacobian, ChosenScale(scale, chosen)))
     return max(best, key=lambda scored: scored[0])[1]

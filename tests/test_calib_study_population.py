@@ -16,7 +16,7 @@ from analytic_block import analytic_block
 from calib.data.sample_forces import has_samples, read_sample_forces
 from calib.inference import NoiseSettings
 from calib.inference.sample_errors import SampleErrors
-from calib.study.artifacts import read_record, write_record
+from calib.study.artifacts import mark_begun, read_record, write_record
 from calib.study.config import Study, StudyError, load_study, read_study
 from calib.study.data_source import measured_dataset
 from calib.study.data_stage import StudyData, save_data
@@ -156,14 +156,18 @@ def test_a_population_of_a_run_before_is_not_shown_with_the_posterior(
     """As where new data were sampled and the run was stopped before its population."""
     out = tmp_path / "copy"
     shutil.copytree(finished[0].out, out)
-    record = read_record(out, "sample")
-    assert record is not None
-    write_record(out, replace(record, outputs={"samples_sliding.npz": "0123456789abcdef"}))
+    record = read_record(out, "posterior")
+    assert record is not None and load_summary(out / "posterior.nc")[0].population is not None
+    write_record(out, replace(record, inputs=record.inputs | {"stage sample": "0" * 16}))
     [summary] = load_summary(out / "posterior.nc")
     assert summary.population is None and not summary.passed
-    assert "population_sliding.nc is left out, as it was before the last stage sample" in " ".join(
-        summary.failures
-    )
+    failures = " ".join(summary.failures)
+    assert "population_sliding.nc is left out: it is of another stage sample" in failures
+    write_record(out, record)
+    mark_begun(out, "population")
+    [summary] = load_summary(out / "posterior.nc")
+    assert summary.population is None
+    assert "it was begun again and not finished" in " ".join(summary.failures)
 
 
 @pytest.mark.slow

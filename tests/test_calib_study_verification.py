@@ -34,17 +34,18 @@ from fe.response import Array, Response
 
 @dataclass(frozen=True)
 class Wavy:
-    """The stand-in with forces that wave over r by 2 % at the last travel, with exact slopes."""
+    """The stand-in with forces that wave over r, most at the last travel, with exact slopes."""
 
     block: AnalyticBlock
     rate: float = 300.0
+    height: float = 0.02
 
     def points(self) -> Array:
         return self.block.points()
 
     def __call__(self, ratios: Array) -> Response:
         found = self.block(ratios)
-        wave = 0.02 * found.travel / found.travel[-1]
+        wave = self.height * found.travel / found.travel[-1]
         factor = 1.0 + wave * np.sin(self.rate * ratios[0])
         gradient = found.force_gradient * factor[:, None]
         gradient[:, 0] += found.force * wave * self.rate * np.cos(self.rate * ratios[0])

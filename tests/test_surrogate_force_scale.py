@@ -30,10 +30,14 @@ def test_scales_are_compared_by_densities_of_the_force(
 ) -> None:
     """Equal densities of y: of a force below the mean ln f takes less, so it is more probable."""
 
-    def equal(x: Any, y: Any, slopes: Any, error: float) -> Chosen:
+    def equal(x: Any, y: Any, slopes: Any) -> Chosen:
         return Chosen(np.zeros(1), FAMILIES[0], 0.0, np.array(judged))
 
+    def exact(x: Any, y: np.ndarray, *_: Any) -> tuple[np.ndarray, np.ndarray]:
+        return y, np.zeros_like(y)
+
     monkeypatch.setattr("surrogate.force_scale.choose_coordinates", equal)
+    monkeypatch.setattr("surrogate.force_scale.left_out", exact)
     force = np.array([[1.0, 2.0], [2.0, 3.0], [5.0, 9.0], [6.0, 12.0]])
     chosen = choose_scale(np.linspace(0.0, 1.0, 4)[:, None], force, None)
     assert chosen.scale.log is log

@@ -8,7 +8,7 @@ import numpy as np
 
 from calib.dic import GreyImage
 from calib.dic.stereo import StereoReference, Tracked, median_distance
-from calib.dic_study.named_files import check_numbers, check_series, named_files
+from calib.dic_study.named_files import check_series, named_files
 from calib.dic_study.stereo_config import StereoStudy
 from calib.toml_file import Contradiction
 
@@ -28,7 +28,6 @@ def pairs(study: StereoStudy, folder: Path) -> tuple[tuple[Path, ...], tuple[Pat
             "stereo.right_deformed", list(stereo.right_deformed),
             f"{len(left)} files as images.deformed names, not {len(right)}",
         )  # fmt: skip
-    check_numbers("stereo.right_deformed", left, right)
     check_series("images.deformed", left, images.times_s)
     first = Path(images.reference).stem
     if first in {path.stem for path in left}:

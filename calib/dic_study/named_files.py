@@ -61,8 +61,8 @@ def check_files(reference: GreyImage, paths: Sequence[Path]) -> None:
         check_sizes([reference, read_image(path)])
 
 
-def check_numbers(key: str, left: Sequence[Path], right: Sequence[Path]) -> None:
-    """Raises Contradiction, at `key`, where numbers in the names tell of other pairs.
+def number_doubt(left: Sequence[Path], right: Sequence[Path]) -> str | None:
+    """Why numbers in the names tell of other pairs; None where they do not.
 
     As where each camera lacks a frame, another one: the numbers of a pair are no longer as far
     apart as those of others. Numbers that do not count images, as times, say nothing.
@@ -71,12 +71,14 @@ def check_numbers(key: str, left: Sequence[Path], right: Sequence[Path]) -> None
     known = [(a, b) for a, b in zip(ones, twos, strict=True) if a is not None and b is not None]
     most = SPARSE * len(ones)
     if len(known) < len(ones) or any(max(n) - min(n) > most for n in zip(*known, strict=True)):
-        return
+        return None
     for path, other, (a, b) in zip(left, right, known, strict=True):
         if b - a != known[0][1] - known[0][0]:
-            raise Contradiction(
-                key, other.name, f"the image that goes with {path.name} (does a camera lack one?)"
+            return (
+                f"{path.name} is paired with {other.name}, other than {left[0].name} with "
+                f"{right[0].name} by their numbers; does a camera lack a frame?"
             )
+    return None
 
 
 def _number(path: Path) -> int | None:

@@ -16,7 +16,7 @@ from calib.dic.chessboard import Chessboard, chessboard_view
 from calib.dic.dot_grid import DotPlate, dot_view
 from calib.dic.images import GreyImage, check_sizes, read_image
 from calib.dic.plate_view import LEAST_POINTS, PlateView
-from calib.dic_study.named_files import check_numbers, named_files
+from calib.dic_study.named_files import named_files, number_doubt
 from calib.dic_study.stereo_config import Plates, StereoStudy
 from calib.toml_file import Contradiction
 
@@ -57,6 +57,8 @@ def calibration_of(study: StereoStudy, folder: Path, store: Path, say: Say) -> C
 def _of_plates(plates: Plates, folder: Path, store: Path, say: Say) -> tuple[Calibration, bool]:
     """The calibration of images of plates, and whether it was made now."""
     left, right = _pairs(plates, folder)
+    if doubt := number_doubt(left, right):
+        say(f"warning: {doubt}")
     kept = store / KEPT.format(_key(plates, [*left, *right]))
     try:
         return read_calibration(kept), False
@@ -92,7 +94,6 @@ def _pairs(plates: Plates, folder: Path) -> tuple[tuple[Path, ...], tuple[Path, 
             "calibration.right", list(plates.right),
             f"{len(left)} files as calibration.left names, not {len(right)}",
         )  # fmt: skip
-    check_numbers("calibration.right", left, right)
     return left, right
 
 

@@ -39,7 +39,7 @@ from calib.dic_study.exposure import (
     empty_frame,
     no_strain,
 )
-from calib.dic_study.named_files import check_files
+from calib.dic_study.named_files import check_files, number_doubt
 from calib.dic_study.pictures import save_png
 from calib.dic_study.plates import calibration_of
 from calib.dic_study.region_mask import check_room, region_mask
@@ -78,6 +78,8 @@ def run_stereo(study: StereoStudy, folder: Path, out: Path, say: Say, bars: Bars
     images of different sizes or numbers.
     """
     left, right = pairs(study, folder)
+    if doubt := number_doubt(left, right):
+        say(f"warning: {doubt}")
     calibration = calibration_of(study, folder, out / STORE, say)
     ready = _prepare(study, folder, calibration, say, bars)
     check_files(ready.left, left + right)

@@ -203,6 +203,18 @@ def outdated(out: Path, stage: str) -> str:
     return ""
 
 
+def of_another_run(out: Path, stage: str, beside: str) -> str:
+    """Why what a stage made is of another run than what the stage `beside` it made, or empty."""
+    record, other = read_record(out, stage), read_record(out, beside)
+    if record is None or other is None:
+        return ""
+    if _begun_path(out, stage).exists():
+        return "it was begun again and not finished"
+    both = [name for name in record.inputs if name.startswith(NEEDED) and name in other.inputs]
+    apart = [name for name in both if record.inputs[name] != other.inputs[name]]
+    return f"it is of another {apart[0]}" if apart else ""
+
+
 def why_stale(
     out: Path, stage: str, inputs: Mapping[str, str], version: str
 ) -> tuple[StageRecord | None, str]:

@@ -126,7 +126,7 @@ def leaning(
     for index, name in enumerate(posterior.samples.names):
         own = x.copy()
         own[:, population.columns] = draws.own[..., index, :].reshape(len(x), -1)
-        bounds = at_bound(own, prior.bounds, prior.space)
+        bounds = at_bound(own, prior.bounds, prior.space, of_constants)
         found.append((name, tuple(one for one in bounds if one.parameter in varying)))
     return [(name, [one.text for one in bounds]) for name, bounds in found if bounds]
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
@@ -145,10 +146,13 @@ def report_again(context: Context) -> list[Path]:
     wanted = {one.name for one in stages_of(context.study)}
     for name in (name for name in stage.needs if name in wanted):
         if changed := outdated(context.out, name):
-            again = f"`calib run {context.out / STUDY_FILE} --out {context.out}`"
+            file, out = (shlex.quote(str(path)) for path in (context.out / STUDY_FILE, context.out))
+            state = (
+                "begun again and not finished" if changed == name else f"before the last {changed}"
+            )
             context.echo(
-                f"report.html is not drawn again: stage {name} was before the last {changed}; "
-                f"{again} makes both anew"
+                f"report.html is not drawn again: stage {name} was {state}; "
+                f"`calib run {file} --out {out}` makes both anew"
             )
             return []
     found = stage.settings(context)

@@ -19,7 +19,7 @@ from calib.inference.convergence import Convergence, convergence
 from calib.inference.inference_data import load_inference_data, provenance_of
 from calib.inference.laws import DEFAULT_LAW
 from calib.inference.verdict import HOPELESS, NONE_EXPLAINS, POOR_FIT
-from calib.study.artifacts import outdated
+from calib.study.artifacts import of_another_run
 from calib.study.figure_style import INTERVAL, Array, hdi
 from calib.study.further_table import further_table
 from calib.study.maxima_table import is_verified, largest_difference
@@ -131,11 +131,8 @@ def _with_population(summary: Summary, folder: Path) -> Summary:
     path = population_path(folder, summary.hypothesis)
     if not path.is_file():
         return summary
-    if changed := outdated(folder, "population"):
-        failure = (
-            f"population: {path.name} is left out, as it was before the last stage {changed}; "
-            "`calib run` makes it anew"
-        )
+    if reason := of_another_run(folder, "population", "posterior"):
+        failure = f"population: {path.name} is left out: {reason}; `calib run` makes it anew"
         return replace(summary, failures=(*summary.failures, failure))
     population = load_population(path)
     failures = (*summary.failures, *population.failures)

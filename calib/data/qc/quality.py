@@ -159,10 +159,13 @@ def gross(
     if len(good) < 3:  # of two neither is the usual one
         return []
     found = []
-    sizes = [_rms(fields[i]) for i in good]
-    forces = [_rms(samples[i].force) for i in good]
+    nothing = np.full(fields.shape[1], np.nan)
+    sizes = _rms(fields[good].reshape(len(good), -1))
+    forces = _rms(np.array([nothing if (f := samples[i].force) is None else f for i in good]))
     for values, most, what in ((forces, ODD_FORCE, "force"), (sizes, ODD_FIELD, "displacements")):
-        ratios = np.array(values) / max(float(np.median(values)), np.finfo(float).tiny)
+        if not np.median(values) > 0.0:
+            continue
+        ratios = values / np.median(values)
         found += [
             Rejection(
                 samples[i].name, "protocol", f"{what} over the median of the samples",
@@ -174,10 +177,13 @@ def gross(
     return found
 
 
-def _rms(values: Array | None) -> float:
-    """Root mean square of those that are known; 0 where none is."""
-    known = np.zeros(0) if values is None else values[np.isfinite(values)]
-    return float(np.sqrt(np.mean(known**2))) if known.size else 0.0
+def _rms(values: Array) -> Array:
+    """(n,) root mean square of what all of n samples (n, m) have; 0 where that is nothing."""
+    both = np.isfinite(values).all(axis=0)
+    found: Array = (
+        np.sqrt(np.mean(values[:, both] ** 2, axis=1)) if both.any() else np.zeros(len(values))
+    )
+    return found
 
 
 def odd_forces(names: Sequence[str], forces: Array, limit: float | None) -> list[Rejection]:

@@ -172,9 +172,12 @@ def _check_growth(displacement: Array, travel: Array, names: list[str], specimen
     rigid motion, grows with the travel (n_frame,) [mm]; exchanged frames and one in another unit do
     not.
     """
+    for k, one in enumerate(displacement):
+        for name, other in zip(names[:k], displacement[:k], strict=True):
+            if np.isfinite(one).any() and np.array_equal(one, other, equal_nan=True) and one.any():
+                raise NotAsPlanned(f"frame {names[k]}", f"the displacements of {name}", "its own")
     size = np.array([_deformed(frame) for frame in displacement])
-    usual = float(np.median(size / travel)) if np.all(travel > 0.0) else 0.0
-    if not usual > 0.0:  # NaN is not, either
+    if not np.all(travel > 0.0) or np.isnan(usual := float(np.median(size / travel))):
         return
     # A side that is squeezed out goes as far as half the width over the height times the travel.
     most = 0.5 * (1.0 + specimen.width_mm / specimen.height_mm)
@@ -183,9 +186,6 @@ def _check_growth(displacement: Array, travel: Array, names: list[str], specimen
         possible = f"{LEAST_SIZE:g} to {most:g} (are the frames in another unit?)"
         raise NotAsPlanned(what, float(f"{usual:.3g}"), possible)
     for k, name in enumerate(names):
-        for one in range(k):
-            if np.array_equal(displacement[k], displacement[one], equal_nan=True):
-                raise NotAsPlanned(f"frame {name}", f"the displacements of {names[one]}", "its own")
         falls = k > 0 and size[k] < FALLING * size[k - 1]
         if falls or not 1.0 / ODD_SIZE < size[k] / (usual * travel[k]) < ODD_SIZE:
             least = f"more than {size[k - 1]:.3g}" if falls else f"about {usual * travel[k]:.3g}"
