@@ -37,8 +37,8 @@ class Wavy:
     """The stand-in with forces that wave over r, most at the last travel, with exact slopes."""
 
     block: AnalyticBlock
-    rate: float = 300.0
-    height: float = 0.02
+    rate: float = 200.0
+    height: float = 0.06
 
     def points(self) -> Array:
         return self.block.points()
@@ -164,27 +164,25 @@ def test_the_rounds_are_shown_with_the_last_state(mapped: Context) -> None:
 
 
 @pytest.mark.slow
-def test_a_poor_emulator_is_told_in_one_round_and_repaired_in_more(tmp_path: Path) -> None:
+def test_a_poor_emulator_is_told_without_rounds_and_repaired_by_them(tmp_path: Path) -> None:
     lines: list[str] = []
-    once = a_context(tmp_path, max_rounds=1, echo=lines.append)
-    ran = run_stages(once, until="map")
+    never = a_context(tmp_path, max_rounds=0, echo=lines.append)
+    ran = run_stages(never, until="map")
     assert ran.count("refine") == 1 and ran.count("map") == 1
-    maps, [first] = read_json(tmp_path / "map.json"), verification.load_rounds(tmp_path)
-    # One round is not enough: that is said, with the figure.
-    assert first["sliding"]["difference_sd"] > CONFIRMED_SD
-    assert not is_verified(maps["sliding"])
-    assert f"{largest_difference(maps['sliding']):.2g} SD apart" in confirmation(
-        "sliding", maps["sliding"]
-    )
-    n_added = len(first["sliding"]["added"])
-    assert load_emulator(tmp_path, once.study.hypotheses[0]).header.n_train == 11 + n_added
+    maps = read_json(tmp_path / "map.json")
+    # That is said, with the figure.
+    apart = largest_difference(maps["sliding"])
+    assert apart > CONFIRMED_SD and not is_verified(maps["sliding"])
+    assert f"{apart:.2g} SD apart" in confirmation("sliding", maps["sliding"])
+    assert verification.load_rounds(tmp_path) == []
+    assert load_emulator(tmp_path, never.study.hypotheses[0]).header.n_train == 11
     runs = {p.name: hash_of_file(p) for p in tmp_path.rglob("run_*.npz")}
 
     more = a_context(tmp_path, max_rounds=3)
     assert run_stages(more, until="map") == ("refine", "check", "sample", "map")
     maps, rounds = read_json(tmp_path / "map.json"), verification.load_rounds(tmp_path)
-    assert is_verified(maps["sliding"]) and 1 < len(rounds) <= 3
-    assert rounds[0] == first
+    assert is_verified(maps["sliding"]) and 1 <= len(rounds) <= 3
+    assert rounds[0]["sliding"]["difference_sd"] == pytest.approx(apart, rel=1e-9)
     # Nothing that was solved was solved again, and a finished study stays as it is.
     assert runs.items() <= {p.name: hash_of_file(p) for p in tmp_path.rglob("run_*.npz")}.items()
     assert run_stages(more, until="map") == ()
