@@ -82,28 +82,10 @@ def machine_test(record: MachineRecord, protocol: Protocol, machine: Machine) ->
     time, force, position = record.time, record.force, record.travel
     if not time[-1] > time[0]:
         raise NotAsPlanned("times of readings", 1, "2 or more")
-    gaps = np.diff(time)
-    largest = LARGEST_GAP * max(float(np.median(gaps)), SMALLEST_STEP)
-    if (gap := float(gaps.max())) > largest:
-        what = f"seconds without a reading after {time[gaps.argmax()]:.6g} s"
-        raise NotAsPlanned(what, float(f"{gap:.3g}"), float(f"{largest:.3g}"))
+    _check_clock(time)
     assert position is not None  # in_compression has refused it
     holds = find_holds(time, position, protocol)
-    row = step_row(holds, protocol)
-    if len(row) < 2:
-        away = len(step_row(find_holds(time, -position, protocol), protocol))
-        if away > 1:
-            raise NotAsPlanned(
-                "holds", f"{away} that go away from the sample by the signs of the file",
-                "holds that go into it (is compression positive there?)",
-            )  # fmt: skip
-        raise NotAsPlanned("plateaus", 0, protocol.increments)
-    step = (row[-1].position - row[0].position) / (len(row) - 1)
-    if not abs(step / protocol.increment_mm - 1.0) < OFF_STEP:
-        raise NotAsPlanned(
-            "mm from hold to hold", float(f"{step:.4g}"),
-            f"protocol.increment_mm, {protocol.increment_mm:g}",
-        )  # fmt: skip
+    row = _planned_row(time, position, holds, protocol)
     by_force = _contact_by_force(time, position, force, row, protocol)
     zeroed = force - force_zero(time, position, force, by_force.travel)[0]
     cycles = find_cycles(time, position - by_force.travel, zeroed, row[0].start, protocol)
@@ -137,6 +119,38 @@ def machine_test(record: MachineRecord, protocol: Protocol, machine: Machine) ->
     return MachineTest(
         time, travel, force, contact, tuple(steps), tuple(plateaus), np.array(places), tuple(cycles)
     )
+
+
+def _check_clock(time: Array) -> None:
+    """Raise NotAsPlanned where the clock (n,) [s] jumps far ahead."""
+    gaps = np.diff(time)
+    largest = LARGEST_GAP * max(float(np.median(gaps)), SMALLEST_STEP)
+    if (gap := float(gaps.max())) > largest:
+        what = f"seconds without a reading after {time[gaps.argmax()]:.6g} s"
+        raise NotAsPlanned(what, float(f"{gap:.3g}"), float(f"{largest:.3g}"))
+
+
+def _planned_row(time: Array, position: Array, holds: list[Hold], protocol: Protocol) -> list[Hold]:
+    """The row of holds of the steps; time [s] and position [mm] (n,) of all readings.
+
+    Raises NotAsPlanned where there is none, or its holds are not an increment apart in the mean.
+    """
+    row = step_row(holds, protocol)
+    if len(row) < 2:
+        away = len(step_row(find_holds(time, -position, protocol), protocol))
+        if away > 1:
+            raise NotAsPlanned(
+                "holds", f"{away} that go away from the sample by the signs of the file",
+                "holds that go into it (is compression positive there?)",
+            )  # fmt: skip
+        raise NotAsPlanned("plateaus", 0, protocol.increments)
+    step = (row[-1].position - row[0].position) / (len(row) - 1)
+    if not abs(step / protocol.increment_mm - 1.0) < OFF_STEP:
+        raise NotAsPlanned(
+            "mm from hold to hold", float(f"{step:.4g}"),
+            f"protocol.increment_mm, {protocol.increment_mm:g}",
+        )  # fmt: skip
+    return row
 
 
 def _check_saturation(position: Array, force: Array, holds: list[Array], increment: float) -> None:
