@@ -24,15 +24,13 @@ _MIN_GAIN = 2.0
 
 
 class Chosen(NamedTuple):
-    """Coordinates and covariance, and how well they foretell runs left out."""
+    """Coordinates and covariance in which runs left out are most probable."""
 
     strength: Array
     """(d,) see `surrogate.warp`"""
     family: str
-    score: float
-    """sum of the log probability densities of outputs given the other runs, in their own units"""
     part: npt.NDArray[np.int64]
-    """runs whose score it is"""
+    """runs on which the choice was made"""
 
 
 class _Candidate(NamedTuple):
@@ -68,7 +66,7 @@ def choose_coordinates(x: Array, y: Array, slopes: Array | None = None) -> Chose
         others = set(range(len(FAMILIES))) - {best.family}
         found = [_candidate(runs, best.strength, family, None) for family in sorted(others)]
         best = max([best, *found], key=lambda candidate: candidate.score)
-    return Chosen(best.strength, FAMILIES[best.family], best.score, part)
+    return Chosen(best.strength, FAMILIES[best.family], part)
 
 
 def left_out(

@@ -31,7 +31,7 @@ def test_scales_are_compared_by_densities_of_the_force(
     """Equal densities of y: of a force below the mean ln f takes less, so it is more probable."""
 
     def equal(x: Any, y: Any, slopes: Any) -> Chosen:
-        return Chosen(np.zeros(1), FAMILIES[0], 0.0, np.array(judged))
+        return Chosen(np.zeros(1), FAMILIES[0], np.array(judged))
 
     def exact(x: Any, y: np.ndarray, *_: Any) -> tuple[np.ndarray, np.ndarray]:
         return y, np.zeros_like(y)

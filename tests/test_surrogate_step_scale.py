@@ -13,7 +13,7 @@ from surrogate.step_scale import step_scale
 pytestmark = pytest.mark.lasting
 
 ROUGH = 0.02
-CHOSEN = Chosen(np.zeros(2), "rbf", 0.0, np.arange(0))
+CHOSEN = Chosen(np.zeros(2), "rbf", np.arange(0))
 
 
 def _steps(x: np.ndarray, rng: np.random.Generator) -> np.ndarray:
