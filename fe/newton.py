@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -77,6 +77,19 @@ class Equilibrium:
     jump: float = 0.0
     """largest nodal displacement from where the iteration began, mm, if it met negative curvature;
     else 0"""
+
+
+class _Whole(NamedTuple):
+    """A full Newton step with friction."""
+
+    along: Array
+    """(n_free,) mm"""
+    du: Array
+    """(n_node, 3) mm, `along` expanded"""
+    dp: Array
+    """(n_elem, n_p) MPa"""
+    trial: Assembly | None
+    """what was assembled where it leads, None where it is too long to be tried"""
 
 
 def descent_direction(
@@ -149,7 +162,7 @@ def equilibrate(
             jump = float(np.abs(u - began).max()) if unstable else 0.0
             return Equilibrium(u, p, assembly, True, "", iteration, jump)
         near = potential.has_friction and norm <= options.near * assembly.force_scale
-        along = None
+        along = whole = None
         if negative == 0 and not potential.has_friction and not settled:
             enough = options.lagged  # less near the end, which is slow else
             if norm < enough * assembly.force_scale:
@@ -159,19 +172,23 @@ def equilibrate(
         if along is None and not (near and negative == 0):  # else it was 0 at the iterate before
             negative = solver.factorise(assembly.data)
         if near and negative == 0:
-            whole, nearer = _nearer(potential, solver, u, p, assembly, travel, memory, options)
-            if nearer is not None:
-                u, p, assembly = nearer
+            whole = _whole_step(potential, solver, u, p, assembly, travel, memory, options)
+            if whole.trial is not None and _is_nearer(whole.trial, assembly, options):
+                u, p, assembly = u + whole.du, p + whole.dp, whole.trial
                 recent.clear()
                 continue
             negative = solver.factorise(assembly.data)
-            if negative == 0 and assembly.gradient @ whole < 0.0:
-                along = whole
+            if negative == 0 and assembly.gradient @ whole.along < 0.0:
+                along = whole.along
+            else:
+                if whole.trial is not None:
+                    potential.assemble(u, p, travel, memory)  # what the solves below are of
+                whole = None
         if along is None:
             along = descent_direction(potential, solver, assembly.gradient, options, negative)
         unstable = unstable or negative > 0
         here = u, p, assembly
-        moved = _descend(potential, along, here, travel, memory, recent, negative, options)
+        moved = _descend(potential, along, here, travel, memory, recent, negative, options, whole)
         if isinstance(moved, str):
             return Equilibrium(u, p, assembly, settled, "" if settled else moved, iteration)
         u, p, assembly = moved
@@ -189,20 +206,22 @@ def _descend(
     recent: deque[float],
     negative: int,
     options: NewtonOptions,
+    tried: _Whole | None,
 ) -> tuple[Array, Array, Assembly] | str:
     """One step with a line search from (u, p, assembly) to the next, or why there is none.
 
     `along` (n_free,) mm is its direction, `negative` the negative pivots behind it, `recent`
-    the energies looked back on, to which that of here is added.
+    the energies looked back on, to which that of here is added.  What was `tried` is that
+    direction's whole step: where it was assembled, that was the last `assemble`.
     """
     u, p, assembly = here
-    du = potential.expand(along)
+    du = potential.expand(along) if tried is None else tried.du
     if not np.isfinite(du).all():
         return "the tangent is singular"
     recent.append(assembly.energy)
     slope = float(np.sum(du.ravel()[potential.problem.pattern.number >= 0] * assembly.gradient))
     reference = max(recent) if negative == 0 else assembly.energy
-    dp = potential.pressure_step(du)
+    dp = potential.pressure_step(du) if tried is None else tried.dp
     if assembly.frame is None and negative == 0 and np.abs(du).max() <= options.max_move:
         # all but a few such steps are accepted whole: the energy comes with the next tangent
         whole = potential.assemble(u + du, p + dp, travel, memory)
@@ -227,7 +246,10 @@ def _descend(
     ordinary = 0.2 <= fraction <= 1.0
     p = p + fraction * dp if ordinary else potential.consistent_pressure(u)
     before = assembly.frame
-    assembly = potential.assemble(u, p, travel, memory)
+    if fraction == 1.0 and tried is not None and tried.trial is not None:
+        assembly = tried.trial
+    else:
+        assembly = potential.assemble(u, p, travel, memory)
     if before is not None:  # energies looked back on: as if frozen where we are now
         shift = assembly.energy - potential.energy(u, travel, memory, before)
         for i, energy in enumerate(recent):
@@ -243,7 +265,7 @@ def _goes_down(energy: float, reference: float, fraction: float, slope: float) -
     return energy <= reference + 1e-4 * fraction * slope + 1e-12 * abs(reference)
 
 
-def _nearer(
+def _whole_step(
     potential: NewtonProblem[Memory],
     solver: SymmetricSolver,
     u: Array,
@@ -252,24 +274,25 @@ def _nearer(
     travel: float,
     memory: Memory,
     options: NewtonOptions,
-) -> tuple[Array, tuple[Array, Array, Assembly] | None]:
-    """Full Newton step with friction: (n_free,) mm and, if the residual falls, (u, p, assembly).
+) -> _Whole:
+    """The full Newton step with friction from the state (u, p) of the last `assemble`."""
+    b = -assembly.gradient
+    along = solver.solve_near(potential.coupled_tangent(), b, options.inexact)
+    du = potential.expand(along)
+    dp = potential.pressure_step(du)
+    if not np.abs(du).max() < options.max_move:  # so is NaN
+        return _Whole(along, du, dp, None)
+    return _Whole(along, du, dp, potential.assemble(u + du, p + dp, travel, memory))
+
+
+def _is_nearer(trial: Assembly, here: Assembly, options: NewtonOptions) -> bool:
+    """Whether a full step with friction is taken because the residual falls.
 
     Friction has no energy that decides, and where the frozen one has a maximum along the step, its
     descent and the thaw after it go round in circles.
     """
-    b = -assembly.gradient
-    along = solver.solve_near(potential.coupled_tangent(), b, options.inexact)
-    du = potential.expand(along)
-    if not np.abs(du).max() < options.max_move:  # so is NaN
-        return along, None
-    dp = potential.pressure_step(du)
-    trial = potential.assemble(u + du, p + dp, travel, memory)
-    reduced = np.linalg.norm(trial.gradient) < options.reduction * np.linalg.norm(b)
-    if trial.smallest_J > 0.0 and np.isfinite(trial.energy) and reduced:
-        return along, (u + du, p + dp, trial)
-    potential.assemble(u, p, travel, memory)  # what the solves below are of
-    return along, None
+    reduced = np.linalg.norm(trial.gradient) < options.reduction * np.linalg.norm(here.gradient)
+    return trial.smallest_J > 0.0 and bool(np.isfinite(trial.energy)) and bool(reduced)
 
 
 def _line_search(
