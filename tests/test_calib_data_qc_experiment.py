@@ -276,6 +276,13 @@ def test_a_face_that_goes_in_is_told_and_no_more(some, capsys):
     assert "warning" not in capsys.readouterr().out
 
 
+@pytest.mark.parametrize("key, size", [("width_mm", 13), ("height_mm", 2), ("height_mm", 5)])
+def test_a_block_of_another_size_than_its_face_is_told(some, capsys, key, size):
+    folder = some("S1", "S2", text=EXPERIMENT + f"[specimen]\n{key} = {size}\n")
+    assert main(["qc", str(folder)]) == 0
+    assert f"at most where specimen.{key} = {size}: is that right" in capsys.readouterr().out
+
+
 def test_frames_of_a_sample_are_in_dic_alone(some):
     folder = some("S1", "S2")
     (folder / "S1" / "dic-old").mkdir()

@@ -15,6 +15,7 @@ from calib.code_hash import code_hash
 from calib.data import Dataset
 from calib.data.dataset_file import load_dataset
 from calib.data.qc import FILE, QcResult, analyse, read_experiment
+from calib.data.qc.face_size import size_doubts
 from calib.data.qc.lab_files import input_hash, sample_files
 from calib.data.qc.results import DATASET, FIGURES, key_of, write_results
 from calib.data.qc.rules import Rules, inputs_under
@@ -127,7 +128,9 @@ def qc_lines(result: QcResult, paths: list[Path]) -> list[str]:
     """What `calib qc` prints: each rejection, doubts, tables, and where the results are."""
     tables = (eligibility_table, force_table, noise_table)
     lines = [rejection.text() for rejection in result.rejections]
-    lines += [f"warning: {doubt}" for doubt in sense_doubts(result.experiment, result.fields)]
+    doubts = sense_doubts(result.experiment, result.fields)
+    doubts += size_doubts(result.experiment, result.samples)
+    lines += [f"warning: {doubt}" for doubt in doubts]
     lines += ["", *(f"{table_text(table(result))}\n" for table in tables)]
     lines += [requirements_text(requirements(result)), ""]
     if result.experiment.synthetic:
