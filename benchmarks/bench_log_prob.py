@@ -9,6 +9,7 @@ values.
 
 from __future__ import annotations
 
+import argparse
 import os
 
 for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
@@ -43,6 +44,7 @@ PRIOR = Prior(
 
 def main() -> None:
     """Print rates and ratios."""
+    argparse.ArgumentParser(description=__doc__).parse_args()
     rng = np.random.default_rng(0)
     points, training, dataset = smooth_study(rng)
     print(f"{N_RUNS} runs, {dataset.travel.size} increments, {len(points)} points, one thread")

@@ -13,6 +13,7 @@ on GitHub) are no part of softcal: SOFTCAL_CYLINDER_DATA names their folder, els
 
 from __future__ import annotations
 
+import argparse
 import os
 from pathlib import Path
 from typing import Literal
@@ -54,6 +55,7 @@ def mean_force() -> Array:
 
 def main() -> None:
     """Print one row a contact: best r, kappa, misfit at every travel."""
+    argparse.ArgumentParser(description=__doc__).parse_args()
     measured = mean_force()
     print("measured, N: " + ", ".join(f"{f:.2f}" for f in measured) + "\n")
     print("| ends | friction | r | kappa kPa | misfit % |", end=" ")

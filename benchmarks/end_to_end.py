@@ -9,7 +9,7 @@ readers and the quality control, and compared with one emulator that all seeds s
 
 from __future__ import annotations
 
-import sys
+import argparse
 import tempfile
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -247,10 +247,14 @@ def over_seeds(seeds: range, runs: Path) -> list[Outcome]:
 
 def main() -> None:
     """Print every seed and how many are covered."""
-    n = int(sys.argv[1]) if len(sys.argv) > 1 else 20
-    runs = Path(sys.argv[2] if len(sys.argv) > 2 else "runs/end_to_end")
-    found = over_seeds(range(n), runs)
-    print(f"covered: {sum(one.is_covered for one in found)} of {n}")
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("n", nargs="?", type=int, default=20, help="seeds, from 0 on")
+    parser.add_argument(
+        "runs", nargs="?", type=Path, default=Path("runs/end_to_end"), help="where runs are kept"
+    )
+    args = parser.parse_args()
+    found = over_seeds(range(args.n), args.runs)
+    print(f"covered: {sum(one.is_covered for one in found)} of {args.n}")
 
 
 if __name__ == "__main__":

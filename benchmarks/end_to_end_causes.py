@@ -8,7 +8,7 @@ place, then the error of the measured field that the seeds share.
 
 from __future__ import annotations
 
-import sys
+import argparse
 from dataclasses import replace
 from pathlib import Path
 
@@ -54,8 +54,13 @@ def left_over(dataset: Dataset, true: Dataset) -> Array:
 
 def main() -> None:
     """Print z of all seeds and the shared error by place."""
-    n = int(sys.argv[1]) if len(sys.argv) > 1 else 20
-    runs = Path(sys.argv[2] if len(sys.argv) > 2 else "runs/end_to_end")
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("n", nargs="?", type=int, default=20, help="seeds, from 0 on")
+    parser.add_argument(
+        "runs", nargs="?", type=Path, default=Path("runs/end_to_end"), help="where runs are kept"
+    )
+    args = parser.parse_args()
+    n, runs = args.n, args.runs
     made = [dataset_of(seed, runs) for seed in range(n)]
     points = common_points([dataset for _, dataset in made])
     train, mesh = training(runs, points, made[0][1].travel)

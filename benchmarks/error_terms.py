@@ -8,6 +8,7 @@ an emulator's covariance, so that the likelihood alone is timed; without the pri
 
 from __future__ import annotations
 
+import argparse
 import time
 from dataclasses import replace
 
@@ -58,6 +59,7 @@ class GivenModes:
 
 def main() -> None:
     """Print one line a case."""
+    argparse.ArgumentParser(description=__doc__).parse_args()
     x, y = np.meshgrid((np.arange(35) + 0.5) / 7.0, (np.arange(24) + 0.5) * 2.5 / 24, indexing="ij")
     points = np.stack([x.ravel(), y.ravel()], axis=1)
     rng = np.random.default_rng(1)

@@ -10,8 +10,8 @@ take minutes; everything else is the product's. Populations that are done are ke
 
 from __future__ import annotations
 
+import argparse
 import json
-import sys
 from dataclasses import asdict
 from pathlib import Path
 
@@ -83,12 +83,21 @@ def report(below: Array) -> dict[str, object]:
 
 def main() -> None:
     """Print, and write where a file is named."""
-    n = int(sys.argv[1]) if len(sys.argv) > 1 else 200
-    kept = Path(sys.argv[2] if len(sys.argv) > 2 else "runs/population_calibration.npz")
-    text = json.dumps(report(all_ranks(n, kept)), indent=1)
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("n", nargs="?", type=int, default=200, help="synthetic experiments")
+    parser.add_argument(
+        "kept",
+        nargs="?",
+        type=Path,
+        default=Path("runs/population_calibration.npz"),
+        help="where ranks are kept",
+    )
+    parser.add_argument("out", nargs="?", type=Path, help="file for the report")
+    args = parser.parse_args()
+    text = json.dumps(report(all_ranks(args.n, args.kept)), indent=1)
     print(text)
-    if len(sys.argv) > 3:
-        Path(sys.argv[3]).write_text(text + "\n", encoding="utf-8")
+    if args.out is not None:
+        args.out.write_text(text + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":

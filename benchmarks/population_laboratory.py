@@ -11,8 +11,8 @@ are those of `benchmarks.end_to_end`, whose runs serve here too.
 
 from __future__ import annotations
 
+import argparse
 import json
-import sys
 import tempfile
 from dataclasses import replace
 from pathlib import Path
@@ -122,17 +122,22 @@ def _differences(each: Array, truth: Array) -> list[float]:
 
 def main() -> None:
     """Print every seed; write where a file is named."""
-    n = int(sys.argv[1]) if len(sys.argv) > 1 else 3
-    runs = Path(sys.argv[2] if len(sys.argv) > 2 else "runs/end_to_end")
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("n", nargs="?", type=int, default=3, help="seeds, from 0 on")
+    parser.add_argument(
+        "runs", nargs="?", type=Path, default=Path("runs/end_to_end"), help="where runs are kept"
+    )
+    parser.add_argument("out", nargs="?", type=Path, help="file for the report")
+    args = parser.parse_args()
     found = []
-    for seed in range(n):
-        kept = runs / f"population-{seed}.json"
+    for seed in range(args.n):
+        kept = args.runs / f"population-{seed}.json"
         if not kept.exists():
-            kept.write_text(json.dumps(one(seed, runs), indent=1) + "\n", encoding="utf-8")
+            kept.write_text(json.dumps(one(seed, args.runs), indent=1) + "\n", encoding="utf-8")
         found.append(json.loads(kept.read_text(encoding="utf-8")))
         print(kept.read_text(encoding="utf-8"), flush=True)
-    if len(sys.argv) > 3:
-        Path(sys.argv[3]).write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+    if args.out is not None:
+        args.out.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":

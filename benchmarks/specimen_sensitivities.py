@@ -9,6 +9,7 @@ a weighted sum of field and force, relative to the parameter's largest.
 
 from __future__ import annotations
 
+import argparse
 import time
 from dataclasses import replace
 
@@ -72,6 +73,7 @@ def direct_adjoint_difference(model: Model, base: Response) -> float:
 
 def main() -> None:
     """Print the table."""
+    argparse.ArgumentParser(description=__doc__).parse_args()
     print("| specimen | parameters | s with none | cost of all % | direct against adjoint |")
     print("|---|---|---|---|---|")
     for name, model in MODELS.items():

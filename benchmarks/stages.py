@@ -8,6 +8,7 @@ of the ratios with the shape of the real runs: its cost depends on shapes, not o
 
 from __future__ import annotations
 
+import argparse
 import time
 from collections.abc import Callable
 from typing import TypeVar
@@ -25,6 +26,7 @@ N_THETA = 64  # thetas of one batch: the walkers of two ensembles
 
 def main() -> None:
     """Print one line per stage."""
+    argparse.ArgumentParser(description=__doc__).parse_args()
     study = load_study("thesis-forces")
     time_simulations(study)
     time_emulator(study)

@@ -10,7 +10,7 @@ out: no likelihood can be built for them.
 
 from __future__ import annotations
 
-import sys
+import argparse
 from pathlib import Path
 
 import numpy as np
@@ -57,8 +57,13 @@ def z_scores(out: Path, n: int) -> Array:
 
 def main() -> None:
     """Print mean, SD and coverage of the scores."""
-    out = Path(sys.argv[1] if len(sys.argv) > 1 else "runs/virtual")
-    z = z_scores(out, int(sys.argv[2]) if len(sys.argv) > 2 else 30)
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument(
+        "out", nargs="?", type=Path, default=Path("runs/virtual"), help="where results are kept"
+    )
+    parser.add_argument("n", nargs="?", type=int, default=30, help="synthetic experiments")
+    args = parser.parse_args()
+    z = z_scores(args.out, args.n)
     print(f"synthetic experiments: {len(z)}; (mean - truth) / SD")
     for name, column in zip(CONSTANTS, z.T, strict=True):
         within = " ".join(f"{100 * np.mean(np.abs(column) < k):.0f} %" for k in (0.674, 1.88))
