@@ -384,6 +384,22 @@ def test_a_dark_pair_is_told_and_the_series_goes_on(folder, capsys):
     assert "warning: no point was found in left3.tif" in out and "2/2 left1.tif: 32 of 32" in out
 
 
+def test_pairs_that_numbers_of_images_contradict_are_told_before_anything_is_measured(
+    folder, capsys, monkeypatch
+):
+    def stopped(*given):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("calib.dic_study.stereo_run.calibration_of", stopped)
+    for name in ("left2", "right3"):
+        (folder / f"{name}.tif").write_bytes((folder / "left1.tif").read_bytes())
+    text = STUDY.format(right="right").replace("[2.5]", "[2.5, 3.5]")
+    text = text.replace('["left1.tif"]', '["left1.tif", "left2.tif"]')
+    assert _stage(folder, "lacking", text.replace('["right1.tif"]', '["right1.tif", "right3.tif"]'))
+    told = "warning: left2.tif is paired with right3.tif, other than left1.tif with right1.tif"
+    assert told in capsys.readouterr().out
+
+
 @pytest.mark.lasting
 def test_cameras_that_have_moved_since_the_reference_are_told(folder, capsys):
     """The right image 2 px lower than it was: no point is on its line, and a warning says why.

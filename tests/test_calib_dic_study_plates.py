@@ -91,3 +91,23 @@ def test_a_pose_that_is_there_twice_counts_once(folder, monkeypatch):
     monkeypatch.setattr(plates, "_view", lambda image, _: seen[image.name])
     with pytest.raises(ValueError, match=r"found 3 poses in 9 pairs .* each pose counted once"):
         calibrated(folder)
+
+
+def test_poses_whose_numbers_tell_of_other_pairs_are_told(folder):
+    """The left camera lacks pose 4, the right one pose 6."""
+    assert "paired" not in calibrated(folder)[1]
+    said = []
+    left, right = ([k for k in range(N) if k != lost] for lost in (4, 6))
+    board = Plates(
+        plate="dots",
+        left=tuple(f"l{k}.png" for k in left),
+        right=tuple(f"r{k}.png" for k in right),
+        spacing_mm=8.0,
+    )
+    study = StereoStudy(
+        images=Images(reference="a", deformed=("b",)),
+        stereo=Stereo(right_reference="c", right_deformed=("d",)),
+        calibration=board,
+    )
+    plates.calibration_of(study, folder, folder / "frames", said.append)
+    assert "warning: l5.png is paired with r4.png, other than l0.png with r0.png" in said[0]

@@ -9,6 +9,7 @@ from io import StringIO
 
 import numpy as np
 import pytest
+import xarray as xr
 
 from calib.inference.at_bound import AtBound
 from calib.inference.convergence import Convergence
@@ -17,6 +18,7 @@ from calib.inference.verdict import NONE_EXPLAINS
 from calib.study.summary import (
     Summary,
     format_table,
+    leaning,
     summarise,
 )
 from calib.study.summary_files import to_csv, to_frame, to_json
@@ -149,6 +151,20 @@ def test_a_posterior_that_leans_on_a_bound_is_flagged_where_sds_are_counted() ->
     free = summarise("stuck", draws, good, provenance)
     assert "leans" not in points_table(free).note
     assert json.loads(to_json([free]))[0]["at_bound"] == []
+
+
+def test_bounds_of_constants_that_a_posterior_states_are_those_it_can_lean_on() -> None:
+    """C10 begins at its lower bound, which cuts kappa and r nowhere."""
+    rng = np.random.default_rng(12)
+    c10, c01 = 0.001 + rng.exponential(5e-4, 8000), rng.normal(0.006, 4e-4, 8000)
+    draws = {"kappa": c10 + c01, "r": c01 / (c10 + c01), "s": rng.normal(0.1, 0.005, 8000)}
+    posterior = xr.Dataset({name: (("chain", "draw"), x[None]) for name, x in draws.items()})
+    posterior["hypothesis"] = "stuck"
+    facts = {"bounds": [[np.log(1e-4), 0.0], [0.0, 1.0], [0.0, 0.5]]}
+    stated = {"constant_bounds": [[0.001, 0.02], [0.0, 0.02], [0.0, 0.004]]}
+    assert leaning(posterior, {"hypotheses": {"stuck": facts}}) == ()
+    [found] = leaning(posterior, {"hypotheses": {"stuck": facts | stated}})
+    assert (found.parameter, found.side, found.value) == ("C10", "low", 0.001)
 
 
 def test_csv_reads_back_with_one_line_for_each_constant() -> None:

@@ -115,7 +115,7 @@ def load_summary(path: Path) -> list[Summary]:
                 },
                 convergence(data, name),
                 provenance,
-                _leaning(data["posterior"].sel(hypothesis=name), provenance),
+                leaning(data["posterior"].sel(hypothesis=name), provenance),
             )
             for name in names
         ]
@@ -197,7 +197,7 @@ def _search(found: Mapping[str, Any]) -> dict[str, Any]:
     return {key: found[key] for key in ("converged", "n_fe_solves", "message")} | verified
 
 
-def _leaning(posterior: Any, provenance: Mapping[str, Any]) -> tuple[AtBound, ...]:
+def leaning(posterior: Any, provenance: Mapping[str, Any]) -> tuple[AtBound, ...]:
     """Bounds of the stored prior on which the stored draws of one hypothesis lean."""
     facts = provenance["hypotheses"][str(posterior["hypothesis"].values)]
     space, bounds = space_in(facts), np.array(facts["bounds"])
