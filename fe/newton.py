@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -22,6 +22,7 @@ from fe.negative_curvature import flip_negative, shifted_direction
 from fe.newton_problem import NewtonProblem
 from fe.positive_numbers import positive_numbers
 from fe.potential import Assembly
+from fe.whole_step import WholeStep, is_nearer, whole_step
 
 Array = npt.NDArray[np.float64]
 
@@ -77,19 +78,6 @@ class Equilibrium:
     jump: float = 0.0
     """largest nodal displacement from where the iteration began, mm, if it met negative curvature;
     else 0"""
-
-
-class _Whole(NamedTuple):
-    """A full Newton step with friction."""
-
-    along: Array
-    """(n_free,) mm"""
-    du: Array
-    """(n_node, 3) mm, `along` expanded"""
-    dp: Array
-    """(n_elem, n_p) MPa"""
-    trial: Assembly | None
-    """what was assembled where it leads, None where it is too long to be tried"""
 
 
 def descent_direction(
@@ -172,8 +160,11 @@ def equilibrate(
         if along is None and not (near and negative == 0):  # else it was 0 at the iterate before
             negative = solver.factorise(assembly.data)
         if near and negative == 0:
-            whole = _whole_step(potential, solver, u, p, assembly, travel, memory, options)
-            if whole.trial is not None and _is_nearer(whole.trial, assembly, options):
+            whole = whole_step(
+                potential, solver, u, p, assembly, travel, memory,
+                inexact=options.inexact, max_move=options.max_move,
+            )  # fmt: skip
+            if whole.trial is not None and is_nearer(whole.trial, assembly, options.reduction):
                 u, p, assembly = u + whole.du, p + whole.dp, whole.trial
                 recent.clear()
                 continue
@@ -206,7 +197,7 @@ def _descend(
     recent: deque[float],
     negative: int,
     options: NewtonOptions,
-    tried: _Whole | None,
+    tried: WholeStep | None,
 ) -> tuple[Array, Array, Assembly] | str:
     """One step with a line search from (u, p, assembly) to the next, or why there is none.
 
@@ -263,36 +254,6 @@ def _goes_down(energy: float, reference: float, fraction: float, slope: float) -
     `slope` (N mm) is the derivative of the energy by the fraction, `reference` what it starts from.
     """
     return energy <= reference + 1e-4 * fraction * slope + 1e-12 * abs(reference)
-
-
-def _whole_step(
-    potential: NewtonProblem[Memory],
-    solver: SymmetricSolver,
-    u: Array,
-    p: Array,
-    assembly: Assembly,
-    travel: float,
-    memory: Memory,
-    options: NewtonOptions,
-) -> _Whole:
-    """The full Newton step with friction from the state (u, p) of the last `assemble`."""
-    b = -assembly.gradient
-    along = solver.solve_near(potential.coupled_tangent(), b, options.inexact)
-    du = potential.expand(along)
-    dp = potential.pressure_step(du)
-    if not np.abs(du).max() < options.max_move:  # so is NaN
-        return _Whole(along, du, dp, None)
-    return _Whole(along, du, dp, potential.assemble(u + du, p + dp, travel, memory))
-
-
-def _is_nearer(trial: Assembly, here: Assembly, options: NewtonOptions) -> bool:
-    """Whether a full step with friction is taken because the residual falls.
-
-    Friction has no energy that decides, and where the frozen one has a maximum along the step, its
-    descent and the thaw after it go round in circles.
-    """
-    reduced = np.linalg.norm(trial.gradient) < options.reduction * np.linalg.norm(here.gradient)
-    return trial.smallest_J > 0.0 and bool(np.isfinite(trial.energy)) and bool(reduced)
 
 
 def _line_search(
