@@ -692,6 +692,23 @@ def test_frames_that_are_named_come_in_the_order_of_their_times(some, result):
         analyse(folder)
 
 
+def test_numbers_that_lack_another_frame_than_the_folder_are_refused(some):
+    """Else frames between would have the times of their neighbours: fields 15 % off, in silence."""
+    folder = some("S1", "S2")
+    table = folder / "S1" / "frames.csv"
+    (folder / "S1" / "dic" / "B002.csv").unlink()
+    lines = table.read_text().splitlines()
+    table.write_text("\n".join(line for line in lines if not line.startswith("2,")) + "\n")
+    assert len(analyse(folder).rejections) == 1  # a hold without a frame
+    table.write_text("\n".join(line for line in lines if not line.startswith("3,")) + "\n")
+    expected = r"frames.csv:4: expected the name of the frame, or a number that goes on as that of"
+    with pytest.raises(WrongFile, match=expected + " B003 does, found 2"):
+        analyse(folder)
+    others = [f"{10 * k},{line.split(',')[1]}" for k, line in enumerate(lines[1:]) if k != 3]
+    table.write_text("\n".join([lines[0], *others]) + "\n")  # count no frames
+    assert len(analyse(folder).samples) == 2
+
+
 def test_a_folder_with_frames_and_no_machine_record_is_not_left_out_in_silence(some):
     folder = some("S1", "S2")
     (folder / "S1" / "machine.csv").rename(folder / "S1" / "Machine.csv")

@@ -101,12 +101,14 @@ def test_load_files_give_the_number_of_the_image(put):
         (["S1_8.tif", "S1_9.tif"], [8, 9]),
         (["a_3.tif"], [3]),
         (["B7.tif"], [7]),
+        (["a_1_0.tif", "a_9_0.tif", "dark.tif"], [1, 9, np.nan]),
     ],
 )
 def test_the_number_of_an_image_is_its_last_but_for_that_of_a_camera(names, numbers, put):
     lines = [f"{name};{time};72,5" for time, name in enumerate(names)]
     record = read_machine(put("\n".join(["File;TimeStamp;Force [N]", *lines, ""])))
-    assert record.frame.tolist() == numbers and record.force.tolist() == [72.5] * len(names)
+    np.testing.assert_array_equal(record.frame, numbers)
+    assert record.force.tolist() == [72.5] * len(names)
 
 
 def test_commas_in_remarks_and_in_other_columns_say_nothing_of_points(put):

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.ndimage import maximum_filter
+from scipy.ndimage import maximum_filter, shift
 from skimage import io
 from stereo_scenes import CAMERAS, STEREO, face, points_on, shoot, still, turned
 
@@ -398,6 +398,10 @@ def test_pairs_that_numbers_of_images_contradict_are_told_before_anything_is_mea
     assert _stage(folder, "lacking", text.replace('["right1.tif"]', '["right1.tif", "right3.tif"]'))
     told = "warning: left2.tif is paired with right3.tif, other than left1.tif with right1.tif"
     assert told in capsys.readouterr().out
+    (folder / "right2.tif").write_bytes((folder / "right1.tif").read_bytes())
+    assert _stage(folder, "lacking", text.replace('["right1.tif"]', '["right2.tif", "right3.tif"]'))
+    told = "warning: left1.tif is paired with right2.tif, other than left0.tif with right0.tif"
+    assert told in capsys.readouterr().out
 
 
 @pytest.mark.lasting
@@ -414,9 +418,22 @@ def test_cameras_that_have_moved_since_the_reference_are_told(folder, capsys):
     io.imsave(folder / "right4.tif", lower, check_contrast=False)
     assert _stage(folder, "moved", text.replace("[2.5]", "[2.5, 3.5]")) == 0
     out = capsys.readouterr().out
-    assert "warning: left4.tif, right4.tif: points lie 1." in out
+    assert "warning: left4.tif, right4.tif: points lie 1.4 px from" in out
     assert "or the cameras have moved since the reference images" in out
     assert out.count("from their epipolar lines") == 1
+    assert "warning: left4.tif is pixel for pixel left1.tif, expected" in out
+
+
+def test_pairs_much_farther_from_their_lines_than_the_references_are_told(folder, capsys):
+    """0.3 px, which no point is lost by: as of a frame that one camera has written twice."""
+    higher = shift(io.imread(folder / "right1.tif").astype(float), (-0.3, 0.0), mode="nearest")
+    image = np.round(higher).astype(np.uint16)
+    io.imsave(folder / "right6.tif", image, check_contrast=False)
+    text = STUDY.format(right="right").replace("= 12", "= 24")
+    assert _stage(folder, "late", text.replace('["right1.tif"]', '["right6.tif"]')) == 0
+    out = capsys.readouterr().out
+    assert "warning: left1.tif, right6.tif: points lie 0.2" in out and "below 0.1;" in out
+    assert " 0 of " not in out
 
 
 def test_a_camera_that_drifts_is_not_taken_for_the_other_one():

@@ -3,11 +3,13 @@
 import json
 import sys
 from contextlib import contextmanager
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import tifffile
 from PIL import Image
+from scipy.ndimage import gaussian_filter
 from skimage import io
 
 from benchmarks.exact_speckle import exposed, speckle
@@ -26,8 +28,10 @@ from calib.dic import (
     rectangle_mask,
 )
 from calib.dic.follow import Base
+from calib.dic.quality import period, speckle_size
 from calib.dic_study import frame_store, run
 from calib.dic_study.config import DicStudy, read_study
+from calib.dic_study.exposure import weak_frame
 from calib.dic_study.named_files import named_files
 from calib.dic_study.point_frame import point_frame
 from calib.dic_study.run import _write_strain
@@ -337,6 +341,102 @@ def test_a_jpeg_is_refused_whatever_its_name(tmp_path):
     (tmp_path / "a.jpg").rename(tmp_path / "a.png")
     with pytest.raises(ValueError, match=r"a\.png: expected .* without losses .*found a JPEG"):
         read_image(tmp_path / "a.png")
+
+
+@pytest.mark.parametrize(
+    ("kind", "options", "found"),
+    [
+        ("TIFF", {"compression": "jpeg"}, "a TIFF that holds a JPEG"),
+        ("WEBP", {"quality": 75}, "one that starts with b'RIFF"),
+    ],
+)
+def test_pictures_with_losses_are_refused_in_other_files_too(tmp_path, kind, options, found):
+    Image.fromarray(STRANGE).save(tmp_path / "a.tif", kind, **options)
+    with pytest.raises(ValueError, match=rf"a\.tif: expected .*TIFF, PNG or BMP.* found {found}"):
+        read_image(tmp_path / "a.tif")
+
+
+def test_transparent_pictures_are_refused(tmp_path):
+    """A mask may be drawn by what is transparent, whose colours say nothing."""
+    colours = np.stack([STRANGE, STRANGE, STRANGE, np.full_like(STRANGE, 255)], axis=2)
+    io.imsave(tmp_path / "a.png", colours, check_contrast=False)
+    np.testing.assert_array_equal(read_image(tmp_path / "a.png").grey, STRANGE)
+    colours[:20, :, 3] = 0
+    io.imsave(tmp_path / "a.png", colours, check_contrast=False)
+    with pytest.raises(ValueError, match=r"a\.png: expected an opaque image, found pixels that"):
+        read_image(tmp_path / "a.png")
+
+
+@pytest.mark.filterwarnings("error")
+def test_of_a_damaged_file_decoders_say_nothing_of_their_own(tmp_path, capfd, caplog):
+    Image.fromarray(STRANGE).save(tmp_path / "a.tif")
+    whole = (tmp_path / "a.tif").read_bytes()
+    for content in (whole[:8] + b"\xff" * 200, whole[: len(whole) * 6 // 10], b"II*\0"):
+        (tmp_path / "a.tif").write_bytes(content)
+        with pytest.raises(ValueError, match="expected a whole TIFF, PNG or BMP file, found"):
+            read_image(tmp_path / "a.tif")
+    assert capfd.readouterr() == ("", "") and not caplog.records
+
+
+def test_a_picture_that_is_there_twice_is_told(folder, pattern, capsys):
+    for name in ("d1.bmp", "d2.bmp"):
+        io.imsave(folder / name, io.imread(folder / "a.tif"), check_contrast=False)
+    assert main(["dic", str(folder / "study.toml")]) == 0
+    out = capsys.readouterr().out
+    for name in ("d1.bmp", "d2.bmp"):
+        assert f"warning: {name} is pixel for pixel a.tif, expected a picture with noise" in out
+    io.imsave(folder / "d1.bmp", grey(pattern, 11), check_contrast=False)
+    io.imsave(folder / "d2.bmp", grey(pattern, 12), check_contrast=False)
+    assert main(["dic", str(folder / "study.toml")]) == 0
+    assert "pixel for pixel" not in capsys.readouterr().out
+    io.imsave(folder / "d2.bmp", grey(pattern, 11), check_contrast=False)
+    assert main(["dic", str(folder / "study.toml")]) == 0
+    assert "d2.bmp is pixel for pixel d1.bmp" in capsys.readouterr().out
+
+
+def test_frames_that_correlate_poorly_are_told():
+    image, valid = GreyImage("d.tif", np.ones((2, 2)), 255.0), np.array([True, True, True, False])
+
+    def of(*zncc):
+        return weak_frame(image, SimpleNamespace(zncc=np.array(zncc), valid=valid))
+
+    assert of(0.95, 0.91, 0.3, 0.1) is None
+    assert "median correlation of its points is 0.89, expected 0.9 or more" in of(
+        0.95, 0.89, 0.3, 1.0
+    )
+
+
+def test_strains_that_a_study_no_longer_asks_for_do_not_stay(folder):
+    assert main(["dic", str(folder / "study.toml")]) == 0
+    assert (folder / "study-dic" / "d1-strain.csv").exists()
+    (folder / "study.toml").write_text(STUDY[: STUDY.index("[strain]")])
+    assert main(["dic", str(folder / "study.toml")]) == 0
+    assert not list((folder / "study-dic").glob("*-strain.csv"))
+
+
+def test_a_link_to_nothing_among_images_is_refused(tmp_path):
+    (tmp_path / "d1.bmp").touch()
+    (tmp_path / "d2.bmp").symlink_to(tmp_path / "gone.bmp")
+    with pytest.raises(ValueError, match=r"d2\.bmp: expected an image, found a link to nothing"):
+        named_files(("d*.bmp",), tmp_path, "images.deformed", set())
+
+
+@pytest.mark.parametrize("side", [8, 14])
+def test_a_pattern_that_repeats_itself_is_told(side):
+    x, y = np.arange(160), np.arange(110)[:, None]
+    mask = np.ones((110, 160), dtype=bool)
+    board = 100.0 + 60.0 * ((x // side + y // side) % 2)
+    board += np.random.default_rng(1).normal(0, 3, board.shape) + 0.3 * x  # uneven light
+    text = " ".join(quality(GreyImage("x", board, 255.0), mask, 31).warnings)
+    assert f"the pattern repeats itself every {side * np.sqrt(2):.0f} px" in text
+
+
+def test_few_speckles_at_random_are_no_pattern():
+    """Of 40 pictures with some 20 speckles each none is taken for one."""
+    rng, mask = np.random.default_rng(2), np.ones((35, 45), dtype=bool)
+    for _ in range(40):
+        image = 120.0 + 40.0 * gaussian_filter(rng.standard_normal(mask.shape), 3.0) * 10.0
+        assert np.isnan(period(image, mask, speckle_size(image, mask)))
 
 
 def test_patterns_are_of_the_study_s_folder_or_absolute(tmp_path):

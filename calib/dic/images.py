@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import logging
+import warnings
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import cast
@@ -18,6 +21,13 @@ LUMINANCE = np.array([0.2125, 0.7154, 0.0721])
 
 NOT_LEVELS = {"P": "a palette", "PA": "a palette", "CMYK": "four printing inks (CMYK)"}
 """of TIFF files by the mode that Pillow gives them"""
+
+TIFF_STARTS = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
+STARTS = (*TIFF_STARTS, b"\x89PNG", b"BM")
+"""of files that keep grey levels as they are: TIFF, PNG, BMP"""
+JPEG_START = b"\xff\xd8\xff"
+LOSSY = {"jpeg": "a JPEG", "tiff_jpeg": "a JPEG", "webp": "a WebP"}
+"""what a TIFF file may hold, by the compression that Pillow names"""
 
 
 @dataclass(frozen=True)
@@ -35,19 +45,25 @@ class GreyImage:
 def read_image(path: Path | str) -> GreyImage:
     """Read one image; colours become luminance.
 
-    Raises ValueError when the file is missing, no image, a JPEG, several, of a palette or of
-    printing inks, or not of 8 to 16 bit.
+    Raises ValueError when the file is missing, no image, one with losses, several, of a palette or
+    of printing inks, transparent, or not of 8 to 16 bit.
     """
     path = Path(path)
     if not path.is_file():
         found = "a folder" if path.is_dir() else "no such file"
         raise ValueError(f"{path}: found {found}, expected an image (TIFF, PNG or BMP)")
-    _check_lossless(path)
-    values = _values(path)
-    _check_one_picture(path, values)
+    with path.open("rb") as stream:
+        start = stream.read(8)
+    if start.startswith(JPEG_START):
+        raise _with_losses(path, "a JPEG")
+    values = _values(path, start)
+    if start.startswith(TIFF_STARTS):
+        _check_tiff(path, values)
     if values.dtype == np.bool_ or values.dtype.kind not in "u" or values.dtype.itemsize > 2:
         raise ValueError(f"{path}: expected 8 to 16 bit grey levels, found {values.dtype}")
     is_byte = values.dtype.itemsize == 1
+    if values.ndim == 3 and values.shape[2] == 4 and np.any(values[..., 3] < values[..., 3].max()):
+        raise ValueError(f"{path}: expected an opaque image, found pixels that are transparent")
     if values.ndim == 3 and values.shape[2] in (3, 4):
         grey = values[..., :3] @ LUMINANCE
         if np.all(values[..., :3] == values[..., :1]):
@@ -59,28 +75,27 @@ def read_image(path: Path | str) -> GreyImage:
     return GreyImage(path.name, np.ascontiguousarray(grey), _full_scale(values, is_byte))
 
 
-def _check_lossless(path: Path) -> None:
-    """Refuse JPEG, whatever its name ends with: it keeps blocks of 8 px, not grey levels."""
-    with path.open("rb") as stream:
-        if stream.read(3) == b"\xff\xd8\xff":
-            raise ValueError(
-                f"{path}: expected an image without losses (TIFF, PNG or BMP), found a JPEG, which "
-                "has blocks of 8 px that are not in the scene"
-            )
+def _with_losses(path: Path, found: str) -> ValueError:
+    """Of a kind of picture that keeps blocks of 8 px, not grey levels."""
+    return ValueError(
+        f"{path}: expected an image without losses (TIFF, PNG or BMP), found {found}, which "
+        "has blocks of 8 px that are not in the scene"
+    )
 
 
-def _check_one_picture(path: Path, values: np.ndarray) -> None:
+def _check_tiff(path: Path, values: np.ndarray) -> None:
     """Refuse TIFF files whose numbers are not the grey levels or colours of one picture."""
-    if path.suffix.lower() not in (".tif", ".tiff"):
-        return  # of others the numbers read are colours
     try:
-        with imageio.v3.imopen(path, "r", plugin="pillow") as file:
+        with _quietly(), imageio.v3.imopen(path, "r", plugin="pillow") as file:
             every = cast("int", ...)  # as imageio documents and its types do not say
             n_page = file.properties(index=every).n_images or 1
             sizes = [file.properties(index=page).shape[:2] for page in range(n_page)]
-            mode = file.metadata(index=0, exclude_applied=False)["mode"]
+            facts = file.metadata(index=0, exclude_applied=False)
     except Exception:  # what Pillow does not read has been read otherwise
         return
+    mode = facts["mode"]
+    if lossy := LOSSY.get(str(facts.get("compression", ""))):
+        raise _with_losses(path, f"a TIFF that holds {lossy}")
     alike = sizes.count(sizes[0])  # a thumbnail beside the image is none
     if alike > 1:
         raise ValueError(f"{path}: expected a file of one image, found {alike} pages of one size")
@@ -92,22 +107,42 @@ def _check_one_picture(path: Path, values: np.ndarray) -> None:
         raise ValueError(f"{path}: expected grey levels or RGB colours, found {NOT_LEVELS[mode]}")
 
 
-def _values(path: Path) -> np.ndarray:
-    """What a file holds. Decoders raise anything at a damaged file: all of it is a refusal."""
+@contextmanager
+def _quietly() -> Iterator[None]:
+    """Without what decoders say of a damaged file beside what they raise."""
+    said = logging.getLogger("tifffile")
+    before = said.disabled
+    said.disabled = True
     try:
-        return np.asarray(io.imread(path))
-    except Exception:
-        # some compressions need a package that scikit-image does not bring, but Pillow reads them
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            yield
+    finally:
+        said.disabled = before
+
+
+def _values(path: Path, start: bytes) -> np.ndarray:
+    """What a file holds. Decoders raise anything at a damaged file: all of it is a refusal."""
+    refusal = ValueError(
+        # what decoders say names their inner parts, which tells the user nothing
+        f"{path}: expected a whole TIFF, PNG or BMP file, found "
+        + (f"one that starts with {start!r}" if start else "an empty one")
+        + " that cannot be read"
+    )
+    if not start.startswith(STARTS):
+        raise refusal
+    with _quietly():
         try:
-            return np.asarray(imageio.v3.imread(path, plugin="pillow"))
-        except Exception as error:
-            # what decoders say names their inner parts, which tells the user nothing
-            with path.open("rb") as stream:
-                start = stream.read(8)
-            found = f"one that starts with {start!r}" if start else "an empty one"
-            raise ValueError(
-                f"{path}: expected a whole TIFF, PNG or BMP file, found {found} that cannot be read"
-            ) from error
+            values = np.asarray(io.imread(path))
+        except Exception:
+            # some compressions need a package that scikit-image lacks, but Pillow reads them
+            try:
+                values = np.asarray(imageio.v3.imread(path, plugin="pillow"))
+            except Exception as error:
+                raise refusal from error
+    if not values.size:  # of a file whose pages are beyond its end
+        raise refusal
+    return values
 
 
 def _full_scale(values: np.ndarray, is_byte: bool) -> float:

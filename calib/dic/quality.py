@@ -16,6 +16,8 @@ SMALLEST_SPECKLE, LARGEST_SPECKLE = 2.5, 20.0
 """px; finer speckle aliases, coarser is against T 2.6.1"""
 LEAST_SPECKLES = 3.0
 """along the side of a subset"""
+MOST_ALIKE = 0.7
+"""autocorrelation of speckle at a distance; of a dozen speckles at random it may reach 0.55"""
 
 
 @dataclass(frozen=True)
@@ -66,14 +68,48 @@ def smooth_noise(image: Array, mask: BoolArray) -> float:
     return float(np.sqrt(max(np.quantile(values, 0.1), 0.0)) / 6)
 
 
-def speckle_size(image: Array, mask: BoolArray) -> float:
-    """Full width at half maximum of the autocorrelation over the mask (h, w), px; NaN if flat."""
-    grey = np.where(mask, image - image[mask].mean(), 0.0)
+def _autocorrelation(grey: Array, mask: BoolArray) -> tuple[Array, Array]:
+    """Mean product (2 h, 2 w) of pixels in the mask (h, w) by their distance, and their number.
+
+    grey (h, w) is 0 beside the mask; negative distances are in the later half.
+    """
     shape = [2 * side for side in grey.shape]
     power = np.abs(fft.rfft2(grey, s=shape)) ** 2
     count = np.abs(fft.rfft2(mask.astype(np.float64), s=shape)) ** 2
     pairs = np.maximum(fft.irfft2(count, s=shape), 1.0)
-    correlation = fft.irfft2(power, s=shape) / pairs
+    return np.asarray(fft.irfft2(power, s=shape) / pairs), pairs
+
+
+def period(image: Array, mask: BoolArray, speckle: float) -> float:
+    """Distance at which the speckle repeats itself, px; NaN where it does not.
+
+    By the highest side peak of the autocorrelation, of what is finer than twice the `speckle`
+    [px], at distances that half the mask (h, w) has: light that changes over the image is no
+    pattern.
+    """
+    if not np.isfinite(speckle):
+        return float("nan")
+    inside = mask.astype(np.float64)
+    weight = np.maximum(ndimage.gaussian_filter(inside, 2.0 * speckle), 1e-3)
+    smooth = ndimage.gaussian_filter(np.where(mask, image, 0.0), 2.0 * speckle) / weight
+    fine = np.where(mask, image - smooth, 0.0)
+    fine[mask] -= fine[mask].mean()
+    correlation, pairs = _autocorrelation(fine, mask)
+    if not correlation[0, 0] > 0:
+        return float("nan")
+    y, x = (np.fft.fftfreq(side, 1.0 / side) for side in correlation.shape)
+    distance = np.hypot(y[:, None], x)
+    highest = correlation >= ndimage.maximum_filter(correlation, 3, mode="wrap")
+    beside = highest & (distance > speckle) & (pairs >= 0.5 * pairs[0, 0])
+    peaks = np.where(beside & (correlation > MOST_ALIKE * correlation[0, 0]), distance, np.inf)
+    nearest = float(peaks.min())
+    return nearest if np.isfinite(nearest) else float("nan")
+
+
+def speckle_size(image: Array, mask: BoolArray) -> float:
+    """Full width at half maximum of the autocorrelation over the mask (h, w), px; NaN if flat."""
+    grey = np.where(mask, image - image[mask].mean(), 0.0)
+    correlation, _ = _autocorrelation(grey, mask)
     if not correlation[0, 0] > 0:
         return float("nan")
     widths = []
@@ -102,6 +138,11 @@ def quality(
     warnings = []
     if repeat is not None and np.array_equal(repeat.grey, grey):
         warnings.append(f"{repeat.name} is pixel for pixel {image.name}, so it shows no noise")
+    if np.isfinite(again := period(grey, mask, size)):
+        warnings.append(
+            f"the pattern repeats itself every {again:.0f} px, expected speckle at random: points "
+            "may be found whole periods off"
+        )
     dark, saturated = float(np.mean(values <= 0)), float(np.mean(values >= values.max()))
     return Quality(
         mean=float(values.mean()),

@@ -251,9 +251,14 @@ def median_distance(reference: StereoReference, tracked: Tracked, subject: str) 
 
     Raises ValueError when the images of this frame, which `subject` names, are swapped.
     """
-    placed = reference.reason == StereoReason.VALID
-    usual = float(np.median(np.abs(reference.epipolar[placed])))
+    usual = usual_distance(reference)
     return check_sides(reference.rig, *_now(reference, tracked), usual, subject)
+
+
+def usual_distance(reference: StereoReference) -> float:
+    """Median distance of the placed points from their lines in the reference images, px."""
+    placed = reference.reason == StereoReason.VALID
+    return float(np.median(np.abs(reference.epipolar[placed])))
 
 
 def _now(reference: StereoReference, tracked: Tracked) -> tuple[Array, Array]:

@@ -7,10 +7,15 @@ from pathlib import Path
 import numpy as np
 
 from calib.dic import GreyImage
-from calib.dic.stereo import StereoReference, Tracked, median_distance
+from calib.dic.stereo import StereoReference, Tracked, median_distance, usual_distance
 from calib.dic_study.named_files import check_series, named_files
 from calib.dic_study.stereo_config import StereoStudy
 from calib.toml_file import Contradiction
+
+FARTHER = 5.0
+"""times the distance of points from their epipolar lines in the reference images"""
+LEAST_FAR = 0.1
+"""px that are never told: noise and the shape functions of a deformed face take points off"""
 
 
 def pairs(study: StereoStudy, folder: Path) -> tuple[tuple[Path, ...], tuple[Path, ...]]:
@@ -61,14 +66,16 @@ def view_doubt(
 ) -> str | None:
     """Why the pair of images followed to is doubtful: points farther from their lines than `limit`.
 
-    In px, in the median; None where it is not. Raises ValueError when the two are swapped.
+    In px, in the median, or than several times what they were in the reference images; None where
+    it is not. Raises ValueError when the two are swapped.
     """
     subject = f"{left.name}, {right.name}: the images"
     distance = median_distance(reference, tracked, subject)
-    if distance <= limit or not np.isfinite(distance):
+    most = min(limit, max(FARTHER * usual_distance(reference), LEAST_FAR))
+    if distance <= most or not np.isfinite(distance):
         return None
     return (
-        f"{left.name}, {right.name}: points lie {distance:.1f} px from their epipolar lines, "
-        f"expected below {limit:g}; the images are of other cameras or moments, or the cameras "
+        f"{left.name}, {right.name}: points lie {distance:.2g} px from their epipolar lines, "
+        f"expected below {most:.2g}; the images are of other cameras or moments, or the cameras "
         "have moved since the reference images"
     )

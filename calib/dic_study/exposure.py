@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from calib.dic import GreyImage
+from calib.dic import Correlation, GreyImage
 from calib.dic.prepared import BoolArray
 
 MOST_SATURATED = 0.5
@@ -15,6 +15,9 @@ LEAST_SPREAD = 0.005
 """of full scale: an image without any speckle"""
 LEAST_ALIKE = 0.5
 """correlation of two images of a still scene; noise of a tenth of the contrast leaves 0.99"""
+
+WEAK = 0.9
+"""median correlation below which stated deviations, of first order in the noise, are too small"""
 
 
 def check_exposure(image: GreyImage, mask: BoolArray) -> None:
@@ -41,6 +44,17 @@ def empty_frame(*images: GreyImage) -> str:
             return f"no point was found in {image.name}: {fault}"
     names = " and ".join(image.name for image in images)
     return f"no point was found in {names}: expected the speckle of the reference image"
+
+
+def weak_frame(image: GreyImage, found: Correlation) -> str | None:
+    """Why the deviations of a frame say too little: most of its subsets correlate poorly."""
+    if not found.valid.any() or not (usual := float(np.median(found.zncc[found.valid]))) < WEAK:
+        return None
+    return (
+        f"{image.name}: the median correlation of its points is {usual:.2f}, expected {WEAK:g} or "
+        "more: standard deviations may be a third too small (noise?), or the shape functions "
+        "do not follow the field"
+    )
 
 
 def no_strain(key: str) -> str:

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from calib.data.readers.natural_order import natural_order
+from calib.data.readers.wrong_file import check_link
 from calib.dic import GreyImage, read_image
 from calib.dic.images import check_sizes
 from calib.toml_file import Contradiction
@@ -23,7 +24,7 @@ def named_files(
 
     Names in `leave` are left out of these.
 
-    Raises Contradiction, at `key`, for a pattern that no file has.
+    Raises Contradiction, at `key`, for a pattern that no file has, WrongFile for a link to nothing.
     """
     left_out = {(folder / one).resolve() for one in leave if one is not None}
     paths: list[Path] = []
@@ -34,6 +35,8 @@ def named_files(
         # a name may be absolute, the folder's own name is not a pattern
         pattern = Path(name) if Path(name).is_absolute() else Path(glob.escape(str(folder))) / name
         matching = sorted(glob.glob(str(pattern), recursive=True), key=natural_order)
+        for path in map(Path, matching):
+            check_link(path, "an image")
         found = [p for p in map(Path, matching) if p.is_file() and p.resolve() not in left_out]
         if not found:
             but = " beside those of other keys" if left_out else ""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -38,11 +38,13 @@ from calib.dic_study.exposure import (
     check_series_found,
     empty_frame,
     no_strain,
+    weak_frame,
 )
 from calib.dic_study.named_files import check_files, check_series, named_files
 from calib.dic_study.pictures import lost_points, overlay, save_png
 from calib.dic_study.point_frame import point_frame
 from calib.dic_study.region_mask import check_room, region_mask
+from calib.dic_study.repeated import Seen, repeats
 from calib.dic_study.stale_frames import finite, remove_following, remove_stale
 from calib.dic_study.stereo_config import StereoStudy, has_stereo
 from calib.dic_study.stereo_run import run_stereo
@@ -100,6 +102,8 @@ def _run_one_camera(study: DicStudy, folder: Path, out: Path, say: Say, bars: Ba
         say(f"warning: {warning}")
     frames = []
     state, key = State(), ready.key
+    seen: Seen = ({},)
+    repeats(seen, (ready.reference,))
     for number, file in enumerate(paths):
         image = read_image(file)
         key = frame_store.next_key(key, [image])
@@ -116,14 +120,23 @@ def _run_one_camera(study: DicStudy, folder: Path, out: Path, say: Say, bars: Ba
         has_strain = _write(out, file.stem, image, found, ready, study, time, again)
         done = "kept" if not again else "measured"
         say(f"{number + 1}/{len(paths)} {file.name}: {_sentence(found)} ({done})")
-        if not found.valid.any():
-            say(f"warning: {empty_frame(image)}")
-        elif not has_strain:
-            say(f"warning: {no_strain('strain.radius_px')}")
+        for doubt in _doubts(image, found, has_strain, seen):
+            say(f"warning: {doubt}")
     _report(out, study, ready, frames)
     check_series_found(frames, ready.reference.name)
     say(f"wrote {out}")
     return out
+
+
+def _doubts(image: GreyImage, found: Correlation, has_strain: bool, seen: Seen) -> Iterator[str]:
+    """What is doubtful of an image that was measured, and what it was to give and has not."""
+    yield from repeats(seen, (image,))
+    if not found.valid.any():
+        yield empty_frame(image)
+    elif not has_strain:
+        yield no_strain("strain.radius_px")
+    if doubt := weak_frame(image, found):
+        yield doubt
 
 
 def _prepare(study: DicStudy, folder: Path) -> Prepared:
@@ -205,9 +218,11 @@ def _write(
         save_png(overlay(image, ready.points, found), overall)
     if again or not lost.exists():
         save_png(lost_points(ready.reference, ready.points, found), lost)
+    strained = out / f"{stem}-strain.csv"
     if study.strain is None:
+        strained.unlink(missing_ok=True)  # of a study that wanted it
         return True
-    return _write_strain(out / f"{stem}-strain.csv", found, ready.points, study)
+    return _write_strain(strained, found, ready.points, study)
 
 
 def _write_strain(path: Path, found: Correlation, points: Array, study: DicStudy) -> bool:

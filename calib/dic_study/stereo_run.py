@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -38,11 +38,13 @@ from calib.dic_study.exposure import (
     check_series_found,
     empty_frame,
     no_strain,
+    weak_frame,
 )
 from calib.dic_study.named_files import check_files, number_doubt
 from calib.dic_study.pictures import save_png
 from calib.dic_study.plates import calibration_of
 from calib.dic_study.region_mask import check_room, region_mask
+from calib.dic_study.repeated import Seen, repeats
 from calib.dic_study.stale_frames import finite, remove_following, remove_stale
 from calib.dic_study.stereo_config import StereoStudy
 from calib.dic_study.stereo_pictures import stereo_overlay
@@ -78,7 +80,9 @@ def run_stereo(study: StereoStudy, folder: Path, out: Path, say: Say, bars: Bars
     images of different sizes or numbers.
     """
     left, right = pairs(study, folder)
-    if doubt := number_doubt(left, right):
+    first_pair = Path(study.images.reference), Path(study.stereo.right_reference)
+    shifted = number_doubt((first_pair[0], *left), (first_pair[1], *right))
+    if doubt := number_doubt(left, right) or shifted:  # a reference may have no number
         say(f"warning: {doubt}")
     calibration = calibration_of(study, folder, out / STORE, say)
     ready = _prepare(study, folder, calibration, say, bars)
@@ -96,6 +100,8 @@ def run_stereo(study: StereoStudy, folder: Path, out: Path, say: Say, bars: Bars
         reference_frame(ready.reference, first, None, ready.grid, ready.axes),
     )
     before, key = Tracked(State(), State()), ready.key
+    seen: Seen = ({}, {})
+    repeats(seen, (ready.left, read_image(folder / study.stereo.right_reference)))
     frames = []
     for number, paths in enumerate(zip(left, right, strict=True)):
         images = [read_image(path) for path in paths]
@@ -107,8 +113,7 @@ def run_stereo(study: StereoStudy, folder: Path, out: Path, say: Say, bars: Bars
             if again := stored is None:
                 remove_following(out, [path.stem for path in left[number:]])
             before = Tracked(*stored) if stored else _pair(store, key, images, ready, before, bar)
-        limit = study.settings.max_median_epipolar
-        if doubt := view_doubt(ready.reference, before, limit, *images):
+        for doubt in _doubts(ready, before, images, seen):
             say(f"warning: {doubt}")
         found = frame_of(ready.reference, before, study.settings)
         frames.append(summary(paths[0], found))
@@ -125,6 +130,19 @@ def run_stereo(study: StereoStudy, folder: Path, out: Path, say: Say, bars: Bars
     check_series_found(frames, ready.left.name)
     say(f"wrote {out}")
     return out
+
+
+def _doubts(
+    ready: Prepared, tracked: Tracked, images: list[GreyImage], seen: Seen
+) -> Iterator[str]:
+    """What is doubtful of a pair of images that was followed to."""
+    yield from repeats(seen, images)
+    limit = ready.study.settings.max_median_epipolar
+    if doubt := view_doubt(ready.reference, tracked, limit, *images):
+        yield doubt
+    for image, state in zip(images, tracked, strict=True):
+        if state.last is not None and (doubt := weak_frame(image, state.last.found)):
+            yield doubt
 
 
 def _lack(found: StereoFrame, has_strain: bool, images: list[GreyImage]) -> str | None:
@@ -244,10 +262,11 @@ def _write(out: Path, stem: str, frame: PointFrame, ready: Prepared, again: bool
     picture = out / PICTURES / f"{stem}.png"
     if again or not picture.exists():
         save_png(stereo_overlay(ready.left, ready.reference.left, frame.displacement), picture)
-    radius = ready.study.stereo.strain_radius_mm
+    radius, strained = ready.study.stereo.strain_radius_mm, out / f"{stem}-strain.csv"
     if radius is None:
+        strained.unlink(missing_ok=True)  # of a study that wanted it
         return True
-    return _write_strain(out / f"{stem}-strain.csv", frame.position, frame.displacement, radius)
+    return _write_strain(strained, frame.position, frame.displacement, radius)
 
 
 def _write_strain(path: Path, position: Array, displacement: Array, radius: float) -> bool:

@@ -91,7 +91,7 @@ def blur_circle(
     """Diameter of the image of a point at `object_distance` when `focus` is sharp, mm.
 
     f / N times the magnification at the focus times |u - u0| / u; at the limits of Eqs. A.3 and
-    A.4 it is the circle of confusion, to the f by which Eq. A.1 is short.
+    A.4 it is the circle of confusion.
     """
     aperture = focal_length / f_stop
     off: Values = np.abs(object_distance - focus) / object_distance

@@ -26,6 +26,8 @@ FRAMES = "frames.csv"
 COLUMNS = ["frame", "time_s"]
 LONGEST = 10_000_000
 """bytes; a table of frames is short"""
+SPARSE = 3
+"""times the number of frames that numbers which count them may span"""
 
 
 @dataclass(frozen=True)
@@ -139,6 +141,7 @@ def _frame_times(path: Path, series: DicSeries) -> Array:
         if not re.fullmatch(r"\d{1,9}(\.0*)?", name, re.ASCII) or float(name) <= previous:
             raise WrongFile(path, line, "names of the frames or numbers that count up", repr(name))
         previous = float(name)
+    _check_numbers(path, rows, names)
     times = np.array([time for _, _, time in rows])
     if np.any(np.diff(times) <= 0):
         row = int(np.argmax(np.diff(times) <= 0)) + 1
@@ -150,6 +153,32 @@ def _frame_times(path: Path, series: DicSeries) -> Array:
         expected = f"names of frames: {names[still.index(True)]} has not moved, {names[0]} has"
         raise WrongFile(path, rows[0][0], expected, repr(rows[0][1]))
     return times
+
+
+def _check_numbers(path: Path, rows: list[tuple[int, str, float]], names: list[str]) -> None:
+    """Raise WrongFile where numbers, in order, stand for files of other numbers.
+
+    As where the table lacks another frame than the folder does: frames between would get the times
+    of their neighbours. Names of one file of all frames count places; names of files may end in
+    what is no number of images, as a time of day or a camera's, by which nothing is told.
+    """
+    if all(re.search(r" frame \d+$", name) for name in names):
+        return
+    found = [re.search(r"(\d{1,9})\D*$", name, re.ASCII) for name in names]
+    pairs = [
+        (line, round(float(number)), name, int(match[1]))
+        for (line, number, _), name, match in zip(rows, names, found, strict=True)
+        if match is not None
+    ]
+    by_table, by_name = [pair[1] for pair in pairs], [pair[3] for pair in pairs]
+    if len(pairs) < 2 or np.any(np.diff(by_name) <= 0):
+        return
+    if max(np.ptp(by_table), np.ptp(by_name)) > SPARSE * len(names):
+        return
+    for line, number, name, own in pairs:
+        if number - own != by_table[0] - by_name[0]:
+            expected = f"the name of the frame, or a number that goes on as that of {name} does"
+            raise WrongFile(path, line, expected, f"{number}")
 
 
 def _check_different(path: Path, rows: list[tuple[int, str, float]]) -> None:

@@ -124,10 +124,10 @@ def _with_images(
 def _numbers_of(names: list[str]) -> Array:
     """(n,) numbers of images by the last number in their names, NaN where there is none.
 
-    A single digit that all have alike after it is that of the camera.
+    A single digit that all with a number have alike after it is that of the camera.
     """
-    by_camera = [match for name in names if (match := _OF_CAMERA.search(name))]
-    if len(by_camera) == len(names) and len({match[2] for match in by_camera}) == 1:
-        return np.array([float(match[1]) for match in by_camera])
-    matches = [_IMAGE.search(name) for name in names]
+    matches, by_camera = ([p.search(name) for name in names] for p in (_IMAGE, _OF_CAMERA))
+    cameras = {match[2] for match in by_camera if match}
+    if len(cameras) == 1 and sum(map(bool, by_camera)) == sum(map(bool, matches)):
+        matches = by_camera
     return np.array([float(match[1]) if match else np.nan for match in matches])
