@@ -202,6 +202,16 @@ def test_a_known_operators_zero_stands_in_for_the_force():
     assert test.contact.travel_sd == 0.0
 
 
+def test_a_machine_that_gives_way_by_more_than_the_pin_travels_is_refused():
+    """As by forces in mN: holds were near no increment, and no word of a unit."""
+    record, _, _ = machine_record(Truth(), np.random.default_rng(0))
+    with pytest.raises(NotAsPlanned, match="mm that the machine gives way by") as refused:
+        machine_test(replace(record, force=1000.0 * record.force), PROTOCOL, MACHINE)
+    assert "are forces in N, machine.compliance_mm_per_N too?" in str(refused.value.expected)
+    stiff = replace(MACHINE, compliance_mm_per_N=0.0)
+    assert machine_test(replace(record, force=1000.0 * record.force), PROTOCOL, stiff).plateaus
+
+
 def test_compliance_taken_for_zero_is_found_in_the_travel():
     _, places, forces = run(Truth())[0].loaded()
     _, stiff_places, _ = run(Truth(), compliance_mm_per_N=0.0)[0].loaded()

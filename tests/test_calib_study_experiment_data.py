@@ -75,8 +75,31 @@ def test_a_data_set_whose_key_tells_no_code_is_made_anew(lab):
     assert dataset_of(lab).name == data.name
 
 
+@pytest.mark.parametrize(
+    ("key", "size", "name"),
+    [("height = 2.5", 3.5, "height_mm"), ("width = 10.0", 7.0, "width_mm")],
+)
+def test_a_block_of_another_size_than_the_experiment_s_is_refused(lab, tmp_path, key, size, name):
+    text = study_text(lab, '\nlevel = "summary"')
+    assert key in text
+    geometry = key.split(" ")[0]
+    (tmp_path / "study.toml").write_text(text.replace(key, f"{geometry} = {size}"))
+    with pytest.raises(
+        ValueError, match=f"geometry.{geometry}: found {size}, expected about"
+    ) as no:
+        load_study(tmp_path / "study.toml")
+    assert f"specimen.{name} of {lab / 'experiment.toml'}" in str(no.value)
+    (tmp_path / "study.toml").write_text(text.replace("height = 2.5", "height = 2.7"))
+    load_study(tmp_path / "study.toml")
+
+
 def study_of(lab: Path, folder: Path, more: str = "") -> Study:
     """A study of the laboratory's files, with `more` lines of its section [data]."""
+    (folder / "study.toml").write_text(study_text(lab, more))
+    return load_study(folder / "study.toml")
+
+
+def study_text(lab: Path, more: str) -> str:
     text = (resources.files("calib.study") / "embedded" / STUDY).read_text()
     for old, new in (
         ('source = "thesis-table-5.1"', f'source = "experiment"\nfolder = "{lab}"{more}'),
@@ -84,8 +107,7 @@ def study_of(lab: Path, folder: Path, more: str = "") -> Study:
     ):
         assert old in text
         text = text.replace(old, new)
-    (folder / "study.toml").write_text(text)
-    return load_study(folder / "study.toml")
+    return text
 
 
 def test_the_noise_of_a_measured_field_is_that_by_which_an_emulator_is_judged(lab, tmp_path):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -12,6 +13,7 @@ import arviz as az
 import numpy as np
 import pytest
 from analytic_block import analytic_block
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from test_calib_inference_leave_out import FORCE, TRAVEL, draws
 
 from calib.cli import main
@@ -317,6 +319,21 @@ def test_coordinates_have_their_units_in_file_table_and_figure() -> None:
     assert [row[1] for row in tables("stuck", found)[0].rows] == ["ln MPa", "-", "mm"]
     labels = [axis.get_xlabel() for axis in identify_figure({"stuck": found}).axes[:3]]
     assert labels == ["ln($\\kappa$ / MPa)", "$r$ [-]", "height [mm]"]
+
+
+def test_long_names_of_coordinates_do_not_cover_one_another() -> None:
+    found = known(part("force", [0.02, 0.28, 0.01]))
+    several = ("ln kappa", "ln discrepancy", "ln discrepancy_of_force")
+
+    def covered(names: tuple[str, ...]) -> bool:
+        figure = identify_figure({"stuck": replace(found, names=names)})
+        canvas = FigureCanvasAgg(figure)
+        canvas.draw()
+        boxes = [label.get_window_extent() for label in figure.axes[-1].get_xticklabels()]
+        angles = {label.get_rotation() for label in figure.axes[-1].get_xticklabels()}
+        return angles == {0.0} and any(a.overlaps(b) for a, b in pairwise(boxes))
+
+    assert not covered(several) and not covered(found.names)
 
 
 def test_where_the_constants_have_the_priors_words_are_of_these() -> None:

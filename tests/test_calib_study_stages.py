@@ -19,8 +19,18 @@ from calib.inference import EmulatorForward
 from calib.inference.coordinates import CONSTANTS, theta_of
 from calib.inference.likelihood import Likelihood
 from calib.inference.validation import judge
+from calib.study import finished
 from calib.study.answers import keep_answer, names_of, sampled
-from calib.study.artifacts import mark_begun, read_record, write_json, write_record
+from calib.study.artifacts import (
+    CONTENT,
+    StageRecord,
+    hash_of,
+    hash_of_file,
+    mark_begun,
+    read_record,
+    write_json,
+    write_record,
+)
 from calib.study.config import Study, StudyError, load_study
 from calib.study.context import Context, stream
 from calib.study.data_stage import at_increments, load_data
@@ -564,6 +574,25 @@ def test_a_summary_says_where_the_study_has_changed_since_its_posterior(
     assert main(["summary", str(tmp_path), "--json"]) == 1
     for found in json.loads(capsys.readouterr().out):
         assert not found["passed"] and "found noise changed since" in found["failures"][-1]
+
+
+def test_a_summary_says_where_the_file_of_the_forces_has_changed(
+    thesis: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    forces = tmp_path / "forces.csv"
+    forces.write_text("travel_mm\n")
+    study = replace(thesis.study, data=replace(thesis.study.data, source=str(forces)))
+    monkeypatch.setattr(finished, "load_study", lambda *_, **__: study)
+    monkeypatch.setattr(finished, "check_unchanged", lambda *_: None)
+    (tmp_path / "study.toml").touch()
+    taken = {CONTENT: hash_of(hash_of_file(forces))}
+    write_record(tmp_path, StageRecord("data", "0", 0, taken, {}, 0.0))
+    assert finished.changed_since(tmp_path / "posterior.nc") == ""
+    forces.write_text("travel_mm, and more\n")
+    said = finished.changed_since(tmp_path / "posterior.nc")
+    assert said.startswith(f"{forces}: changed since the posterior was sampled")
+    forces.unlink()
+    assert finished.changed_since(tmp_path / "posterior.nc") == ""
 
 
 def test_a_chain_by_the_model_itself_goes_on_where_it_was_stopped(

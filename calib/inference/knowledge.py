@@ -244,8 +244,10 @@ def _constants_sentence(moments: Moments, space: Space) -> str:
 
 
 def _percent(ratio: float) -> str:
-    """Two digits, and no power of ten."""
+    """Two digits, and no power of ten; of an SD above the mean that it is one."""
     value = 100.0 * ratio
+    if value >= 100.0:
+        return f"no better than {value:.0f} %"
     return f"{value:.2g} %" if value < 9.95 else f"{value:.0f} %"
 
 

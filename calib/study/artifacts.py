@@ -26,6 +26,8 @@ RECORD_FOLDER = "stages"
 _AGAIN = "delete it and `calib run` the study again"
 NEEDED = "stage "
 """before the name of an earlier stage among the inputs of a record"""
+CONTENT = "content"
+"""among the inputs of a record: what files of data hold"""
 _DIGITS = 16
 """hexadecimal digits kept of a SHA-256: 64 bits, ample for telling files of one study apart"""
 

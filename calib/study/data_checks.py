@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -18,6 +19,9 @@ if TYPE_CHECKING:
     from calib.study.config import Study
 
 SAME_TRAVEL = 1e-6  # mm, within which an increment and a measured travel are the same
+OTHER_SIZE = 0.2
+"""share by which a block may be of another size than that of the experiment, whose 2.5 mm may well
+have been 2.7"""
 
 
 def check_against_data(study: Study) -> None:
@@ -29,6 +33,8 @@ def check_against_data(study: Study) -> None:
         return
     measured = measured_dataset(study.data)
     check_level(study.data, measured)
+    if study.data.folder is not None:
+        _check_specimen(study, Path(study.data.folder))
     if measured.field is not None:
         _check_places(study, measured.field.points)
     spread = []
@@ -57,6 +63,26 @@ def check_load_cell(study: Study, least: float) -> None:
         expected = f"less than the smallest SD between samples, {least:g} N in the data (if these "
         expected += "are in N), a part of it"
         raise Contradiction("noise.load_cell_sd", study.noise.load_cell_sd, expected)
+
+
+def _check_specimen(study: Study, folder: Path) -> None:
+    """Refuse a block that is not about as large as the one that the experiment says."""
+    from calib.data.qc import FILE, read_experiment  # readers are loaded where they are needed only
+
+    block = read_experiment(folder).specimen
+    sizes = [
+        ("geometry.width", study.geometry.width, "width_mm"),
+        ("geometry.depth", study.geometry.depth, "depth_mm"),
+    ]
+    for index, hypothesis in enumerate(study.hypotheses):
+        if given(study, hypothesis, "height") is None:
+            key = "geometry.height" if hypothesis.height is None else f"hypothesis.{index}.height"
+            sizes.append((key, study.height(hypothesis), "height_mm"))
+    for key, size, name in sizes:
+        measured = getattr(block, name)
+        if not abs(size / measured - 1.0) <= OTHER_SIZE:
+            expected = f"about {measured:g} mm, specimen.{name} of {folder / FILE}"
+            raise Contradiction(key, size, expected)
 
 
 def _check_places(study: Study, points: Array) -> None:

@@ -245,8 +245,9 @@ def gains_table(facts: dict[str, Any]) -> Table:
         ),
         tuple(rows),
         "Expected information gain over the present posterior, if made once and with errors of its "
-        "own, those of the mesh among them; a repeat cannot take away an error that it shares with "
-        "the first. gain: closed form of a linear experiment, mean over posterior draws with its "
+        "own, those of the mesh and a discrepancy of the model among them; a repeat cannot take "
+        "away an error that it shares with the first, so that of the same block gains are upper "
+        "bounds. gain: closed form of a linear experiment, mean over posterior draws with its "
         "Monte Carlo error, in part shared by all plans, which are weighed by the same draws. "
         "nested MC: lower and upper bound without linearity, with the larger error; agree: closed "
         "form within them, by three errors. Where it says NO, go by the bounds: the closed form "

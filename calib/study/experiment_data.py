@@ -135,7 +135,8 @@ def qc_lines(result: QcResult, paths: list[Path]) -> list[str]:
     lines += [requirements_text(requirements(result)), ""]
     if result.experiment.synthetic:
         lines.append("synthetic: the files were made by a model")
-    lines.append(f"{len(result.samples)} samples in {result.seconds:.1f} s")
+    n = len(result.samples)
+    lines.append(f"{n} sample{'s' * (n != 1)} in {result.seconds:.1f} s")
     return [*lines, *(f"wrote {path}" for path in paths if path.suffix != ".csv")]
 
 

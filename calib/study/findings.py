@@ -26,8 +26,8 @@ from calib.study.maxima_table import laplace_table, map_table, rounds_table
 from calib.study.mesh_error_file import check_folder
 from calib.study.nuisances import correlation_table, nuisance_table
 from calib.study.population_report import every_population_table, population_sections
-from calib.study.predict_stage import CHECKS
 from calib.study.predictive_tables import (
+    CHECKS,
     face_summary_table,
     field_checks_tables,
     force_checks_table,

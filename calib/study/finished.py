@@ -8,7 +8,7 @@ from typing import Any
 from calib.inference.inference_data import stated_provenance
 from calib.inference.laws import DEFAULT_LAW
 from calib.inference.posterior import Posterior
-from calib.study.artifacts import hash_of_file, plain
+from calib.study.artifacts import CONTENT, hash_of, hash_of_file, plain, read_record
 from calib.study.config import Study, StudyError, load_study
 from calib.study.context import Context, block_pin_model
 from calib.study.posterior_setup import emulator_posterior
@@ -91,12 +91,27 @@ def changed_since(path: Path) -> str:
     if not file.is_file():
         return ""
     try:
-        check_unchanged(load_study(file, with_data=False), path.parent)
+        study: Study = load_study(file, with_data=False)
+        check_unchanged(study, path.parent)
     except StudyError:  # not a study of today
         return ""
     except ValueError as error:
         return str(error)
-    return ""
+    return _other_forces(study, path.parent)
+
+
+def _other_forces(study: Study, out: Path) -> str:
+    """Whether the file of the forces is another one than the data stage took, in words.
+
+    Empty where it is the same or not there; files of a laboratory are many, and not looked at.
+    """
+    source, record = Path(study.data.source), read_record(out, "data")
+    if not study.data.is_file or record is None or not source.is_file():
+        return ""
+    now = hash_of(hash_of_file(source))
+    if record.inputs.get(CONTENT, now) == now:
+        return ""
+    return f"{source}: changed since the posterior was sampled; `calib run` makes it anew"
 
 
 def _stated(section: Any) -> Any:

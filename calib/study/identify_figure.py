@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
@@ -15,6 +17,10 @@ from calib.study.figure_style import COLOURS, INK, LINES, MARKERS, legend_column
 
 MOST_BELOW = 8.0
 """how far a likelihood may be below its maximum to be drawn, ln"""
+ROOM = 40
+"""characters of names that stand beside one another in a panel"""
+TURNED: dict[str, Any] = {"rotation": 35, "ha": "right", "rotation_mode": "anchor"}
+"""names that do not"""
 
 
 def identify_figure(found: dict[str, Knowledge]) -> Figure:
@@ -68,7 +74,9 @@ def _draw_contraction(axis: Axes, found: dict[str, Knowledge], names: list[str])
             )
             drawn += 1
     axis.axhline(100, color=INK, lw=0.8, ls=":")
-    axis.set_xticks(range(len(names)), [_symbol(name) for name in names])
+    symbols = [_symbol(name) for name in names]
+    long = max(map(len, symbols)) * len(symbols) > ROOM
+    axis.set_xticks(range(len(names)), symbols, **(TURNED if long else {}))
     axis.set_ylabel("posterior SD / prior SD [%]")
     axis.set_ylim(bottom=-3)
     tidy(axis)

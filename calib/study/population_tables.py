@@ -8,6 +8,8 @@ from calib.study.population_summary import PopulationSummary, Spread
 from calib.study.tables import Table, number
 
 INTERVAL_NAME = f"{INTERVAL:.0%} HDI"
+FEW = 3
+"""samples that tell little of their scatter, whatever the width of its posterior"""
 
 
 def population_tables(found: PopulationSummary | None, hypothesis: str) -> list[Table]:
@@ -36,13 +38,16 @@ def population_table(found: PopulationSummary, hypothesis: str) -> Table:
         )
     note = (
         f"Of {len(found.sample_names)} samples. "
-        f"{', '.join(found.varying)} differ between samples, the rest is common to all. "
+        f"Between samples {' and '.join(found.varying)} differ{'s' * (len(found.varying) == 1)}, "
+        "the rest is common to all. "
         "The population's kappa is its median; SDs of kappa and bulk_ratio are relative (of their "
         "logarithm)."
     )
     if found.prior_driven:
         names = ", ".join(name.removeprefix(SD) for name in found.prior_driven)
         note += f" The scatter of {names} is hardly known better than its prior says."
+    elif len(found.sample_names) <= FEW:
+        note += " Of so few samples their scatter is in good part the prior's."
     columns = ("quantity", "unit", "mean", "SD", f"{INTERVAL_NAME} low", "high", "ESS", "R-hat")
     return Table(f"Population under {hypothesis}", columns, tuple(rows), note)
 

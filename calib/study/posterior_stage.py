@@ -18,6 +18,7 @@ from calib.inference.noise import field_nuisances
 from calib.study.artifacts import hash_of_file, plain, read_json
 from calib.study.config import Study
 from calib.study.context import Context, stream
+from calib.study.data_remarks import few_samples, pulled
 from calib.study.data_stage import StudyData, load_data
 from calib.study.local_design import LOCAL, kept_box
 from calib.study.mesh_error_file import load_mesh_error
@@ -68,7 +69,13 @@ def provenance(out: Path, study: Study, data: StudyData) -> dict[str, object]:
             h.name: _hypothesis(
                 out, study, h, maps[h.name], diagnostics[h.name], data.dataset.field is not None
             )
-            | {"predictive_p": compared[h.name]["predictive_p"]}
+            | {
+                "predictive_p": compared[h.name]["predictive_p"],
+                "data_remarks": [
+                    *pulled(compared[h.name].get("nuisances", ())),
+                    *few_samples(study, h, data.dataset),
+                ],
+            }
             for h in study.hypotheses
         },
         "study_file": plain(study),

@@ -21,14 +21,13 @@ from calib.study.artifacts import write_json, write_npz
 from calib.study.context import Context, stream
 from calib.study.data_stage import load_data
 from calib.study.posterior_setup import emulator_posterior
+from calib.study.predictive_tables import CHECKS, COMPONENTS
 from calib.study.sample_stage import load_samples
 from calib.study.sections import Hypothesis
 from fe.response import Array
 
-CHECKS = "predictive.json"
 N_FIELD = 400
 """posterior draws whose fields are predicted: p-values to 0.025 at the most (one SD)"""
-COMPONENTS = ("x", "y", "z")
 
 
 def run(context: Context) -> list[Path]:

@@ -7,6 +7,7 @@ from typing import Any
 
 from calib.study.tables import Table, number, percent
 
+CHECKS = "predictive.json"
 COMPONENTS = ("x", "y", "z")
 
 

@@ -94,22 +94,26 @@ def _surprises(name: str, facts: Mapping[str, Any]) -> list[str]:
 def figure_of(dataset: Dataset, found: Mapping[str, Any]) -> Figure:
     """Bands of the prior predictive forces beside the measured means, a panel a hypothesis."""
     kind = "synthetic data" if dataset.synthetic else "data"
+    lows = np.concatenate([facts["quantiles"][0] for facts in found.values()])
+    smallest, most = float(dataset.force_mean.min()), 1.0
+    if (lows > 0.0).any():
+        most = float(lows[lows > 0.0].min()) / smallest
+    least = smallest * float(np.clip(0.8 * most, 0.01, 0.1))  # two powers of ten are enough to see
     figure = Figure(figsize=(max(5.0, 4.2 * len(found)), 4.2), layout="constrained")
     axes = figure.subplots(1, len(found), squeeze=False, sharey=True)[0]
     for order, (axis, (name, facts)) in enumerate(zip(axes, found.items(), strict=True)):
         colour = COLOURS[order % len(COLOURS)]
         low, quarter, middle, three, high = np.asarray(facts["quantiles"])
-        # A force below zero is noise of a very soft draw; it has no place on a logarithmic axis.
-        least = 0.1 * float(dataset.force_mean.min())
+        # A force below zero is noise of a very soft draw: its band runs out of a logarithmic axis.
         for bottom, top, alpha, label in (
             (low, high, 0.18, "94 % of the draws"),
             (quarter, three, 0.32, "50 % of the draws"),
         ):
-            edges = np.maximum(bottom, least), np.maximum(top, least)
+            edges = np.maximum(bottom, 0.1 * least), np.maximum(top, 0.1 * least)
             axis.fill_between(dataset.travel, *edges, color=colour, alpha=alpha, lw=0)
             # In no hypothesis' colour, since all have one.
             axis.fill_between([], [], color=INK, alpha=alpha, lw=0, label=label)
-        axis.plot(dataset.travel, np.maximum(middle, least), color=colour)
+        axis.plot(dataset.travel, np.maximum(middle, 0.1 * least), color=colour)
         axis.plot([], [], color=INK, label="median")
         axis.errorbar(
             dataset.travel,
@@ -124,6 +128,7 @@ def figure_of(dataset: Dataset, found: Mapping[str, Any]) -> Figure:
         axis.set_xlabel("pin travel [mm]")
         axis.set_xticks(dataset.travel)
         tidy(axis)
+    axes[0].set_ylim(bottom=least)
     axes[0].set_ylabel("force of the whole sample [N], log scale")
     plain_log(axes[0].yaxis)
     handles, _ = axes[0].get_legend_handles_labels()

@@ -26,7 +26,7 @@ from calib.study import (
     virtual_stage,
 )
 from calib.study.answers import answer_files
-from calib.study.artifacts import hash_of, hash_of_file, plain
+from calib.study.artifacts import CONTENT, hash_of, hash_of_file, plain
 from calib.study.config import Study, StudyError
 from calib.study.context import Context
 from calib.study.findings import validation_files
@@ -78,11 +78,11 @@ def _data(context: Context) -> dict[str, object]:
     source = Path(data.source)
     if data.is_file and source.is_file():
         known["source"] = source.name
-        settings["content"] = hash_of_file(source)
+        settings[CONTENT] = hash_of_file(source)
     if data.folder is not None:
         folder = Path(data.folder)
         known["folder"] = folder.name
-        settings["content"] = input_hash(folder, sample_files(folder, read_experiment(folder)))
+        settings[CONTENT] = input_hash(folder, sample_files(folder, read_experiment(folder)))
     return settings | {"data": known}
 
 

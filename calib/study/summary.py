@@ -19,7 +19,8 @@ from calib.inference.convergence import Convergence, convergence
 from calib.inference.inference_data import load_inference_data, provenance_of
 from calib.inference.laws import DEFAULT_LAW
 from calib.inference.verdict import HOPELESS, NONE_EXPLAINS, POOR_FIT
-from calib.study.artifacts import of_another_run
+from calib.study.artifacts import of_another_run, read_json
+from calib.study.data_remarks import unlike_field
 from calib.study.figure_style import INTERVAL, Array, hdi
 from calib.study.further_table import further_table
 from calib.study.maxima_table import is_verified, largest_difference
@@ -31,6 +32,7 @@ from calib.study.population_summary import (
     population_remarks,
 )
 from calib.study.population_tables import population_tables
+from calib.study.predictive_tables import CHECKS
 from calib.study.provenance_facts import maxima_in, space_in, truth_in
 from calib.study.summary_tables import constants_table, points_table
 
@@ -83,6 +85,8 @@ class Summary:
     """posterior predictive p-value of the forces' chi-square, where it is known"""
     mesh_remark: str = ""
     """a sentence where the posterior lies far from the last check of its mesh"""
+    data_remarks: tuple[str, ...] = ()
+    """where data and model get on badly, one sentence each"""
     population: PopulationSummary | None = None
     """the hierarchical model, where samples were taken one by one"""
 
@@ -121,9 +125,19 @@ def load_summary(path: Path) -> list[Summary]:
         ]
     except KeyError as error:
         raise ValueError(f"{path}: holds no {error}; run the study again") from error
+    found = [_with_field(summary, path.parent) for summary in found]
     if provenance.get("study_file", {}).get("data", {}).get("level") != SAMPLES:
         return found
     return [_with_population(summary, path.parent) for summary in found]
+
+
+def _with_field(summary: Summary, folder: Path) -> Summary:
+    """With what the predictive check of the same run says of the field, where it is there."""
+    path = folder / CHECKS
+    if not path.is_file() or of_another_run(folder, "predict", "posterior"):
+        return summary
+    said = unlike_field(read_json(path), summary.hypothesis)
+    return replace(summary, data_remarks=(*summary.data_remarks, *said))
 
 
 def _with_population(summary: Summary, folder: Path) -> Summary:
@@ -188,6 +202,7 @@ def summarise(
         # posteriors of 0.3 before these have none
         predictive_p=facts.get("predictive_p"),
         mesh_remark=facts.get("mesh_remark", ""),
+        data_remarks=tuple(facts.get("data_remarks", ())),
     )
 
 
@@ -259,9 +274,10 @@ def judgement_lines(summaries: Sequence[Summary]) -> list[str]:
     lines += [
         f"LOOK AT  {s.hypothesis}: {remark}"
         for s in summaries
-        if s.population is not None
-        for remark in population_remarks(s.population)
-    ]
+        for remark in (
+            *s.data_remarks, *(() if s.population is None else population_remarks(s.population))
+        )
+    ]  # fmt: skip
     if all(s.predictive_p is not None and s.predictive_p < HOPELESS for s in summaries):
         lines.append(NONE_EXPLAINS)
     if all(summary.passed for summary in summaries):

@@ -112,6 +112,7 @@ def machine_test(record: MachineRecord, protocol: Protocol, machine: Machine) ->
         plateaus.append(found._replace(force_sd=float(np.hypot(found.force_sd, by_zero))))
         late = during & (time >= hold.end - machine.force_window * (hold.end - hold.start))
         places.append(float(travel[late].mean()))
+    _check_compliance(places, protocol, machine, force)
     during_steps = [(time >= h.start) & (time <= h.end) for h in steps if h.number > 0]
     raw = [record.force[during] for during in during_steps]
     _check_saturation(position, record.force, raw, protocol.increment_mm)
@@ -119,6 +120,21 @@ def machine_test(record: MachineRecord, protocol: Protocol, machine: Machine) ->
     return MachineTest(
         time, travel, force, contact, tuple(steps), tuple(plateaus), np.array(places), tuple(cycles)
     )
+
+
+def _check_compliance(
+    places: list[float], protocol: Protocol, machine: Machine, force: Array
+) -> None:
+    """Raise NotAsPlanned where the machine would give way by more than the pin travels.
+
+    As by a compliance or a force in another unit: no hold would be near an increment then.
+    """
+    given = machine.compliance_mm_per_N * float(np.abs(force).max())
+    if given > 0.0 and not max(places, default=0.0) > 0.5 * float(protocol.travel[-1]):
+        raise NotAsPlanned(
+            "mm that the machine gives way by", float(f"{given:.3g}"),
+            "much less than the pin travels (are forces in N, machine.compliance_mm_per_N too?)",
+        )  # fmt: skip
 
 
 def _check_clock(time: Array) -> None:

@@ -1,0 +1,83 @@
+"""What a reader is told where the data and the model get on badly, though all was computed well."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+from calib.study.predictive_tables import COMPONENTS
+from calib.study.tables import number
+from calib.study.unknowns import given
+
+if TYPE_CHECKING:
+    from calib.data.dataset import Dataset
+    from calib.study.config import Study
+    from calib.study.sections import Hypothesis
+
+PULLED = 2.5
+"""prior SDs of an error of the test beyond which its posterior mean is told: of a right model the
+mean is farther out in one of eighty tests at most"""
+RARE, LOST = 0.01, 0.5
+"""a predictive p-value of a field below the first, and a share of points in their 94 % intervals
+below the second, are told where they come together"""
+FEW = 6
+"""samples whose SDs, known to a third or worse, are not taken as known in silence"""
+
+
+def pulled(nuisances: Sequence[Mapping[str, Any]]) -> list[str]:
+    """A sentence for each error of the test that the data move far from what was said of it.
+
+    `nuisances` are those of comparison.json.
+    """
+    said = []
+    for entry in nuisances:
+        if abs(entry["mean"]) > PULLED * entry["prior_sd"]:
+            unit = "" if entry["unit"] == "1" else f" {entry['unit']}"
+            said.append(
+                f"the {entry['name']} goes to {number(entry['mean'], 2)}{unit}, "
+                f"{abs(entry['mean']) / entry['prior_sd']:.1f} SDs of what was said of it: it may "
+                "stand for an error of the model"
+            )
+    return said
+
+
+def few_samples(study: Study, hypothesis: Hypothesis, dataset: Dataset) -> list[str]:
+    """A sentence where the SDs of the forces are of few samples and nothing allows for that."""
+    n = dataset.n_samples
+    allowed = (
+        dataset.force_covariance is not None
+        or study.noise.force_freedom is not None
+        or given(study, hypothesis, "force_noise") is not None
+    )
+    if allowed or n > FEW:
+        return []
+    error = (2.0 * (n - 1)) ** -0.5
+    return [
+        f"the SDs of the forces are of {n} samples and taken as known, where they are to "
+        f"{error:.0%}: intervals are too narrow ([noise] force_freedom = {n - 1}, or a prior of "
+        "force_noise, allows for it)"
+    ]
+
+
+def unlike_field(found: Mapping[str, Any], hypothesis: str) -> list[str]:
+    """A sentence where parts of the field lie outside what the hypothesis predicts.
+
+    `found` is predictive.json.
+    """
+    checks = found["hypotheses"].get(hypothesis, {}).get("field", {})
+    odd = [
+        (check["p_value"], check["coverage"]["0.94"], region, component, travel)
+        for region, rows in checks.items()
+        for travel, row in zip(found["travel"], rows, strict=True)
+        for component, check in zip(COMPONENTS, row, strict=True)
+        if check["p_value"] < RARE and check["coverage"]["0.94"] < LOST
+    ]
+    if not odd:
+        return []
+    p, share, region, component, travel = min(odd)
+    more = f" (and {len(odd) - 1} more of its parts)" if len(odd) > 1 else ""
+    return [
+        f"the field is not what it predicts: {region}, u_{component} at {travel:g} mm has p = "
+        f"{p:.2g} and {share:.0%} of its points within their 94 % intervals{more}; see the report "
+        f"and predictive_regions_{hypothesis}.png"
+    ]
