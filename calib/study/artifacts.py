@@ -227,8 +227,10 @@ def why_stale(
     """
     record = read_record(out, stage)
     if record is None:
-        begun = _begun_path(out, stage).exists()
-        return None, "stopped before its end" if begun else "not run yet"
+        if _begun_path(out, stage).exists():
+            return None, "stopped before its end"
+        damaged = record_path(out, stage).exists()
+        return None, "its record cannot be read" if damaged else "not run yet"
     if record.version != version:
         return record, f"made by version {record.version}, this is {version}"
     if record.inputs != dict(inputs):

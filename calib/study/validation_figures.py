@@ -55,6 +55,8 @@ def validation_figure(data: SecondData, shown: Sequence[Shown], max_error: float
         capsize=3,
         label=f"{kind}: mean of {data.n_samples}, SD between samples",
     )
+    # In no prediction's colour, since all have one.
+    left.fill_between([], [], color=INK, alpha=0.3, lw=0, label=f"{INTERVAL:.0%} of replicates")
     left.set_ylim(bottom=0)
     left.set_ylabel(data.quantity)
     left.legend(fontsize=8)
