@@ -157,6 +157,12 @@ def test_vic3d_sigma_masks_and_comes_in_mm_where_the_scale_is_known(put):
     np.testing.assert_allclose(scaled.frames[0].sigma[0], 0.01 * MM_PER_PX)
 
 
+def test_a_vic3d_sigma_without_a_unit_has_that_of_its_place(put):
+    head = "X [m],Y [m],Z [m],U [mm],V [mm],W [mm],sigma_X,sigma_Y,sigma_Z [mm]"
+    (frame,) = read_dic(put(f"{head}\n1,2,3,.1,.2,.3,1e-5,2e-5,0.03\n")).frames
+    np.testing.assert_allclose(frame.sigma, [[0.01, 0.02, 0.03]])
+
+
 def test_vic3d_in_german_with_a_title_is_read(put):
     text = "Stage 1\nX [mm];Y [mm];Z [mm];U [mm];V [mm];W [mm];sigma [pixel]\n"
     text += "1,5;2;3;0,1;0,2;0,3;0,01\n1;2;3;0;0;0;-1\n"

@@ -52,7 +52,12 @@ def read(source: Source, mm_per_px: float | None = None) -> DicSeries:
     position = tuple(names.need(name) for name in "XYZ")
     confidence = names.get("sigma", "Sigma")
     stated = tuple(names.get(f"sigma_{axis}") for axis in "XYZ")
-    sigma = tuple(column for column in stated if column is not None)
+    # a unit stands once: one without is that of the positions
+    sigma = tuple(
+        replace(column, unit=column.unit or place.unit)
+        for column, place in zip(stated, position, strict=True)
+        if column is not None
+    )
     notes = () if position[0].unit is not None else (NO_UNITS,)
     if len(sigma) < 3:
         sigma = ()
