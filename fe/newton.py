@@ -172,8 +172,7 @@ def equilibrate(
             if negative == 0 and assembly.gradient @ whole.along < 0.0:
                 along = whole.along
             else:
-                if whole.trial is not None:
-                    potential.assemble(u, p, travel, memory)  # what the solves below are of
+                potential.assemble(u, p, travel, memory)  # what the solves below are of
                 whole = None
         if along is None:
             along = descent_direction(potential, solver, assembly.gradient, options, negative)
