@@ -328,6 +328,24 @@ def test_a_posterior_far_from_where_its_mesh_was_checked_says_so(
     assert f" mm. Its mesh was last checked at s = {facts['ratios'][-1][1] + 0.2:.3g}" in said()
 
 
+def test_a_posterior_keeps_what_speaks_against_its_data(thesis: Run, tmp_path: Path) -> None:
+    out = tmp_path / "run"
+    shutil.copytree(thesis.out, out)
+    data, name = load_data(out), thesis.study.hypotheses[0].name
+
+    def said(n_samples: int) -> list[str]:
+        few = replace(data, dataset=replace(data.dataset, n_samples=n_samples))
+        found: Any = provenance(out, thesis.study, few)["hypotheses"]
+        return [remark[:20] for remark in found[name]["data_remarks"]]
+
+    assert said(23) == [] and said(2) == ["the SDs of the force"]
+    compared = json.loads((out / "comparison.json").read_text())
+    zero = compared["hypotheses"][name]["nuisances"][0]
+    zero["mean"] = -4.0 * zero["prior_sd"]
+    write_json(out / "comparison.json", compared)
+    assert said(23) == [f"the {zero['name']} goes to"[:20]]
+
+
 def test_a_virtual_experiment_on_the_sampling_mesh_is_refused(tmp_path: Path) -> None:
     study = small("virtual")
     assert study.virtual is not None
