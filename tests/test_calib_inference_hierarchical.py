@@ -292,6 +292,7 @@ def test_a_sample_whose_points_tell_no_field_counts_by_its_force(lost: int) -> N
     data = samples_of(4, np.random.default_rng(3), lost)
     samples = condense(data, AnalyticForward(BLOCK, 0.02, True), NOISE, OWN, **ERRORS)
     assert samples.n_data.tolist() == [10, 10, 10, 5]
+    assert samples.without_field == samples.names[3:]
     x = np.repeat(X[None, None], 4, axis=1)
     white = samples.white(theta_of(x))
     assert np.all(white.residual[0, 3, 5:] == 0) and np.all(white.factor[0, 3, 5:] == 0)

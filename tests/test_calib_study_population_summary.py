@@ -110,6 +110,7 @@ def test_a_sample_that_nothing_explains_and_a_narrow_prior_of_scatter_are_told(
         fit_p=(0.5, 0.4, 1e-3, 0.9, 0.2),
         beyond_prior=("sd_kappa",),
         leaning=(("S4", "kappa = 0.005 MPa"),),
+        without_field=("S2",),
     )
     lines = judgement_lines([replace(_summary(), population=odd)])
     assert any(
@@ -118,6 +119,7 @@ def test_a_sample_that_nothing_explains_and_a_narrow_prior_of_scatter_are_told(
     )
     assert any("S4 leans on the prior's kappa = 0.005 MPa: a" in line for line in lines)
     assert any("the scatter of kappa lies beyond what its prior expects" in line for line in lines)
+    assert any("of S2 the forces count alone: no point of its field" in line for line in lines)
 
 
 def test_bounds_that_samples_lean_on_are_named(

@@ -55,6 +55,12 @@ class CondensedSamples:
     """one a sample; none without fields"""
 
     @property
+    def without_field(self) -> tuple[str, ...]:
+        """Samples whose forces count alone beside the fields of others."""
+        parts = zip(self.names, self.field, strict=False)  # none without fields
+        return tuple(name for name, part in parts if not np.isfinite(part.own).all())
+
+    @property
     def n_step(self) -> int:
         """Number of increments."""
         return self.errors.discretisation.size

@@ -146,6 +146,7 @@ def provenance(
         "constants": population.prior.space.law.constants,
         "scatter": population.scatter,
         "leaning": leaning(posterior, draws),
+        "without_field": posterior.samples.without_field,
         "limits": {"max_r_hat": study.sampler.max_r_hat, "min_ess": study.sampler.min_ess},
         "sampling": {
             "status": str(draws.status),

@@ -63,6 +63,8 @@ class PopulationSummary:
     sampling: dict[str, Any]
     failures: tuple[str, ...]
     """diagnostics outside the limits of the study, one sentence each"""
+    without_field: tuple[str, ...] = ()
+    """samples whose forces count alone, as no point of their fields is there at all increments"""
 
 
 def population_remarks(found: PopulationSummary) -> list[str]:
@@ -82,6 +84,10 @@ def population_remarks(found: PopulationSummary) -> list[str]:
         f"the scatter of {name.removeprefix(SD)} lies beyond what its prior expects, which holds "
         "it down: is its size in population.scatter too small?"
         for name in found.beyond_prior
+    ]
+    said += [
+        f"of {name} the forces count alone: no point of its field is there at all increments"
+        for name in found.without_field
     ]
     return said
 
@@ -130,6 +136,7 @@ def load_population(path: Path) -> PopulationSummary:
         travel=tuple(float(d) for d in predictive["travel"].values),
         sampling=facts["sampling"],
         failures=tuple(_failures(found, facts["limits"])),
+        without_field=tuple(facts.get("without_field", ())),
     )
 
 
