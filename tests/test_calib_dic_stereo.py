@@ -286,6 +286,7 @@ def test_the_command_writes_points_that_the_readers_read(folder, capsys):
     spacing = np.nanmedian(np.linalg.norm(rows, axis=2))
     length = 25 / np.sqrt(2 * np.pi) * spacing / 12  # of subsets of 25 px at points 12 px apart
     assert second.correlation_length == pytest.approx(length, rel=0.05)
+    assert first.correlation_length == second.correlation_length
     report = json.loads((out / "dic.json").read_text())
     assert report["frames"][0]["valid"] > 0.9 * report["frames"][0]["points"]
     assert (out / "pictures" / "left1.png").stat().st_size > 1000

@@ -95,10 +95,9 @@ def run_stereo(study: StereoStudy, folder: Path, out: Path, say: Say, bars: Bars
     scale = _scale_sd(ready, calibration)
     length = error_length(ready.reference, study.correlation.settings)
     times = study.images.times_s
-    write_points(
-        out / POINTS / f"{first}.csv",
-        reference_frame(ready.reference, first, None, ready.grid, ready.axes),
-    )
+    rest = reference_frame(ready.reference, first, None, ready.grid, ready.axes)
+    rest = replace(rest, scale_sd=scale, correlation_length=length)
+    write_points(out / POINTS / f"{first}.csv", rest)
     before, key = Tracked(State(), State()), ready.key
     seen: Seen = ({}, {})
     repeats(seen, (ready.left, read_image(folder / study.stereo.right_reference)))
