@@ -87,7 +87,7 @@ def period(image: Array, mask: BoolArray, speckle: float) -> float:
     [px], at distances that half the mask (h, w) has: light that changes over the image is no
     pattern.
     """
-    if not np.isfinite(speckle):
+    if not speckle <= 2.0 * LARGEST_SPECKLE:  # so is NaN; what is coarser is told as such
         return float("nan")
     inside = mask.astype(np.float64)
     weight = np.maximum(ndimage.gaussian_filter(inside, 2.0 * speckle), 1e-3)
