@@ -13,6 +13,7 @@ from calib.inference.condensed import condense
 from calib.inference.hierarchical import HierarchicalPosterior
 from calib.inference.hierarchical_sampling import sample_population
 from calib.inference.population import Population, ScatterPrior
+from calib.inference.population_moves import Moves
 from calib.inference.sampling import SamplerSettings
 
 LEVELS = np.array([0.05, 0.25, 0.5, 0.75, 0.95])
@@ -51,3 +52,28 @@ def test_where_the_data_say_nothing_draws_are_those_of_the_prior() -> None:
                 drawn[..., column, None] < quantiles, axis=tuple(range(drawn.ndim - 1))
             )
             assert np.all(np.abs(shares - LEVELS) < 5.0 * sd), (shares, sd)
+
+
+def test_walkers_that_are_lost_are_put_to_others_of_their_ensemble() -> None:
+    """One of sixteen whose samples lie ten SDs from their population; nothing else moves."""
+    rng = np.random.default_rng(1)
+    data = dataset(BASE + 0.02 * rng.standard_normal((4, 3)))
+    population = Population(prior(Marginal("uniform", 0.0, 1.0)), {"kappa": ScatterPrior(0.3)})
+    posterior = HierarchicalPosterior(population, condense(data, LinearForward(), NOISE, OWN))
+    moves = Moves(posterior, 2, 16, rng)
+    walkers = moves.start()
+    for _ in range(150):
+        walkers = moves.round(walkers)
+    same = moves.brought_back(walkers)
+    for name in ("y", "v", "z"):
+        np.testing.assert_array_equal(getattr(same, name), getattr(walkers, name))
+    v = walkers.v.copy()
+    v[20] = 10.0
+    away = replace(walkers, v=v, white=posterior.white(*moves.globals.split(walkers.y), v))
+    back = moves.brought_back(away)
+    others = np.delete(np.arange(16, 32), 4)
+    [chosen] = [k for k in others if np.array_equal(back.y[20], walkers.y[k])]
+    np.testing.assert_array_equal(back.v[20], walkers.v[chosen])
+    np.testing.assert_array_equal(back.white.residual[20], away.white.residual[chosen])
+    rest = np.delete(np.arange(32), 20)
+    np.testing.assert_array_equal(back.y[rest], away.y[rest])

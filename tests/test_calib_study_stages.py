@@ -336,7 +336,7 @@ def test_a_posterior_keeps_what_speaks_against_its_data(thesis: Run, tmp_path: P
     def said(n_samples: int) -> list[str]:
         few = replace(data, dataset=replace(data.dataset, n_samples=n_samples))
         found: Any = provenance(out, thesis.study, few)["hypotheses"]
-        return [remark[:20] for remark in found[name]["data_remarks"]]
+        return [remark[:20] for remark in found[name]["remarks"]]
 
     assert said(23) == [] and said(2) == ["the SDs of the force"]
     compared = json.loads((out / "comparison.json").read_text())

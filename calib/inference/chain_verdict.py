@@ -29,6 +29,16 @@ class ChainVerdict:
     """steps that the run will probably take"""
 
 
+def what_is_missing(verdict: ChainVerdict, n_autocorrelation: float, max_r_hat: float) -> str:
+    """Why chains that were stopped at their longest are not enough, to follow their message."""
+    if verdict.converged:
+        return ""
+    lacking = f"{n_autocorrelation:g} times were reached"
+    if np.isfinite(verdict.r_hat):  # told once they are long enough
+        lacking = f"their R-hat of {verdict.r_hat:.3g} fell to {max_r_hat:g}"
+    return f"; stopped at max_steps before {lacking}"
+
+
 def judge(
     chains: Array | None,
     *,

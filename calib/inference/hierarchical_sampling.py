@@ -21,7 +21,7 @@ from pathlib import Path
 
 import numpy as np
 
-from calib.inference.chain_verdict import BURN_SHARE, ChainVerdict, judge
+from calib.inference.chain_verdict import BURN_SHARE, ChainVerdict, judge, what_is_missing
 from calib.inference.hierarchical import HierarchicalPosterior
 from calib.inference.population_moves import Moves, Place, Walkers
 from calib.inference.population_store import store_of
@@ -71,10 +71,10 @@ def sample_population(
 ) -> PopulationDraws:
     """Run the ensembles until they are long enough and agree, by the rules of `sample_posterior`.
 
-    A first `check_every` rounds only settle the walkers. The result depends on `rng`'s seed and on
-    nothing else. With a folder `store` every block of `check_every` steps is kept there: a run that
-    was killed goes on where it was and ends with the same bits; blocks of another run are thrown
-    away. Reaching `max_steps` is a status, not an error.
+    A first `check_every` rounds only settle the walkers; strays are brought back after them. The
+    result depends on `rng`'s seed and on nothing else. With a folder `store` every block of
+    `check_every` steps is kept there: a run that was killed goes on where it was and ends with the
+    same bits; blocks of another run are thrown away. Reaching `max_steps` is a status, no error.
     Raises ValueError when too few prior draws have a finite density.
     """
     moves = Moves(posterior, settings.n_ensembles, settings.n_walkers, rng)
@@ -116,11 +116,11 @@ def sample_population(
 
 
 def _settled(moves: Moves, walkers: Walkers, n_rounds: int) -> Walkers:
-    """After rounds that do not count."""
+    """After rounds that do not count, walkers that were lost in them brought back."""
     for _ in range(n_rounds):
         walkers = moves.round(walkers)
     moves.accepted[:] = 0
-    return walkers
+    return moves.brought_back(walkers)
 
 
 def _judged(places: list[Place], settings: SamplerSettings) -> ChainVerdict:
@@ -149,13 +149,7 @@ def _by_ensemble(steps: list[Array], settings: SamplerSettings) -> Array:
 
 def _message(verdict: ChainVerdict, settings: SamplerSettings, done: int, burn: int) -> str:
     slowest = verdict.times.max()
-    message = (
+    return (
         f"{done} steps of {settings.n_walkers} walkers in {settings.n_ensembles} ensembles, "
         f"kept {(done - burn) / slowest:.0f} autocorrelation times of {slowest:.1f} steps"
-    )
-    if not verdict.converged:
-        message += (
-            f"; stopped at max_steps before {settings.n_autocorrelation:g} times and an R-hat of "
-            f"{settings.max_r_hat:g} were reached"
-        )
-    return message
+    ) + what_is_missing(verdict, settings.n_autocorrelation, settings.max_r_hat)

@@ -29,6 +29,8 @@ SHORTEST = 0.1
 """length of the shortest proposals, over the longest"""
 JITTER = 1e-5
 """of proposals, so that walkers do not stay on the lattice of their differences"""
+LOST = 1e-8
+"""probability of a draw of the main mode as far below the best as a walker that counts as lost"""
 WIDE = 1e3
 """SD between samples over the box at which a sample knows nothing of the others"""
 
@@ -214,6 +216,26 @@ class Moves:
         density = self.posterior.population.log_density(*self.globals.split(y), own).sum(axis=1)
         total: Array = density + self.globals.log_prior(y)
         return total
+
+    def brought_back(self, walkers: Walkers) -> Walkers:
+        """Walkers that are lost in a secondary mode, put to where others of their ensemble are.
+
+        Lost are those whose density lies below the best by more than a normal of as many
+        coordinates does with a probability of `LOST`; all of an ensemble stay, as its R-hat tells.
+        """
+        density = self.posterior.common_errors(walkers.white).log_prob
+        density = density + self.globals.log_prior(walkers.y)
+        density -= 0.5 * (walkers.v**2).sum(axis=(1, 2))
+        n_coordinates = walkers.y.shape[1] + walkers.v[0].size
+        lost = density < density.max() - 0.5 * chi2.isf(LOST, n_coordinates)
+        rows = np.arange(len(lost))
+        for first in range(0, len(lost), self.n_walkers):
+            own = rows[first : first + self.n_walkers]
+            good = own[~lost[own]]
+            if good.size and lost[own].any():
+                rows[own[lost[own]]] = self.rng.choice(good, int(lost[own].sum()))
+        white = White(walkers.white.residual[rows], walkers.white.factor[rows])
+        return Walkers(walkers.y[rows], walkers.v[rows], walkers.z[rows], white)
 
     def place(self, walkers: Walkers) -> Place:
         """Where walkers are, as numbers of the model."""

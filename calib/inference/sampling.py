@@ -13,7 +13,7 @@ from scipy.special import expit, log_expit, logit
 
 from calib.inference.block_store import BlockStore
 from calib.inference.chain_store import Block, block_of, run_key
-from calib.inference.chain_verdict import BURN_SHARE, ChainVerdict, judge
+from calib.inference.chain_verdict import BURN_SHARE, ChainVerdict, judge, what_is_missing
 from calib.inference.posterior import Density, Posterior
 from fe.response import Array
 
@@ -278,11 +278,7 @@ def _result(
     message = f"{done} steps of {settings.n_walkers} walkers in {n_ensemble} ensembles, " + (
         f"kept {(done - burn) / slowest:.0f} autocorrelation times of {slowest:.1f} steps"
     )
-    if not verdict.converged:
-        message += (
-            f"; stopped at max_steps before {settings.n_autocorrelation:g} times and an R-hat of "
-            f"{settings.max_r_hat:g} were reached"
-        )
+    message += what_is_missing(verdict, settings.n_autocorrelation, settings.max_r_hat)
     accepted = np.sum([block.accepted for block in blocks], axis=0)
     return SamplingResult(
         chains=box.x_of(chains[:, burn:]),

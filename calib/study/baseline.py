@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from calib.data import PUBLISHED_CONSTANTS, FieldData
 from calib.data.thesis import optimization_runs
@@ -18,9 +17,10 @@ from calib.inference.field_noise import field_covariance
 from calib.inference.forward import EmulatorForward, ForwardModel, GivenInputs
 from calib.study.answers import keep_answer
 from calib.study.artifacts import write_json
+from calib.study.baseline_figure import baseline_figure
 from calib.study.context import Context, stream
 from calib.study.data_stage import load_data
-from calib.study.figure_style import COLOURS, INK, MUTED, save_png, tidy
+from calib.study.figure_style import save_png
 from calib.study.finished import check_constants, chosen, finished
 from calib.study.mesh_error_file import load_mesh_error
 from calib.study.sample_stage import load_samples, samples_path
@@ -281,43 +281,3 @@ def methods_table(found: BaselineStudy) -> Table:
 def _spread(values: Array, told: Callable[[float], str]) -> str:
     """Smallest and largest of values (n,), a dash where no start was one that the model knows."""
     return f"{told(values.min())} to {told(values.max())}" if values.size else "-"
-
-
-def baseline_figure(found: BaselineStudy, draws: Array | None) -> Figure:
-    """Answers in (C10, C01), from start to end, with the posterior and the thesis' own answers."""
-    figure = Figure(figsize=(10.5, 4.4), layout="constrained")
-    for axis, run in zip(figure.subplots(1, 2), found.runs[:2], strict=True):
-        if draws is not None:
-            few = draws[:: max(1, len(draws) // 1500)]
-            axis.plot(few[:, 0], few[:, 1], ".", ms=1.5, color=COLOURS[0], alpha=0.3)
-            axis.plot([], [], ".", color=COLOURS[0], label="posterior of the study (force in it)")
-        printed = optimization_runs().result
-        axis.plot(
-            printed[:, 0],
-            printed[:, 1],
-            "x",
-            color=MUTED,
-            zorder=4,
-            label="thesis Table 5.3 (real)",
-        )
-        for start, end in zip(run.start, run.result, strict=True):
-            axis.plot([start[0], end[0]], [start[1], end[1]], "-", lw=0.6, color=COLOURS[1])
-        axis.plot(run.start[:, 0], run.start[:, 1], "o", mfc="w", color=COLOURS[1], label="start")
-        kind = "synthetic field" if found.synthetic else "measured field"
-        label = f"end, {kind}"
-        axis.plot(run.result[:, 0], run.result[:, 1], "o", color=COLOURS[1], label=label)
-        if found.truth is not None:
-            ray = np.geomspace(0.02, 50.0, 50)[:, None] * found.truth
-            axis.plot(ray[:, 0], ray[:, 1], ":", color=INK, label="ray of the truth: one error")
-            axis.plot(*found.truth[:2], "*", ms=13, color=INK, label="synthetic truth")
-        axis.set_xscale("log")
-        axis.set_yscale("log")
-        axis.set_xlim(2e-4, 0.2)
-        axis.set_ylim(2e-5, 0.5)
-        axis.set_xlabel("$C_{10}$ [MPa]")
-        axis.set_ylabel("$C_{01}$ [MPa]")
-        gradients = "exact gradients" if run.exact else "central differences of 0.1"
-        axis.set_title(f"{run.method}, {gradients}", fontsize=9)
-        tidy(axis)
-    figure.axes[0].legend(fontsize=7, loc="lower right")
-    return figure

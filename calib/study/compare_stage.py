@@ -110,8 +110,8 @@ def _remarks(trade_off: str, found: dict[str, Any], data: StudyData) -> list[str
     remarks = []
     if len(found) > 1:
         remarks.append(
-            "Stiffness and contact trade off: the shear modulus that the same data give depends "
-            f"on what is assumed of the contact ({trade_off})."
+            "The shear modulus that the same data give depends on the hypothesis, as contact, "
+            f"height and law trade off against stiffness ({trade_off})."
         )
     remarks += [facts["at_bound_text"] for facts in found.values() if facts["at_bound"]]
     for name, facts in found.items():

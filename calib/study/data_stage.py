@@ -34,6 +34,8 @@ class StudyData:
     """constants behind synthetic data (C10, C01, C11, mu), MPa"""
     truth_hypothesis: str | None
     """hypothesis behind synthetic data"""
+    left_out: tuple[str, ...] = ()
+    """samples that quality control rejects, one sentence a rule"""
 
 
 def measured(study: Study) -> StudyData:
@@ -47,7 +49,17 @@ def measured(study: Study) -> StudyData:
         raise StudyError(str(error)) from error
     is_thesis = study.data.source == THESIS_TABLE
     published = with_mu(PUBLISHED_CONSTANTS) if is_thesis else None
-    return StudyData(at_increments(dataset, study.increments), published, None, None)
+    used = at_increments(dataset, study.increments)
+    return StudyData(used, published, None, None, _left_out(study))
+
+
+def _left_out(study: Study) -> tuple[str, ...]:
+    """What quality control says of samples that are not in the data set of an experiment."""
+    if study.data.folder is None:
+        return ()
+    from calib.study.experiment_data import rejections_kept  # readers, only where they are needed
+
+    return rejections_kept(study.data.folder)
 
 
 def at_increments(dataset: Dataset, increments: tuple[float, ...]) -> Dataset:
@@ -89,6 +101,7 @@ def save_data(out: Path, data: StudyData) -> list[Path]:
         "published": data.published,
         "truth": data.truth,
         "truth_hypothesis": data.truth_hypothesis,
+        "left_out": data.left_out,
     }
     if dataset.field is not None:
         facts["correlation_length"] = dataset.field.correlation_length
@@ -109,4 +122,10 @@ def load_data(out: Path) -> StudyData:
     known = {name: np.asarray(facts[name]) for name in facts_of_old if name in facts}
     known["nugget"] = np.asarray(NUGGET)
     dataset = dataset_of_arrays({**known, **arrays})
-    return StudyData(dataset, facts["published"], facts["truth"], facts["truth_hypothesis"])
+    return StudyData(
+        dataset,
+        facts["published"],
+        facts["truth"],
+        facts["truth_hypothesis"],
+        tuple(facts.get("left_out", ())),
+    )

@@ -17,7 +17,7 @@ from calib.data.dataset_file import load_dataset
 from calib.data.qc import FILE, QcResult, analyse, read_experiment
 from calib.data.qc.face_size import size_doubts
 from calib.data.qc.lab_files import input_hash, sample_files
-from calib.data.qc.results import DATASET, FIGURES, key_of, write_results
+from calib.data.qc.results import DATASET, FIGURES, REPORT, key_of, write_results
 from calib.data.qc.rules import Rules, inputs_under
 from calib.data.qc.senses import sense_doubts
 from calib.data.qc.statistics import (
@@ -28,6 +28,7 @@ from calib.data.qc.statistics import (
 )
 from calib.data.qc.table import table_text
 from calib.data.requirements import requirements_text
+from calib.study.artifacts import read_json
 from calib.study.figure_style import save_png
 from calib.study.sections import STRICT, DataSource
 from calib.toml_file import read_document, read_file
@@ -150,6 +151,15 @@ def experiment_dataset(folder: str | Path, rules: Rules | None = None) -> Datase
     return _dataset(folder.resolve(), inputs_under(inputs, rules), code_hash(MEASURED), rules)
 
 
+def rejections_kept(folder: str | Path) -> tuple[str, ...]:
+    """One sentence for each rule that a sample breaks, as kept beside the data set."""
+    path = Path(folder) / QC_FOLDER / REPORT
+    if not path.is_file():
+        return ()
+    samples = read_json(path, ("samples",))["samples"]
+    return tuple(own["sentence"] for sample in samples for own in sample["rejections"])
+
+
 @cache
 def _dataset(folder: Path, inputs: str, code: str, rules: Rules | None) -> Dataset:
     kept = folder / QC_FOLDER / DATASET
@@ -168,7 +178,7 @@ def _dataset(folder: Path, inputs: str, code: str, rules: Rules | None) -> Datas
         rules=rules,
     )
     if result.dataset is None:
-        report = os.path.join(QC_FOLDER, "qc.json")
+        report = os.path.join(QC_FOLDER, REPORT)
         raise ValueError(
             f"{folder}: found fewer than two samples that meet the rules, expected two or more; "
             f"see {report}"

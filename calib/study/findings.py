@@ -206,7 +206,9 @@ def sections(findings: Findings, pictures: dict[str, Picture], study: Study) -> 
     return [
         Section(
             "Constants",
-            ("One posterior under each contact hypothesis; the comparison is further below.",),
+            ("One posterior under each hypothesis; their comparison is further below.",)
+            if len(findings.summaries) > 1
+            else (),
             tables["constants"],
             (pictures["marginals"], pictures["pairs"]),
         ),

@@ -29,6 +29,8 @@ from calib.study.figure_style import (
 )
 
 _HDI = f"{SHARE} HDI"
+MOST_COLUMNS = 6
+"""panels side by side, beyond which a page shows letters too small to read"""
 NARROWEST = 7.0
 """inches, in which titles have room"""
 
@@ -64,19 +66,27 @@ def marginals(
     published: Mapping[str, float] | None = None,
     truth: Mapping[str, float] | None = None,
 ) -> Figure:
-    """Marginal posterior of every constant, hypotheses in rows with axes of their own."""
+    """Marginal posterior of every constant, hypotheses in rows with axes of their own.
+
+    A constant has one column, unless all of them are more than a page holds side by side.
+    """
     names = list(dict.fromkeys(name for sample in samples for name in sample.constants))
-    size = max(NARROWEST, 2.9 * len(names)), 1.2 + 1.75 * len(samples)
+    aligned = len(names) <= MOST_COLUMNS
+    rows = [names if aligned else list(sample.constants) for sample in samples]
+    most = max(map(len, rows))
+    size = max(NARROWEST, 2.9 * most), 1.2 + 1.75 * len(samples) * (1.0 if aligned else 1.2)
     figure = Figure(figsize=size, layout="constrained")
-    grid = figure.subplots(len(samples), len(names), squeeze=False)
-    for column, name in enumerate(names):
-        for row, sample in enumerate(samples):
-            axis = grid[row, column]
+    grid = figure.subplots(len(samples), most, squeeze=False)
+    for row, sample in enumerate(samples):
+        for axis in grid[row, len(rows[row]) :]:
+            axis.set_axis_off()
+        for axis, name in zip(grid[row], rows[row], strict=False):
             if name not in sample.constants:
                 axis.set_axis_off()
                 continue
             _draw_marginal(axis, sample, name, row)
-            axis.set_xlabel(sample.label(name) if _is_last(samples, row, name) else "")
+            labelled = not aligned or _is_last(samples, row, name)
+            axis.set_xlabel(sample.label(name) if labelled else "")
             axis.set_xlim(*_span(sample.constants[name], name, truth))
             _mark(axis, name, published, truth)
             axis.xaxis.set_major_locator(MaxNLocator(4))
@@ -97,19 +107,23 @@ def marginals(
 def pairs(samples: Sequence[Samples], truth: Mapping[str, float] | None = None) -> Figure:
     """Draws and highest-density contours (50 and 94 %) of every pair of constants.
 
-    A row for each hypothesis with axes of its own: one posterior may be a dot on another's axes.
+    A row for each hypothesis, or several, with axes of its own: one posterior may be a dot on
+    another's axes.
     """
     couples = [list(combinations(sample.constants, 2)) for sample in samples]
-    most = max(1, *(len(own) for own in couples))
+    most = min(max(1, *(len(own) for own in couples)), MOST_COLUMNS - 2)
+    heights = [max(1, -(-len(own) // most)) for own in couples]
     figure = Figure(
-        figsize=(max(NARROWEST, 3.4 * most), 0.6 + 2.7 * len(samples)), layout="constrained"
+        figsize=(max(NARROWEST, 3.4 * most), 0.6 + 2.7 * sum(heights)), layout="constrained"
     )
-    grid = figure.subplots(len(samples), most, squeeze=False)
-    for row, sample in enumerate(samples):
-        for axis in grid[row, len(couples[row]) :]:
+    grid = figure.subplots(sum(heights), most, squeeze=False)
+    for order, sample in enumerate(samples):
+        first = sum(heights[:order])
+        own = grid[first : first + heights[order]].ravel()
+        for axis in own[len(couples[order]) :]:
             axis.set_axis_off()
-        for axis, (x_name, y_name) in zip(grid[row], couples[row], strict=False):
-            _draw_pair(axis, sample, x_name, y_name, row)
+        for axis, (x_name, y_name) in zip(own, couples[order], strict=False):
+            _draw_pair(axis, sample, x_name, y_name, order)
             if truth and x_name in truth and y_name in truth:
                 _mark_truth(axis, truth[x_name], truth[y_name])
             axis.set_xlabel(sample.label(x_name))
@@ -118,8 +132,8 @@ def pairs(samples: Sequence[Samples], truth: Mapping[str, float] | None = None) 
                 one.set_major_locator(MaxNLocator(4))
                 thousandths(one)
             tidy(axis)
-        grid[row, 0].set_title(
-            sample.name, loc="left", color=COLOURS[row % len(COLOURS)], weight="bold"
+        own[0].set_title(
+            sample.name, loc="left", color=COLOURS[order % len(COLOURS)], weight="bold"
         )
     figure.suptitle(
         f"posterior draws; contours hold 50 % (thick) and {SHARE} (thin) of them; every "

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from calib import __version__
+from calib.data import Dataset
 from calib.inference.forward import EmulatorForward
 from calib.inference.inference_data import (
     HypothesisSamples,
@@ -18,12 +19,12 @@ from calib.inference.noise import field_nuisances
 from calib.study.artifacts import hash_of_file, plain, read_json
 from calib.study.config import Study
 from calib.study.context import Context, stream
-from calib.study.data_remarks import few_samples, pulled
 from calib.study.data_stage import StudyData, load_data
 from calib.study.local_design import LOCAL, kept_box
 from calib.study.mesh_error_file import load_mesh_error
 from calib.study.mesh_remarks import distance_sentence, errors_sentence
 from calib.study.posterior_setup import emulator_posterior, noise_of
+from calib.study.remarks import few_samples, of_chains, pulled
 from calib.study.sample_stage import load_samples, samples_path
 from calib.study.sections import Hypothesis
 from calib.study.train_stage import emulator_path, load_diagnostics, load_emulator
@@ -69,13 +70,7 @@ def provenance(out: Path, study: Study, data: StudyData) -> dict[str, object]:
             h.name: _hypothesis(
                 out, study, h, maps[h.name], diagnostics[h.name], data.dataset.field is not None
             )
-            | {
-                "predictive_p": compared[h.name]["predictive_p"],
-                "data_remarks": [
-                    *pulled(compared[h.name].get("nuisances", ())),
-                    *few_samples(study, h, data.dataset),
-                ],
-            }
+            | _judged(out, study, h, data.dataset, compared[h.name])
             for h in study.hypotheses
         },
         "study_file": plain(study),
@@ -114,6 +109,20 @@ def _hypothesis(
             "acceptance": result.acceptance,
         },
     }
+
+
+def _judged(
+    out: Path, study: Study, hypothesis: Hypothesis, dataset: Dataset, compared: dict[str, Any]
+) -> dict[str, object]:
+    """How the forces fit, and what a reader should see; `compared` is of comparison.json."""
+    sampled = load_samples(out, hypothesis).result
+    ended = {"status": str(sampled.status), "message": sampled.message}
+    remarks = [
+        *of_chains(ended, compared["quadrature"]),
+        *pulled(compared.get("nuisances", ())),
+        *few_samples(study, hypothesis, dataset),
+    ]
+    return {"predictive_p": compared["predictive_p"], "remarks": remarks}
 
 
 def _mesh_remark(out: Path, study: Study, hypothesis: Hypothesis) -> str:

@@ -34,6 +34,8 @@ class Study:
     """of one sample's deviation between neighbouring levels, `noise.sample_correlation`"""
     hypotheses: tuple[str, ...] = ()
     """that its posterior is under"""
+    synthetic: bool = True
+    """whether a model made its data"""
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,6 @@ from calib.inference.inference_data import load_inference_data, provenance_of
 from calib.inference.laws import DEFAULT_LAW
 from calib.inference.verdict import HOPELESS, NONE_EXPLAINS, POOR_FIT
 from calib.study.artifacts import of_another_run, read_json
-from calib.study.data_remarks import unlike_field
 from calib.study.figure_style import INTERVAL, Array, hdi
 from calib.study.further_table import further_table
 from calib.study.maxima_table import is_verified, largest_difference
@@ -34,6 +33,7 @@ from calib.study.population_summary import (
 from calib.study.population_tables import population_tables
 from calib.study.predictive_tables import CHECKS
 from calib.study.provenance_facts import maxima_in, space_in, truth_in
+from calib.study.remarks import unlike_field, unlike_forces
 from calib.study.summary_tables import constants_table, points_table
 
 INTERVAL_NAME = f"{INTERVAL:.0%} HDI"
@@ -85,8 +85,8 @@ class Summary:
     """posterior predictive p-value of the forces' chi-square, where it is known"""
     mesh_remark: str = ""
     """a sentence where the posterior lies far from the last check of its mesh"""
-    data_remarks: tuple[str, ...] = ()
-    """where data and model get on badly, one sentence each"""
+    remarks: tuple[str, ...] = ()
+    """what should be seen before a number is used, one sentence each"""
     population: PopulationSummary | None = None
     """the hierarchical model, where samples were taken one by one"""
 
@@ -125,19 +125,20 @@ def load_summary(path: Path) -> list[Summary]:
         ]
     except KeyError as error:
         raise ValueError(f"{path}: holds no {error}; run the study again") from error
-    found = [_with_field(summary, path.parent) for summary in found]
+    found = [_with_checks(summary, path.parent) for summary in found]
     if provenance.get("study_file", {}).get("data", {}).get("level") != SAMPLES:
         return found
     return [_with_population(summary, path.parent) for summary in found]
 
 
-def _with_field(summary: Summary, folder: Path) -> Summary:
-    """With what the predictive check of the same run says of the field, where it is there."""
+def _with_checks(summary: Summary, folder: Path) -> Summary:
+    """With what the predictive checks of the same run say of the data, where they are there."""
     path = folder / CHECKS
     if not path.is_file() or of_another_run(folder, "predict", "posterior"):
         return summary
-    said = unlike_field(read_json(path), summary.hypothesis)
-    return replace(summary, data_remarks=(*summary.data_remarks, *said))
+    found, name = read_json(path), summary.hypothesis
+    said = [*unlike_forces(found, name), *unlike_field(found, name)]
+    return replace(summary, remarks=(*summary.remarks, *said))
 
 
 def _with_population(summary: Summary, folder: Path) -> Summary:
@@ -202,7 +203,7 @@ def summarise(
         # posteriors of 0.3 before these have none
         predictive_p=facts.get("predictive_p"),
         mesh_remark=facts.get("mesh_remark", ""),
-        data_remarks=tuple(facts.get("data_remarks", ())),
+        remarks=tuple(facts.get("remarks", ())),
     )
 
 
@@ -275,7 +276,7 @@ def judgement_lines(summaries: Sequence[Summary]) -> list[str]:
         f"LOOK AT  {s.hypothesis}: {remark}"
         for s in summaries
         for remark in (
-            *s.data_remarks, *(() if s.population is None else population_remarks(s.population))
+            *s.remarks, *(() if s.population is None else population_remarks(s.population))
         )
     ]  # fmt: skip
     if all(s.predictive_p is not None and s.predictive_p < HOPELESS for s in summaries):

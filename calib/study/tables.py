@@ -76,10 +76,12 @@ def data_table(data: Mapping[str, Any]) -> Table:
     )
     kind = "SYNTHETIC forces" if data["synthetic"] else "measured forces"
     field = f", and a front-face field of {data['n_point']} points" if "n_point" in data else ""
+    left_out = data.get("left_out", ())
     return Table(
         f"Data: {kind}, {data['name']} ({n} samples{field})",
         ("travel [mm]", "mean force [N]", "SD between samples [N]", "standard error [N]"),
         rows,
+        f"Left out by quality control: {'; '.join(left_out)}." if left_out else "",
     )
 
 
@@ -228,7 +230,7 @@ def comparison_table(comparison: Mapping[str, Any]) -> Table:
         for (name, found), error in zip(comparison["hypotheses"].items(), errors, strict=True)
     )
     return Table(
-        "Comparison of the contact hypotheses",
+        "Comparison of the hypotheses",
         (
             "hypothesis",
             "ln evidence [-]",

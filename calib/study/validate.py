@@ -63,6 +63,7 @@ def validate(
             found[name], picture = _against(test, data, name, rubbers, order, progress)
         shown.append(picture)
     facts = _facts(test, data, found) | {"posterior": sampled(out, study.hypotheses)}
+    facts["of_another_material"] = data.synthetic and not study.synthetic
     target = out / VALIDATIONS / test.name
     write_json(target / "validation.json", facts)
     save_png(validation_figure(data, shown, test.max_error), target / "validation.png")
@@ -86,6 +87,7 @@ def posterior_draws(out: Path, test: SecondTest) -> tuple[dict[str, Rubbers], St
         float(file["material"]["bulk_ratio"]),
         float(file["noise"]["sample_correlation"]),
         tuple(names),
+        bool(provenance["synthetic"]),
     )
     if test.hypothesis is not None and test.hypothesis not in names:
         known = ", ".join(names)

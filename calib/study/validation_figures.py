@@ -56,6 +56,7 @@ def validation_figure(data: SecondData, shown: Sequence[Shown], max_error: float
         label=f"{kind}: mean of {data.n_samples}, SD between samples",
     )
     # In no prediction's colour, since all have one.
+    left.plot([], [], color=INK, lw=1.2, label="median of replicates")
     left.fill_between([], [], color=INK, alpha=0.3, lw=0, label=f"{INTERVAL:.0%} of replicates")
     left.set_ylim(bottom=0)
     left.set_ylabel(data.quantity)

@@ -7,6 +7,11 @@ from typing import Any
 
 from calib.study.tables import Table, number
 
+OTHER = (
+    "This second test is synthetic, of a material of its own, and the study's forces were "
+    "measured: PASS and FAIL say how near the two materials are, and nothing of the study."
+)
+
 
 def validation_tables(found: Mapping[str, Any]) -> list[Table]:
     """What every prediction reached, and its error by increment."""
@@ -25,6 +30,8 @@ def verdicts(found: Mapping[str, Any]) -> list[str]:
             for q in one["judged"]
         )
         lines.append(f"{word}  {name}: {off}")
+    if found.get("of_another_material"):
+        lines.append(OTHER)
     return lines
 
 
@@ -68,11 +75,12 @@ def _overall(found: Mapping[str, Any]) -> Table:
         tuple(rows),
         f"Requirement 8: error below {100 * need['max_error']:g} % and R2 of at least "
         f"{need['min_r2']:g}. error: RMS of prediction minus measurement over RMS of the "
-        "measurement. ratio: what the prediction must be multiplied by. R2: coefficient of "
-        "determination; of noise: what noise alone would leave of it. R: correlation over "
-        "increments, mean of points (the thesis' R^2, which does not see a scale). area: between "
-        "predicted and measured distribution functions, in the quantity's unit; u-area: of the "
-        "pooled u-values, 0 (perfect) to 0.5.",
+        "measurement; the prediction is the mean over draws (the figure shows the median, which "
+        "lies elsewhere where they are skewed). ratio: what the prediction must be multiplied by. "
+        "R2: coefficient of determination; of noise: what noise alone would leave of it. R: "
+        "correlation over increments, mean of points (the thesis' R^2, which does not see a "
+        "scale). area: between predicted and measured distribution functions, in the quantity's "
+        "unit; u-area: of the pooled u-values, 0 (perfect) to 0.5.",
     )
 
 

@@ -115,6 +115,8 @@ def run_data(context: Context) -> list[Path]:
     study = context.study
     if study.virtual is None:
         data = measured(study)
+        for sentence in data.left_out:
+            context.echo(f"  left out: {sentence}")
     else:
         data = load_data(context.out / FOLDER)
         data = replace(data, dataset=at_level(data.dataset, study.data))

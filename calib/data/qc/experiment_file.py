@@ -265,11 +265,12 @@ def refused(folder: Path, key: str, found: object, expected: str) -> FileRefused
     return document.refuse(Contradiction(key, found, expected).refusal())
 
 
-def read_experiment(folder: Path) -> Experiment:
+def read_experiment(folder: Path | str) -> Experiment:
     """Read and check `experiment.toml` in `folder`.
 
     Raises FileRefused, a ValueError of one sentence with file, line and key.
     """
+    folder = Path(folder)
     path = folder / FILE
     if not folder.is_dir():
         found = "a file" if folder.exists() else "no such folder"

@@ -1,9 +1,11 @@
-"""What a reader is told where the data and the model get on badly, though all was computed well."""
+"""What a reader should see before a number is used, though nothing has failed."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from calib.study.predictive_tables import COMPONENTS
 from calib.study.tables import number
@@ -20,6 +22,8 @@ mean is farther out in one of eighty tests at most"""
 RARE, LOST = 0.01, 0.5
 """a predictive p-value of a field below the first, and a share of points in their 94 % intervals
 below the second, are told where they come together"""
+APART = 0.08
+"""share by which SDs of chains and of quadrature may differ: 2,000 effective draws leave 0.016"""
 FEW = 6
 """samples whose SDs, known to a third or worse, are not taken as known in silence"""
 
@@ -41,6 +45,24 @@ def pulled(nuisances: Sequence[Mapping[str, Any]]) -> list[str]:
     return said
 
 
+def of_chains(sampling: Mapping[str, Any], quadrature: Mapping[str, Any]) -> list[str]:
+    """A sentence for chains that were stopped early, and for SDs that are not those of quadrature.
+
+    `sampling` is how they ended, `quadrature` the moments without them of comparison.json.
+    """
+    said = []
+    if sampling["status"] != "converged":
+        said.append(f"its chains were stopped early: {sampling['message']}")
+    ratios = np.asarray(quadrature["chains_sd_ratio"], dtype=np.float64)
+    worst = int(np.argmax(np.abs(np.log(ratios))))
+    if not abs(ratios[worst] - 1.0) < APART:
+        said.append(
+            f"by its chains the SD of {quadrature['x'][worst]} is {ratios[worst]:.2f} times that "
+            "of quadrature: they are too short, or some of their walkers astray"
+        )
+    return said
+
+
 def few_samples(study: Study, hypothesis: Hypothesis, dataset: Dataset) -> list[str]:
     """A sentence where the SDs of the forces are of few samples and nothing allows for that."""
     n = dataset.n_samples
@@ -57,6 +79,24 @@ def few_samples(study: Study, hypothesis: Hypothesis, dataset: Dataset) -> list[
         f"{error:.0%}: intervals are too narrow ([noise] force_freedom = {n - 1}, or a prior of "
         "force_noise, allows for it)"
     ]
+
+
+def unlike_forces(found: Mapping[str, Any], hypothesis: str) -> list[str]:
+    """A sentence where single forces lie outside what the hypothesis predicts.
+
+    `found` is predictive.json. All forces together may still pass, as their errors have much in
+    common.
+    """
+    checks = found["hypotheses"].get(hypothesis, {}).get("force", ())
+    odd = [
+        (travel, check["p_value"])
+        for travel, check in zip(found["travel"], checks, strict=False)
+        if check["p_value"] < RARE and check["coverage"]["0.94"] == 0.0
+    ]
+    if not odd:
+        return []
+    places = ", ".join(f"{travel:g} mm (p = {p:.2g})" for travel, p in odd)
+    return [f"by itself the force at {places} is not what it predicts"]
 
 
 def unlike_field(found: Mapping[str, Any], hypothesis: str) -> list[str]:

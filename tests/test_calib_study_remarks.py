@@ -12,10 +12,10 @@ from test_calib_study_summary import _summary as stuck_summary
 from calib.data.thesis import thesis_forces
 from calib.study.artifacts import NEEDED, StageRecord, write_record
 from calib.study.config import Study, load_study
-from calib.study.data_remarks import few_samples, pulled, unlike_field
 from calib.study.predictive_tables import CHECKS
 from calib.study.prior_sections import ParameterPrior
-from calib.study.summary import _with_field, judgement_lines
+from calib.study.remarks import few_samples, pulled, unlike_field
+from calib.study.summary import _with_checks, judgement_lines
 
 ZERO = {"name": "zero of the travel", "unit": "mm", "prior_sd": 0.02, "mean": -0.051, "sd": 0.006}
 SCALE = {"name": "scale of the field", "unit": "1", "prior_sd": 0.01, "mean": 0.024, "sd": 0.002}
@@ -67,10 +67,10 @@ def test_parts_of_a_field_that_the_model_does_not_predict_are_told() -> None:
 
 def test_the_field_s_checks_are_told_with_the_posterior_of_the_same_run_alone(tmp_path) -> None:
     (tmp_path / CHECKS).write_text(json.dumps(checks(0.0025, 0.1)))
-    summary = replace(stuck_summary(), hypothesis="sliding", data_remarks=("first",))
-    told = _with_field(summary, tmp_path)
-    assert told.data_remarks[0] == "first" and len(told.data_remarks) == 2
-    assert f"LOOK AT  sliding: {told.data_remarks[1]}" in judgement_lines([told])
+    summary = replace(stuck_summary(), hypothesis="sliding", remarks=("first",))
+    told = _with_checks(summary, tmp_path)
+    assert told.remarks[0] == "first" and len(told.remarks) == 2
+    assert f"LOOK AT  sliding: {told.remarks[1]}" in judgement_lines([told])
     for stage, data in (("predict", "a"), ("posterior", "b")):
         write_record(tmp_path, StageRecord(stage, "0", 0, {f"{NEEDED}data": data}, {}, 0.0))
-    assert _with_field(summary, tmp_path).data_remarks == ("first",)
+    assert _with_checks(summary, tmp_path).remarks == ("first",)
