@@ -60,11 +60,11 @@ def process_map(n_workers: int = 0) -> MapFn:
     Items and results are pickled. The workers are ended at once when the caller closes the
     iterator or is interrupted; results that were already yielded are the caller's. An exception
     of `f` is raised here with the worker's traceback as a note, `WorkerDied` when a worker
-    vanishes; results that others had by then are yielded before. Raises ValueError for a negative
-    `n_workers`.
+    vanishes; results that others had by then are yielded before. Raises ValueError for an
+    `n_workers` that is no number of processes.
     """
-    if n_workers < 0:
-        raise ValueError(f"n_workers: must be 0 (all cores) or more, got {n_workers}")
+    if n_workers != int(n_workers) or n_workers < 0:
+        raise ValueError(f"n_workers: must be 0 (all cores) or a whole number, got {n_workers}")
     count = n_workers or usable_cores()
 
     def mapped(f: Callable[[T], R], items: Sequence[T], /) -> Iterator[tuple[int, R]]:

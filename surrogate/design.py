@@ -24,8 +24,8 @@ def sobol_design(
     centres of faces. The rest is a Sobol sequence with Owen's scrambling (Owen 1998, J. Complexity
     14, 466). Designs are nested: the first n points of a larger design with the same other
     arguments are this design.
-    Raises ValueError for n < 1, bounds that are not finite pairs low < high, or more corners or
-    faces than the box has.
+    Raises ValueError for an n that is no whole number from 1 on, bounds that are not finite pairs
+    low < high, or more corners or faces than the box has.
     """
     return _boxed(n, bounds, seed, "sobol", n_corners, n_faces)
 
@@ -44,8 +44,8 @@ def _boxed(
     n: int, bounds: Array, seed: int, sequence: Sequence, n_corners: int | None, n_faces: int
 ) -> Array:
     bounds = np.asarray(bounds, dtype=np.float64)
-    if n < 1:
-        raise ValueError(f"n: must be at least 1, got {n}")
+    if n < 1 or n != int(n):
+        raise ValueError(f"n: must be a whole number of at least 1, got {n}")
     if bounds.ndim != 2 or bounds.shape[1] != 2 or not len(bounds):
         raise ValueError(f"bounds: must be (d, 2) pairs low, high, got shape {bounds.shape}")
     if not np.isfinite(bounds).all() or not (bounds[:, 0] < bounds[:, 1]).all():

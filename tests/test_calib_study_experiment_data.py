@@ -18,9 +18,11 @@ from calib.data.dataset_file import load_dataset, save_dataset
 from calib.study import experiment_data, stage_list
 from calib.study.config import Study, load_study
 from calib.study.context import Context, block_pin_model
+from calib.study.data_stage import load_data
 from calib.study.experiment_data import MEASURED, experiment_dataset
 from calib.study.judgement import measurement_noise
 from calib.study.stages import run_stages
+from calib.study.tables import data_table
 from fe.executors import serial_map
 
 STUDY = "thesis-forces.toml"
@@ -91,6 +93,22 @@ def test_a_block_of_another_size_than_the_experiment_s_is_refused(lab, tmp_path,
     assert f"specimen.{name} of {lab / 'experiment.toml'}" in str(no.value)
     (tmp_path / "study.toml").write_text(text.replace("height = 2.5", "height = 2.7"))
     load_study(tmp_path / "study.toml")
+
+
+def test_samples_that_are_rejected_are_told_by_the_study(tmp_path) -> None:
+    samples = {f"S{i}": Truth(stiffness=1 + 0.3 * i, noise=0.005) for i in (1, 2)}
+    samples["S3"] = Truth(x_shift=-0.6, noise=0.005)
+    lab = write_laboratory(tmp_path / "lab", samples)
+    study = study_of(lab, tmp_path)
+    lines: list[str] = []
+    context = Context(study, tmp_path / "out", block_pin_model, serial_map, lines.append, False)
+    assert run_stages(context, "data") == ("data",)
+    [said] = [line for line in lines if "left out" in line]
+    assert said.startswith("  left out: S3: x-shift: found 0.")
+    kept = load_data(tmp_path / "out")
+    assert [f"  left out: {one}" for one in kept.left_out] == [said]
+    note = data_table(json.loads((tmp_path / "out" / "data.json").read_text())).note
+    assert note.startswith("Left out by quality control: S3: x-shift")
 
 
 def study_of(lab: Path, folder: Path, more: str = "") -> Study:

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 
 from calib.plot_scales import plain_log, thousandths
 from calib.study.emulator_figures import refinement_loop
-from calib.study.figure_style import COLOURS, hdi, png_bytes
+from calib.study.figure_style import COLOURS, hdi, png_bytes, symbol
 from calib.study.force_figures import (
     EmulatorErrors,
     MeasuredForce,
@@ -114,6 +114,22 @@ def test_every_pair_of_constants_has_its_axes_under_every_hypothesis() -> None:
     assert len(figure.axes) == 2
     assert "stuck" in figure.axes[0].get_title(loc="left")
     assert png_bytes(figure, dpi=50).startswith(b"\x89PNG")
+
+
+def test_many_constants_are_wrapped_to_the_width_of_a_page() -> None:
+    rng = np.random.default_rng(4)
+    names = [f"c{k}" for k in range(9)]
+    rivals = [
+        Samples(law, {name: rng.random(200) for name in own}, {}, {})
+        for law, own in (("mr", names[:5]), ("yeoh", names[5:]))
+    ]
+    figure = pairs(rivals)
+    assert figure.get_figwidth() < 14.0
+    assert sum(axis.axison for axis in figure.axes) == 10 + 6
+    figure = marginals(rivals)
+    assert figure.get_figwidth() < 16.0
+    shown = [axis.get_xlabel() for axis in figure.axes if axis.axison]
+    assert [label.split(" ")[0] for label in shown] == [symbol(name) for name in names]
 
 
 def test_constants_side_by_side_are_written_in_one_power_of_ten() -> None:

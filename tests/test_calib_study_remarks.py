@@ -14,7 +14,7 @@ from calib.study.artifacts import NEEDED, StageRecord, write_record
 from calib.study.config import Study, load_study
 from calib.study.predictive_tables import CHECKS
 from calib.study.prior_sections import ParameterPrior
-from calib.study.remarks import few_samples, pulled, unlike_field
+from calib.study.remarks import few_samples, of_chains, pulled, unlike_field, unlike_forces
 from calib.study.summary import _with_checks, judgement_lines
 
 ZERO = {"name": "zero of the travel", "unit": "mm", "prior_sd": 0.02, "mean": -0.051, "sd": 0.006}
@@ -26,6 +26,24 @@ def test_errors_of_the_test_that_go_far_from_what_was_said_of_them_are_told() ->
     assert said.startswith("the zero of the travel goes to -0.051 mm, 2.5 SDs of what was said")
     [said] = pulled([ZERO | {"mean": 0.01}, SCALE | {"mean": -0.03}])
     assert said.startswith("the scale of the field goes to -0.030, 3.0 SDs")
+
+
+def test_chains_that_were_cut_or_have_strays_are_told() -> None:
+    whole = {"status": "converged", "message": "kept 60 times"}
+    alike = {"x": ["ln kappa", "r"], "chains_sd_ratio": [1.01, 0.95]}
+    assert of_chains(whole, alike) == []
+    cut = {"status": "max_steps", "message": "kept 19 times; stopped at max_steps"}
+    assert of_chains(cut, alike) == [f"its chains were stopped early: {cut['message']}"]
+    [said] = of_chains(whole, alike | {"chains_sd_ratio": [1.05, 0.88]})
+    assert said.startswith("by its chains the SD of r is 0.88 times that of quadrature")
+
+
+def test_single_forces_that_the_model_does_not_predict_are_told() -> None:
+    good, odd = ({"p_value": p, "coverage": {"0.94": c}} for p, c in ((0.02, 0.0), (5e-4, 0.0)))
+    found = {"travel": [0.6, 1.0], "hypotheses": {"sliding": {"force": [good, odd]}}}
+    [said] = unlike_forces(found, "sliding")
+    assert said == "by itself the force at 1 mm (p = 0.0005) is not what it predicts"
+    assert unlike_forces(found, "stuck") == []
 
 
 @pytest.fixture

@@ -22,6 +22,7 @@ from calib.study.second_data import SecondData, Study, plate_model, second_data,
 from calib.study.second_prediction import N_REPLICATES, Predicted, at_points, replicates
 from calib.study.second_test import SecondTest, load_second_test
 from calib.study.validate import answer_noise, field_noise, posterior_draws, validate
+from calib.study.validation_tables import OTHER
 from calib.toml_file import FileRefused
 
 STUDY = Study(bulk_ratio=200.0, correlation=0.7)
@@ -55,7 +56,7 @@ C11 = 3.83086e-4
 """
 
 
-def _finished(out: Path, **centres: float) -> Path:
+def _finished(out: Path, synthetic: bool = True, **centres: float) -> Path:
     """A folder with a posterior around the truth times a factor for each hypothesis."""
     rng = np.random.default_rng(1)
     names = list(centres)
@@ -69,6 +70,7 @@ def _finished(out: Path, **centres: float) -> Path:
     posterior["mu"] = 2.0 * (posterior["C10"] + posterior["C01"])
     study = {"material": {"bulk_ratio": 200.0}, "noise": {"sample_correlation": 0.9}}
     facts = {"study_file": study, "hypotheses": {name: {} for name in names}}
+    facts["synthetic"] = synthetic
     provenance = json.dumps(facts)
     data = az.InferenceData(attrs={"provenance": provenance}, posterior=posterior)
     save_inference_data(data, out / "posterior.nc")
@@ -89,6 +91,10 @@ def test_right_constants_pass_and_those_of_the_thesis_fail(
     assert main(["validate", str(out), str(second_file)]) == 0
     text = capsys.readouterr().out
     assert "SYNTHETIC" in text and "PASS  right" in text and "FAIL (answer, x, y)  thesis" in text
+    assert OTHER not in text
+    measured = _finished(tmp_path, synthetic=False, right=1.0)
+    assert main(["validate", str(measured), str(second_file)]) == 0
+    assert OTHER in capsys.readouterr().out
     found = json.loads((out / "validation" / "small" / "validation.json").read_text())
     right, wrong = found["predictions"]["right"], found["predictions"]["thesis"]
     assert found["synthetic"] and right["passed"] and not wrong["passed"]

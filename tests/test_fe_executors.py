@@ -136,6 +136,7 @@ def test_maps_yield_every_index_once(n_items: int) -> None:
     assert sorted(process_map(2)(_square, items)) == expected
 
 
-def test_a_negative_number_of_workers_is_refused() -> None:
-    with pytest.raises(ValueError, match="n_workers: must be 0"):
-        process_map(-1)
+@pytest.mark.parametrize("n", [-1, 1.5])
+def test_what_is_no_number_of_workers_is_refused(n: float) -> None:
+    with pytest.raises(ValueError, match=f"n_workers: must be 0 .* got {n}"):
+        process_map(n)

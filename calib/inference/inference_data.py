@@ -102,7 +102,7 @@ def stated_provenance(path: Path) -> dict[str, object]:
         with h5py.File(path, "r") as file:
             stored = json.loads(str(file.attrs["provenance"]))
     except (OSError, KeyError, ValueError) as error:
-        raise ValueError(f"{path}: not a readable posterior ({error})") from error
+        raise ValueError(f"{path}: not a readable posterior ({_reason(error)})") from error
     if not isinstance(stored, dict):
         raise ValueError(f"{path}: found no table of provenance, expected a posterior of a study")
     return stored
@@ -227,11 +227,19 @@ def save_inference_data(data: az.InferenceData, path: Path) -> None:
         data.to_netcdf(str(temporary), engine="h5netcdf")
 
 
+def _reason(error: Exception) -> str:
+    """What the library says of a damaged file, without its own parts in further brackets."""
+    return str(error).partition("\n")[0].partition(" (")[0]
+
+
 def load_inference_data(path: Path) -> az.InferenceData:
     """Read what `save_inference_data` wrote, into memory.
 
     Raises ValueError naming the file when it cannot be read or holds no posterior.
     """
+    if not path.is_file():
+        found = "a folder" if path.is_dir() else "no such file"
+        raise ValueError(f"{path}: found {found}, expected a posterior of this program")
     try:
         data: az.InferenceData = az.from_netcdf(  # type: ignore[no-untyped-call]
             str(path), engine="h5netcdf"
@@ -239,7 +247,7 @@ def load_inference_data(path: Path) -> az.InferenceData:
         data.load()
         data.close()
     except (OSError, ValueError, KeyError) as error:
-        raise ValueError(f"{path}: not a readable posterior ({error})") from error
+        raise ValueError(f"{path}: not a readable posterior ({_reason(error)})") from error
     if "posterior" not in data.groups() or "provenance" not in data.attrs:
         raise ValueError(f"{path}: holds no posterior of this program; run the study again")
     try:

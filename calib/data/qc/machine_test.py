@@ -94,7 +94,7 @@ def machine_test(record: MachineRecord, protocol: Protocol, machine: Machine) ->
     steps = step_holds(holds, protocol, by_force.travel)
     numbered = [hold for hold in steps if hold.number > 0]
     if not numbered or numbered[-1].number < max(protocol.use):
-        raise NotAsPlanned("holds", len(numbered), f"{max(protocol.use)}, the last of protocol.use")
+        raise NotAsPlanned("plateaus", len(numbered), max(protocol.use))
     # the operator starts the steps where the pin touches
     by_hand = numbered[0].position - numbered[0].number * protocol.increment_mm
     _check_contact(by_force, by_hand, protocol)
