@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, TypeVar
 
 from tqdm import tqdm
 
+T = TypeVar("T")
 Progress = Callable[[int, int], None]
 """called with (done, total) after each piece of work"""
 
@@ -49,3 +50,12 @@ def progress_bar(
     finally:
         if bar is not None:
             bar.close()
+
+
+def told_one_by_one(label: str, pieces: Sequence[T]) -> Iterator[T]:
+    """The pieces of a work that takes minutes for each, with a bar on a terminal."""
+    with progress_bar(label, "part", shown=sys.stderr.isatty()) as report:
+        for done, piece in enumerate(pieces):
+            report(done, len(pieces))
+            yield piece
+        report(len(pieces), len(pieces))

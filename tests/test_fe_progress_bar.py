@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -11,7 +12,7 @@ import pytest
 from toy_simulation import MANY, Toy, run
 
 from fe.executors import MapFn, process_map, serial_map
-from fe.progress_bar import progress_bar
+from fe.progress_bar import progress_bar, told_one_by_one
 from fe.response import Response
 
 
@@ -87,3 +88,14 @@ def test_the_bar_of_a_campaign_ends_with_all_runs(
         run(tmp_path, theta=MANY[:5], progress=progress, map_fn=map_fn)
     last = capsys.readouterr().err.split("\r")[-1]
     assert "5/5" in last and _seconds_left(last) == [0]
+
+
+def test_pieces_of_a_long_work_are_told_before_the_first_is_done(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
+    pieces = told_one_by_one("evidence", ["stuck", "sliding"])
+    assert next(pieces) == "stuck"
+    assert "evidence:   0%" in capsys.readouterr().err
+    assert list(pieces) == ["sliding"]
+    assert "2/2" in capsys.readouterr().err

@@ -38,6 +38,7 @@ from calib.study.posterior_setup import emulator_posterior
 from calib.study.sample_stage import load_samples
 from calib.study.tables import Table
 from calib.study.unknowns import design_box
+from fe.progress_bar import told_one_by_one
 from fe.response import Array
 
 FILE = "evidence.json"
@@ -135,7 +136,7 @@ def evidence(out: Path) -> tuple[list[str], list[Path]]:
     travel = load_data(out).dataset.travel
     standings = []
     by_name: Mapping[str, Posterior] = posteriors(context)
-    for hypothesis in context.study.hypotheses:
+    for hypothesis in told_one_by_one("evidence", context.study.hypotheses):
         name = hypothesis.name
         # What was sampled, and beyond its box, where it has one, the emulator of the prior's.
         sampled, wider = by_name[name], None

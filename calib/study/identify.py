@@ -18,6 +18,7 @@ from calib.study.identify_figure import identify_figure
 from calib.study.local_design import kept_box
 from calib.study.posterior_setup import emulator_posterior
 from calib.study.tables import Table, number
+from fe.progress_bar import told_one_by_one
 
 FILE = "identify.json"
 FIGURE = "identify.png"
@@ -36,7 +37,7 @@ def identify(out: Path) -> tuple[list[str], list[Path]]:
             stream(context.study, f"identify {h.name}"),
             sampled=None if kept_box(out, h) is None else emulator_posterior(context, h),
         )
-        for h in context.study.hypotheses
+        for h in told_one_by_one("identify", context.study.hypotheses)
     }
     write_json(out / FILE, {name: facts(known) for name, known in found.items()})
     save_png(identify_figure(found), out / "figures" / FIGURE)
