@@ -15,7 +15,7 @@ from calib.study.posterior_setup import noise_of
 from calib.study.prior_limits import is_positive
 from calib.study.sections import Hypothesis, ParameterPrior, Virtual
 from calib.study.tables import Table
-from calib.study.unknowns import ERRORS, INPUTS, inputs_of, law_of, off_centre
+from calib.study.unknowns import ERRORS, INPUTS, given, inputs_of, law_of, off_centre
 
 _STATED = ", stated by the data"
 
@@ -45,7 +45,7 @@ def assumptions_table(study: Study, dataset: Dataset) -> Table:
         *_nuisance_rows(study, dataset),
         *_prior_rows(study),
         *_mesh_rows(study),
-        ("samples independent of each other, their SDs taken as known", "", "-"),
+        (f"samples independent of each other{_known_sds(study, dataset)}", "", "-"),
     ]
     if study.virtual is not None:
         rows += _field_noise_rows(study.virtual)
@@ -59,6 +59,13 @@ def assumptions_table(study: Study, dataset: Dataset) -> Table:
         "pins, heights and laws are not part of this study. A number that has a prior too is used "
         "for the truth of a synthetic experiment alone.",
     )
+
+
+def _known_sds(study: Study, dataset: Dataset) -> str:
+    """What is assumed of the SDs between samples, where all hypotheses take them as given."""
+    free = [given(study, hypothesis, "force_noise") is not None for hypothesis in study.hypotheses]
+    allowed = study.noise.force_freedom is not None or dataset.force_covariance is not None
+    return "" if all(free) or allowed else ", their SDs taken as known"
 
 
 def _hypothesis_rows(study: Study) -> list[tuple[str, str, str]]:

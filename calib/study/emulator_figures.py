@@ -140,9 +140,14 @@ def _draw_runs(figure: Figure, axis: Axes, name: str, found: Mapping[str, Any]) 
     bar = figure.colorbar(drawn, ax=axis, label="largest force error [%]", extend=smaller)
     plain_log(bar.ax.yaxis)
     axis.set_title(name, fontsize=10, loc="right")
-    labels = [*found.get("inputs", ("r [-]", "s [-]")), ""]
+    labels = found.get("inputs", ("r [-]", "s [-]"))
     axis.set_xlabel(labels[0])
-    axis.set_ylabel(labels[1])
+    if len(labels) > 1:
+        axis.set_ylabel(labels[1])
+    else:
+        axis.yaxis.set_visible(False)
+    if len(labels) > 2:
+        axis.set_title(f"over two of {len(labels)} inputs", fontsize=9, loc="left")
     axis.margins(0.08)
     # Beside the axes: the corners of a design are runs too.
     axis.legend(

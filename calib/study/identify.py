@@ -22,6 +22,8 @@ from fe.progress_bar import told_one_by_one
 
 FILE = "identify.json"
 FIGURE = "identify.png"
+ROUNDING = 1e-12
+"""of the largest eigenvalue, below which one is zero"""
 
 
 def identify(out: Path) -> tuple[list[str], list[Path]]:
@@ -168,6 +170,7 @@ def _spectrum(name: str, known: Knowledge) -> Table:
     """Combinations of coordinates by Fisher information."""
     combined = []
     for entry in known.parts:
+        least = ROUNDING * float(entry.spectrum.information.max())
         for value, ratio, direction in zip(
             entry.spectrum.information,
             entry.spectrum.sd_ratio,
@@ -177,9 +180,9 @@ def _spectrum(name: str, known: Knowledge) -> Table:
             combined.append(
                 (
                     entry.part,
-                    number(float(value), 3),
+                    number(float(value) if value > least else 0.0, 3),
                     f"{100 * ratio:.1f}",
-                    _words(known.names, direction),
+                    _words(known.names, direction) if value > least else "of the rest nothing",
                 )
             )
     return Table(
