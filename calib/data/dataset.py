@@ -86,7 +86,7 @@ class FieldData:
 class SampleData:
     """The samples one by one, for models of what differs between them.
 
-    Raises ValueError when shapes disagree, and for forces that are not finite.
+    Raises ValueError when shapes disagree.
     """
 
     names: tuple[str, ...]
@@ -99,10 +99,8 @@ class SampleData:
     of the mean's, in `FieldData`"""
 
     def __post_init__(self) -> None:
-        if self.force.ndim != 2 or not np.isfinite(self.force).all():
-            raise ValueError(
-                f"force: expected finite (n_sample, n_step) in N, found shape {self.force.shape}"
-            )
+        if self.force.ndim != 2:
+            raise ValueError(f"force: expected (n_sample, n_step) N, found {self.force.shape}")
         n, n_step = self.force.shape
         if len(self.names) != n:
             raise ValueError(f"names: expected {n} as forces, found {len(self.names)}")
