@@ -152,9 +152,7 @@ def equilibrate(
         near = potential.has_friction and norm <= options.near * assembly.force_scale
         along = whole = None
         if negative == 0 and not potential.has_friction and not settled:
-            enough = options.lagged  # less near the end, which is slow else
-            if norm < enough * assembly.force_scale:
-                enough = norm / assembly.force_scale
+            enough = min(options.lagged, norm / assembly.force_scale)  # slow near the end else
             along = solver.solve_positive(assembly.data, -assembly.gradient, enough)
         lagged = along is not None
         if along is None and not (near and negative == 0):  # else it was 0 at the iterate before
@@ -172,8 +170,8 @@ def equilibrate(
             if negative == 0 and assembly.gradient @ whole.along < 0.0:
                 along = whole.along
             else:
-                potential.assemble(u, p, travel, memory)  # what the solves below are of
                 whole = None
+                potential.assemble(u, p, travel, memory)  # what the solves below are of
         if along is None:
             along = descent_direction(potential, solver, assembly.gradient, options, negative)
         unstable = unstable or negative > 0

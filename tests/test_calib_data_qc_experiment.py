@@ -17,7 +17,7 @@ from closed_form_laboratory import EXPERIMENT, Truth, field_at, force_at, write_
 from calib.cli import main
 from calib.data.dataset_file import load_dataset, save_dataset
 from calib.data.qc import analyse, read_experiment
-from calib.data.qc.lab_files import sample_files, static_folder
+from calib.data.qc.lab_files import _check_numbers, sample_files, static_folder
 from calib.data.qc.pipeline import QcResult
 from calib.data.qc.results import FIGURE_NAMES
 from calib.data.qc.rules import Rules
@@ -281,6 +281,11 @@ def test_a_block_of_another_size_than_its_face_is_told(some, capsys, key, size):
     folder = some("S1", "S2", text=EXPERIMENT + f"[specimen]\n{key} = {size}\n")
     assert main(["qc", str(folder)]) == 0
     assert f"at most where specimen.{key} = {size}: is that right" in capsys.readouterr().out
+    if size > 2:
+        more = f"[specimen]\n{key} = {size}\n[field]\nedge_mm = 1.6\n"
+        (folder / "experiment.toml").write_text(EXPERIMENT + more)
+        assert main(["qc", str(folder)]) == 0
+        assert f"specimen.{key}" not in capsys.readouterr().out
 
 
 def test_frames_of_a_sample_are_in_dic_alone(some):
@@ -707,6 +712,30 @@ def test_numbers_that_lack_another_frame_than_the_folder_are_refused(some):
     others = [f"{10 * k},{line.split(',')[1]}" for k, line in enumerate(lines[1:]) if k != 3]
     table.write_text("\n".join([lines[0], *others]) + "\n")  # count no frames
     assert len(analyse(folder).samples) == 2
+
+
+@pytest.mark.parametrize(
+    ("names", "table"),
+    [
+        ([f"20240101_1200{2 * k:02d}" for k in range(5)], [1, 2, 3, 4, 5]),  # a picture in 2 s
+        ([f"img_{k:03d}_{s}s" for k, s in enumerate((0, 2, 3, 5, 6))], [1, 2, 3, 4, 5]),
+        ([f"B{2 * k:04d}" for k in range(5)], [1, 2, 3, 4, 5]),  # every second one exported
+        ([f"S_{k:04d}_0" for k in (0, 1, 2, 4, 5)], [1, 2, 3, 5, 6]),
+        (["ref", *(f"S_{k:04d}_0" for k in (1, 2, 4, 5))], [0, 1, 2, 4, 5]),
+        ([f"dic frame {k}" for k in range(5)], [1, 2, 3, 5, 6]),  # places in one file
+    ],
+)
+def test_numbers_of_frames_that_may_be_right_are_taken(names, table):
+    rows = [(k + 2, str(number), 1.0 * k) for k, number in enumerate(table)]
+    _check_numbers(Path("frames.csv"), rows, names)
+
+
+@pytest.mark.parametrize("end", ["", "_0"])
+def test_numbers_of_frames_beside_those_of_the_files_are_refused_by_their_line(end):
+    names = ["ref", *(f"S_{k:04d}{end}" for k in (1, 2, 4, 5))]
+    rows = [(k + 2, str(number), 1.0 * k) for k, number in enumerate([0, 1, 2, 3, 5])]
+    with pytest.raises(WrongFile, match=rf"frames.csv:5: .* that of S_0004{end} does, found 3"):
+        _check_numbers(Path("frames.csv"), rows, names)
 
 
 def test_a_folder_with_frames_and_no_machine_record_is_not_left_out_in_silence(some):

@@ -208,6 +208,13 @@ def test_a_machine_that_gives_way_by_more_than_the_pin_travels_is_refused():
     with pytest.raises(NotAsPlanned, match="mm that the machine gives way by") as refused:
         machine_test(replace(record, force=1000.0 * record.force), PROTOCOL, MACHINE)
     assert "are forces in N, machine.compliance_mm_per_N too?" in str(refused.value.expected)
+    for soft, refused in ((0.06, False), (0.3, True)):  # mm/N: a tenth of the travel, and most
+        machine = replace(MACHINE, compliance_mm_per_N=soft)
+        if refused:
+            with pytest.raises(NotAsPlanned, match="mm that the machine gives way by"):
+                machine_test(record, PROTOCOL, machine)
+        else:
+            machine_test(record, PROTOCOL, machine)
     stiff = replace(MACHINE, compliance_mm_per_N=0.0)
     assert machine_test(replace(record, force=1000.0 * record.force), PROTOCOL, stiff).plateaus
 

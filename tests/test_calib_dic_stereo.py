@@ -15,6 +15,7 @@ from stereo_scenes import CAMERAS, STEREO, face, points_on, shoot, still, turned
 
 from calib.cli import main
 from calib.data.readers import read_dic
+from calib.dic import GreyImage
 from calib.dic.calibration import Calibration
 from calib.dic.calibration_files import read_calibration, write_calibration
 from calib.dic.camera import Camera, Intrinsics, StereoRig, epipolar_distance, project
@@ -29,6 +30,7 @@ from calib.dic.stereo import (
 from calib.dic.surface_frame import surface_frame
 from calib.dic.surface_strain import surface_strain
 from calib.dic.triangulate import triangulate
+from calib.dic_study import camera_files
 
 MOVED = {"move": (0.011, -0.017, 0.043), "stretch": (0.008, -0.012)}
 
@@ -287,6 +289,7 @@ def test_the_command_writes_points_that_the_readers_read(folder, capsys):
     length = 25 / np.sqrt(2 * np.pi) * spacing / 12  # of subsets of 25 px at points 12 px apart
     assert second.correlation_length == pytest.approx(length, rel=0.05)
     assert first.correlation_length == second.correlation_length
+    assert first.scale_sd == second.scale_sd
     report = json.loads((out / "dic.json").read_text())
     assert report["frames"][0]["valid"] > 0.9 * report["frames"][0]["points"]
     assert (out / "pictures" / "left1.png").stat().st_size > 1000
@@ -435,6 +438,19 @@ def test_pairs_much_farther_from_their_lines_than_the_references_are_told(folder
     out = capsys.readouterr().out
     assert "warning: left1.tif, right6.tif: points lie 0.2" in out and "below 0.1;" in out
     assert " 0 of " not in out
+
+
+def test_how_far_points_may_be_from_their_lines_goes_with_the_references(monkeypatch):
+    """Five times as far as in these, 0.1 px at least and the limit at most."""
+    image = GreyImage("a.tif", np.ones((2, 2)), 255.0)
+    monkeypatch.setattr(camera_files, "median_distance", lambda *_: 0.4)
+    for usual, limit, expected in (
+        (0.01, 1.0, "below 0.1;"), (0.07, 1.0, "below 0.35;"), (0.5, 0.3, "below 0.3;"),
+        (0.081, 1.0, None),
+    ):  # fmt: skip
+        monkeypatch.setattr(camera_files, "usual_distance", lambda _, usual=usual: usual)
+        said = camera_files.view_doubt(None, None, limit, image, image)
+        assert said is None if expected is None else expected in said
 
 
 def test_a_camera_that_drifts_is_not_taken_for_the_other_one():

@@ -28,7 +28,7 @@ from calib.dic import (
     rectangle_mask,
 )
 from calib.dic.follow import Base
-from calib.dic.quality import period, speckle_size
+from calib.dic.quality import period
 from calib.dic_study import frame_store, run
 from calib.dic_study.config import DicStudy, read_study
 from calib.dic_study.exposure import weak_frame
@@ -426,9 +426,11 @@ def test_a_pattern_that_repeats_itself_is_told(side):
     x, y = np.arange(160), np.arange(110)[:, None]
     mask = np.ones((110, 160), dtype=bool)
     board = 100.0 + 60.0 * ((x // side + y // side) % 2)
-    board += np.random.default_rng(1).normal(0, 3, board.shape) + 0.3 * x  # uneven light
+    board += np.random.default_rng(1).normal(0, 3, board.shape) + 2.0 * x  # uneven light
     text = " ".join(quality(GreyImage("x", board, 255.0), mask, 31).warnings)
     assert f"the pattern repeats itself every {side * np.sqrt(2):.0f} px" in text
+    stripes = np.where(x // side % 2 + 0 * y, 60.0, 160.0)
+    assert period(stripes, mask, 31) == pytest.approx(2 * side, abs=1)
 
 
 def test_few_speckles_at_random_are_no_pattern():
@@ -436,7 +438,15 @@ def test_few_speckles_at_random_are_no_pattern():
     rng, mask = np.random.default_rng(2), np.ones((35, 45), dtype=bool)
     for _ in range(40):
         image = 120.0 + 40.0 * gaussian_filter(rng.standard_normal(mask.shape), 3.0) * 10.0
-        assert np.isnan(period(image, mask, speckle_size(image, mask)))
+        assert np.isnan(period(image, mask, 21))
+
+
+def test_a_noisy_frame_is_told_by_the_command(folder, pattern, capsys):
+    noisy = exposed(pattern(X, Y), np.random.default_rng(3), noise=32.0, spread=1.7)
+    io.imsave(folder / "d2.bmp", noisy.astype(np.uint8), check_contrast=False)
+    assert main(["dic", str(folder / "study.toml")]) == 0
+    said = [line for line in capsys.readouterr().out.splitlines() if "median correlation" in line]
+    assert len(said) == 1 and said[0].startswith("warning: d2.bmp: the median correlation of its")
 
 
 def test_patterns_are_of_the_study_s_folder_or_absolute(tmp_path):

@@ -79,7 +79,11 @@ def test_a_data_set_whose_key_tells_no_code_is_made_anew(lab):
 
 @pytest.mark.parametrize(
     ("key", "size", "name"),
-    [("height = 2.5", 3.5, "height_mm"), ("width = 10.0", 7.0, "width_mm")],
+    [
+        ("height = 2.5", 3.5, "height_mm"),
+        ("width = 10.0", 7.0, "width_mm"),
+        ("depth = 10.0", 13.0, "depth_mm"),
+    ],
 )
 def test_a_block_of_another_size_than_the_experiment_s_is_refused(lab, tmp_path, key, size, name):
     text = study_text(lab, '\nlevel = "summary"')
@@ -93,6 +97,9 @@ def test_a_block_of_another_size_than_the_experiment_s_is_refused(lab, tmp_path,
     assert f"specimen.{name} of {lab / 'experiment.toml'}" in str(no.value)
     (tmp_path / "study.toml").write_text(text.replace("height = 2.5", "height = 2.7"))
     load_study(tmp_path / "study.toml")
+    prior = '\n[prior.height]\ndistribution = "uniform"\nlow = 3.2\nhigh = 3.4\n'
+    (tmp_path / "study.toml").write_text(text.replace("height = 2.5", "height = 3.3") + prior)
+    load_study(tmp_path / "study.toml")  # which says what is known of it
 
 
 def test_samples_that_are_rejected_are_told_by_the_study(tmp_path) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -63,6 +64,15 @@ def test_sds_of_few_samples_are_not_taken_as_known_in_silence(study) -> None:
     factor = ParameterPrior(distribution="lognormal", low=0.1, high=10.0, mean=1.0, sd=0.7)
     allowing = replace(study, prior=replace(study.prior, force_noise=factor))
     assert few_samples(allowing, stuck, few) == []
+    assert few_samples(study, stuck, replace(many, n_samples=1)) == []
+    for refusing in (
+        replace(study, noise=replace(study.noise, discrepancy=0.05)),
+        SimpleNamespace(
+            noise=study.noise, prior=study.prior, data=SimpleNamespace(level="samples")
+        ),
+    ):
+        [said] = few_samples(refusing, stuck, few)
+        assert "intervals are too narrow" in said and "force_freedom" not in said
     measured = replace(few, force_covariance=np.diag(many.force_sd**2))
     assert few_samples(study, stuck, measured) == []
 

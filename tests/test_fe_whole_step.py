@@ -47,6 +47,32 @@ def test_a_refused_step_that_the_line_search_takes_is_not_assembled_again(presse
     assert same.all()
 
 
+def test_a_refused_step_that_does_not_go_down_leaves_the_state_assembled(monkeypatch):
+    """Else the search's pressure steps would be of the place where that step led."""
+    whole_step, descend, asked, found = fe.newton.whole_step, fe.newton._descend, [], []
+
+    def uphill(potential, solver, u, p, assembly, travel, memory, **options):
+        step = whole_step(potential, solver, u, p, assembly, travel, memory, **options)
+        asked.append(potential.pressure_step(u))
+        away = potential.assemble(u - 0.5 * step.du, p, travel, memory)
+        return step._replace(along=-step.along, du=-0.5 * step.du, trial=away)
+
+    def watched(potential, along, here, travel, memory, *rest):
+        u, p, _ = here
+        if asked:
+            asked.clear()
+            assert rest[-1] is None
+            before = potential.pressure_step(u)
+            potential.assemble(u, p, travel, memory)
+            found.append(np.array_equal(before, potential.pressure_step(u)))
+        return descend(potential, along, here, travel, memory, *rest)
+
+    monkeypatch.setattr(fe.newton, "whole_step", uphill)
+    monkeypatch.setattr(fe.newton, "_descend", watched)
+    BlockPinModel(BlockPin(), Contact(0.3, 0.3), (4, 2, 1), (0.1,))([0.5, 0.05])
+    assert len(found) > 3 and all(found)
+
+
 def state(residual: float, energy: float = 1.0, smallest_J: float = 0.5) -> Assembly:
     none = np.zeros(0)
     return Assembly(

@@ -62,7 +62,8 @@ def read_image(path: Path | str) -> GreyImage:
     if values.dtype == np.bool_ or values.dtype.kind not in "u" or values.dtype.itemsize > 2:
         raise ValueError(f"{path}: expected 8 to 16 bit grey levels, found {values.dtype}")
     is_byte = values.dtype.itemsize == 1
-    if values.ndim == 3 and values.shape[2] == 4 and np.any(values[..., 3] < values[..., 3].max()):
+    opaque = np.iinfo(values.dtype).max
+    if values.ndim == 3 and values.shape[2] == 4 and np.any(values[..., 3] < opaque):
         raise ValueError(f"{path}: expected an opaque image, found pixels that are transparent")
     if values.ndim == 3 and values.shape[2] in (3, 4):
         grey = values[..., :3] @ LUMINANCE

@@ -80,30 +80,28 @@ def _autocorrelation(grey: Array, mask: BoolArray) -> tuple[Array, Array]:
     return np.asarray(fft.irfft2(power, s=shape) / pairs), pairs
 
 
-def period(image: Array, mask: BoolArray, speckle: float) -> float:
-    """Distance at which the speckle repeats itself, px; NaN where it does not.
+def period(image: Array, mask: BoolArray, scale: float) -> float:
+    """Distance at which the pattern repeats itself, px; NaN where it does not.
 
-    By the highest side peak of the autocorrelation, of what is finer than twice the `speckle`
-    [px], at distances that half the mask (h, w) has: light that changes over the image is no
-    pattern.
+    That of the nearest peak of the autocorrelation beside the middle one, at distances that half
+    of the mask (h, w) has; of what is finer than `scale` [px]: light that changes over the image
+    is no pattern.
     """
-    if not speckle <= 2.0 * LARGEST_SPECKLE:  # so is NaN; what is coarser is told as such
-        return float("nan")
-    inside = mask.astype(np.float64)
-    weight = np.maximum(ndimage.gaussian_filter(inside, 2.0 * speckle), 1e-3)
-    smooth = ndimage.gaussian_filter(np.where(mask, image, 0.0), 2.0 * speckle) / weight
+    weight = np.maximum(ndimage.gaussian_filter(mask.astype(np.float64), scale), 1e-3)
+    smooth = ndimage.gaussian_filter(np.where(mask, image, 0.0), scale) / weight
     fine = np.where(mask, image - smooth, 0.0)
     fine[mask] -= fine[mask].mean()
-    correlation, pairs = _autocorrelation(fine, mask)
-    if not correlation[0, 0] > 0:
+    found, pairs = (fft.fftshift(array) for array in _autocorrelation(fine, mask))
+    middle = found.shape[0] // 2, found.shape[1] // 2
+    if not found[middle] > 0:
         return float("nan")
-    y, x = (np.fft.fftfreq(side, 1.0 / side) for side in correlation.shape)
-    distance = np.hypot(y[:, None], x)
-    highest = correlation >= ndimage.maximum_filter(correlation, 3, mode="wrap")
-    beside = highest & (distance > speckle) & (pairs >= 0.5 * pairs[0, 0])
-    peaks = np.where(beside & (correlation > MOST_ALIKE * correlation[0, 0]), distance, np.inf)
-    nearest = float(peaks.min())
-    return nearest if np.isfinite(nearest) else float("nan")
+    alike = (found > MOST_ALIKE * found[middle]) & (pairs >= 0.5 * pairs[middle])
+    parts, _ = ndimage.label(alike)
+    peaks = alike & (parts != parts[middle]) & (found >= ndimage.maximum_filter(found, 3))
+    if not peaks.any():
+        return float("nan")
+    y, x = np.nonzero(peaks)
+    return float(np.hypot(y - middle[0], x - middle[1]).min())
 
 
 def speckle_size(image: Array, mask: BoolArray) -> float:
@@ -138,7 +136,7 @@ def quality(
     warnings = []
     if repeat is not None and np.array_equal(repeat.grey, grey):
         warnings.append(f"{repeat.name} is pixel for pixel {image.name}, so it shows no noise")
-    if np.isfinite(again := period(grey, mask, size)):
+    if np.isfinite(again := period(grey, mask, subset)):
         warnings.append(
             f"the pattern repeats itself every {again:.0f} px, expected speckle at random: points "
             "may be found whole periods off"

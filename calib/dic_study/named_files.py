@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 import glob
-import re
 from collections.abc import Sequence
 from pathlib import Path
 
+from calib.data.readers.name_numbers import counters, counts_files
 from calib.data.readers.natural_order import natural_order
 from calib.data.readers.wrong_file import check_link
 from calib.dic import GreyImage, read_image
 from calib.dic.images import check_sizes
 from calib.toml_file import Contradiction
-
-SPARSE = 3
-"""times the number of images that numbers which count them may span"""
 
 
 def named_files(
@@ -68,23 +65,21 @@ def number_doubt(left: Sequence[Path], right: Sequence[Path]) -> str | None:
     """Why numbers in the names tell of other pairs; None where they do not.
 
     As where each camera lacks a frame, another one: the numbers of a pair are no longer as far
-    apart as those of others. Numbers that do not count images, as times, say nothing.
+    apart as those of others. Numbers that do not count images, as times, say nothing; nor do names
+    that differ in more than their numbers, as those of a reference and of frames may.
     """
-    ones, twos = ([_number(path) for path in paths] for paths in (left, right))
-    known = [(a, b) for a, b in zip(ones, twos, strict=True) if a is not None and b is not None]
-    most = SPARSE * len(ones)
-    if len(known) < len(ones) or any(max(n) - min(n) > most for n in zip(*known, strict=True)):
+    ones, twos = (counters([path.stem for path in paths]) for paths in (left, right))
+    if (
+        not ones
+        or len(ones) != len(twos)
+        or not (counts_files(ones[-1]) and counts_files(twos[-1]))
+    ):
         return None
-    for path, other, (a, b) in zip(left, right, known, strict=True):
-        if b - a != known[0][1] - known[0][0]:
+    apart = [b - a for a, b in zip(ones[-1], twos[-1], strict=True)]
+    for path, other, own in zip(left, right, apart, strict=True):
+        if own != apart[0]:
             return (
                 f"{path.name} is paired with {other.name}, other than {left[0].name} with "
                 f"{right[0].name} by their numbers; does a camera lack a frame?"
             )
     return None
-
-
-def _number(path: Path) -> int | None:
-    """Last number in the name of a file without its ending; None where there is none."""
-    found = re.findall(r"\d+", path.stem)
-    return int(found[-1]) if found else None

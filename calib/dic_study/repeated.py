@@ -23,9 +23,10 @@ def repeats(seen: Seen, images: Sequence[GreyImage]) -> list[str]:
         if not np.ptp(image.grey) > 0.0:
             continue
         key = hashlib.sha256(image.grey.tobytes()).digest()
-        first = before.setdefault(key, image.name)
-        if first != image.name:
+        if key in before:  # by its pixels: in two folders names may be the same
             doubts.append(
-                f"{image.name} is pixel for pixel {first}, expected a picture with noise of its own"
+                f"{image.name} is pixel for pixel {before[key]}, expected a picture with noise of "
+                "its own"
             )
+        before.setdefault(key, image.name)
     return doubts

@@ -82,7 +82,7 @@ def run_stereo(study: StereoStudy, folder: Path, out: Path, say: Say, bars: Bars
     left, right = pairs(study, folder)
     first_pair = Path(study.images.reference), Path(study.stereo.right_reference)
     shifted = number_doubt((first_pair[0], *left), (first_pair[1], *right))
-    if doubt := number_doubt(left, right) or shifted:  # a reference may have no number
+    if doubt := number_doubt(left, right) or shifted:  # a reference may have another name
         say(f"warning: {doubt}")
     calibration = calibration_of(study, folder, out / STORE, say)
     ready = _prepare(study, folder, calibration, say, bars)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from calib.study.population_checks import SAMPLES
 from calib.study.predictive_tables import COMPONENTS
 from calib.study.tables import number
 from calib.study.unknowns import given
@@ -71,14 +72,15 @@ def few_samples(study: Study, hypothesis: Hypothesis, dataset: Dataset) -> list[
         or study.noise.force_freedom is not None
         or given(study, hypothesis, "force_noise") is not None
     )
-    if allowed or n > FEW:
+    if allowed or not 2 <= n <= FEW:
         return []
     error = (2.0 * (n - 1)) ** -0.5
-    return [
-        f"the SDs of the forces are of {n} samples and taken as known, where they are to "
-        f"{error:.0%}: intervals are too narrow ([noise] force_freedom = {n - 1}, or a prior of "
-        "force_noise, allows for it)"
-    ]
+    said = f"the SDs of the forces are of {n} samples and taken as known, where they are to "
+    said += f"{error:.0%}: intervals are too narrow"
+    errs = study.noise.discrepancy > 0 or given(study, hypothesis, "discrepancy") is not None
+    if study.data.level != SAMPLES and not errs:  # else it is refused
+        said += f" ([noise] force_freedom = {n - 1}, or a prior of force_noise, allows for it)"
+    return [said]
 
 
 def unlike_forces(found: Mapping[str, Any], hypothesis: str) -> list[str]:

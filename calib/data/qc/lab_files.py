@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import hashlib
 import re
+from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,9 +16,10 @@ import numpy as np
 from calib.data.csv_cells import csv_cells
 from calib.data.qc.experiment_file import FILE, Experiment
 from calib.data.readers import DicSeries, PointFrame, WrongFile
+from calib.data.readers.name_numbers import counters, counts_files, shape_of
 from calib.data.readers.natural_order import natural_order
 from calib.data.readers.wrong_file import check_link
-from fe.response import Array
+from fe.response import Array, IntArray
 
 STATIC = "static"
 MACHINE = "machine.csv"
@@ -26,8 +28,6 @@ FRAMES = "frames.csv"
 COLUMNS = ["frame", "time_s"]
 LONGEST = 10_000_000
 """bytes; a table of frames is short"""
-SPARSE = 3
-"""times the number of frames that numbers which count them may span"""
 
 
 @dataclass(frozen=True)
@@ -159,26 +159,32 @@ def _check_numbers(path: Path, rows: list[tuple[int, str, float]], names: list[s
     """Raise WrongFile where numbers, in order, stand for files of other numbers.
 
     As where the table lacks another frame than the folder does: frames between would get the times
-    of their neighbours. Names of one file of all frames count places; names of files may end in
-    what is no number of images, as a time of day or a camera's, by which nothing is told.
+    of their neighbours. Names of one file of all frames count places. A number in the names that
+    goes with the table's, in steps of any size, says that all is well; one that counts in the same
+    steps but for some says that it is not, others say nothing.
     """
     if all(re.search(r" frame \d+$", name) for name in names):
         return
-    found = [re.search(r"(\d{1,9})\D*$", name, re.ASCII) for name in names]
-    pairs = [
-        (line, round(float(number)), name, int(match[1]))
-        for (line, number, _), name, match in zip(rows, names, found, strict=True)
-        if match is not None
+    usual = Counter(map(shape_of, names)).most_common(1)[0][0]  # a reference may have its own
+    alike = [
+        (line, round(float(number)), name)
+        for (line, number, _), name in zip(rows, names, strict=True)
+        if shape_of(name) == usual
     ]
-    by_table, by_name = [pair[1] for pair in pairs], [pair[3] for pair in pairs]
-    if len(pairs) < 2 or np.any(np.diff(by_name) <= 0):
+    by_table = np.diff([number for _, number, _ in alike])
+    if not by_table.size:
         return
-    if max(np.ptp(by_table), np.ptp(by_name)) > SPARSE * len(names):
-        return
-    for line, number, name, own in pairs:
-        if number - own != by_table[0] - by_name[0]:
-            expected = f"the name of the frame, or a number that goes on as that of {name} does"
-            raise WrongFile(path, line, expected, f"{number}")
+    doubtful: IntArray | None = None
+    for numbers in counters([name for *_, name in alike]):
+        steps: IntArray = np.diff(numbers)
+        if np.all(steps * by_table[0] == by_table * steps[0]):
+            return
+        if counts_files(numbers) and np.median(steps) == np.median(by_table):
+            doubtful = steps
+    if doubtful is not None:
+        line, number, name = alike[1 + int(np.argmax(doubtful != by_table))]
+        expected = f"the name of the frame, or a number that goes on as that of {name} does"
+        raise WrongFile(path, line, expected, f"{number}")
 
 
 def _check_different(path: Path, rows: list[tuple[int, str, float]]) -> None:
