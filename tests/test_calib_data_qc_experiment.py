@@ -282,8 +282,9 @@ def test_a_block_of_another_size_than_its_face_is_told(some, capsys, key, size):
     assert main(["qc", str(folder)]) == 0
     assert f"at most where specimen.{key} = {size}: is that right" in capsys.readouterr().out
     if size > 2:
-        more = f"[specimen]\n{key} = {size}\n[field]\nedge_mm = 1.6\n"
-        (folder / "experiment.toml").write_text(EXPERIMENT + more)
+        text = EXPERIMENT.replace("[field]\n", "[field]\nedge_mm = 1.7\n")
+        assert text != EXPERIMENT
+        (folder / "experiment.toml").write_text(text + f"[specimen]\n{key} = {size}\n")
         assert main(["qc", str(folder)]) == 0
         assert f"specimen.{key}" not in capsys.readouterr().out
 
