@@ -87,17 +87,10 @@ def run_stereo(study: StereoStudy, folder: Path, out: Path, say: Say, bars: Bars
     calibration = calibration_of(study, folder, out / STORE, say)
     ready = _prepare(study, folder, calibration, say, bars)
     check_files(ready.left, left + right)
-    for name in (POINTS, PICTURES, STORE):
-        (out / name).mkdir(parents=True, exist_ok=True)
-    write_calibration(out / CALIBRATION, _as_used(calibration, ready, study))
-    first = Path(study.images.reference).stem
-    remove_stale(out, ready.key, {first, *(path.stem for path in left)}, say)
     scale = _scale_sd(ready, calibration)
     length = error_length(ready.reference, study.correlation.settings)
     times = study.images.times_s
-    rest = reference_frame(ready.reference, first, None, ready.grid, ready.axes)
-    rest = replace(rest, scale_sd=scale, correlation_length=length)
-    write_points(out / POINTS / f"{first}.csv", rest)
+    _begin(out, ready, calibration, {path.stem for path in left}, (scale, length), say)
     before, key = Tracked(State(), State()), ready.key
     seen: Seen = ({}, {})
     repeats(seen, (ready.left, read_image(folder / study.stereo.right_reference)))
@@ -129,6 +122,29 @@ def run_stereo(study: StereoStudy, folder: Path, out: Path, say: Say, bars: Bars
     check_series_found(frames, ready.left.name)
     say(f"wrote {out}")
     return out
+
+
+def _begin(
+    out: Path,
+    ready: Prepared,
+    calibration: Calibration,
+    stems: set[str],
+    errors: tuple[float | None, float],
+    say: Say,
+) -> None:
+    """Make the folders, write calibration and reference, take away what frames of before left.
+
+    `stems` are the frames' names; `errors` the relative SD of all lengths and the length over
+    which errors of points go together [mm].
+    """
+    for name in (POINTS, PICTURES, STORE):
+        (out / name).mkdir(parents=True, exist_ok=True)
+    write_calibration(out / CALIBRATION, _as_used(calibration, ready, ready.study))
+    first = Path(ready.study.images.reference).stem
+    remove_stale(out, ready.key, {first, *stems}, say)
+    rest = reference_frame(ready.reference, first, None, ready.grid, ready.axes)
+    rest = replace(rest, scale_sd=errors[0], correlation_length=errors[1])
+    write_points(out / POINTS / f"{first}.csv", rest)
 
 
 def _doubts(
