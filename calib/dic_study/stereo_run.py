@@ -129,7 +129,7 @@ def _begin(
     ready: Prepared,
     calibration: Calibration,
     stems: set[str],
-    errors: tuple[float | None, float],
+    errors: tuple[float | None, float | None],
     say: Say,
 ) -> None:
     """Make the folders, write calibration and reference, take away what frames of before left.
