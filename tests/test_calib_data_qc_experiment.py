@@ -28,6 +28,7 @@ from calib.inference.field_noise import field_covariance
 from calib.inference.forward import DirectForward
 from calib.inference.likelihood import build_likelihood
 from calib.inference.noise import SCALE, NoiseSettings, further_errors
+from calib.study import data_checks
 from calib.study.config import Study, StudyError, load_study
 from calib.study.context import Context, block_pin_model
 from calib.study.data_stage import load_data
@@ -591,7 +592,8 @@ def test_a_study_that_does_not_fit_the_experiment_is_refused_by_line(lab, tmp_pa
             "increments = [0.4, 0.7]",
             "increments[1]: found 0.7, expected a travel that was measured: 0.4, 0.6, 0.8 mm",
         ),
-        "height = 2.5": ("height = 1.5", "geometry.height: found 1.5, expected 2."),
+        "height = 2.5": ("height = 1.5", "geometry.height: found 1.5, expected about 2.5 mm, spec"),
+        "width = 10.0": ("width = 5.0", "geometry.width: found 5.0, expected about 10 mm, specimen"),
         'source = "thesis-table-5.1"': (
             'source = "experiment"\nfolder = "nowhere"',
             'data.folder: found "nowhere", expected a folder in',
@@ -602,6 +604,16 @@ def test_a_study_that_does_not_fit_the_experiment_is_refused_by_line(lab, tmp_pa
             load_study(study_file(tmp_path, lab, **{old: new}))
         assert sentence in str(caught.value)
         assert str(caught.value).startswith(f"{tmp_path / 'study.toml'}:")
+
+
+def test_a_block_that_does_not_reach_the_points_is_refused(lab, tmp_path, monkeypatch):
+    monkeypatch.setattr(data_checks, "OTHER_SIZE", 1.0)
+    for old, new, said in (
+        ("height = 2.5", "height = 1.5", "geometry.height: found 1.5, expected "),
+        ("width = 10.0", "width = 5.0", "geometry.width: found 5.0, expected "),
+    ):
+        with pytest.raises(StudyError, match=rf"{said}[0-9.]+ mm or more, as (high|wide) as the"):
+            load_study(study_file(tmp_path, lab, **{old: new}))
 
 
 def stating(folder: Path, sigma: tuple[float, float, float]) -> None:

@@ -294,7 +294,14 @@ def test_a_profile_that_leaves_the_box_of_what_was_sampled_is_the_wide_ones() ->
 
 
 @pytest.mark.parametrize(
-    ("ratio", "said"), [(0.0123, "1.2 %"), (0.0996, "10 %"), (0.213, "21 %"), (1.02, "102 %")]
+    ("ratio", "said"),
+    [
+        (0.0123, "1.2 %"),
+        (0.0996, "10 %"),
+        (0.213, "21 %"),
+        (0.996, "100 %"),
+        (1.02, "no better than 102 %"),
+    ],
 )
 def test_shares_are_told_without_powers_of_ten(ratio: float, said: str) -> None:
     assert _percent(ratio) == said
