@@ -593,7 +593,7 @@ def test_a_study_that_does_not_fit_the_experiment_is_refused_by_line(lab, tmp_pa
             "increments[1]: found 0.7, expected a travel that was measured: 0.4, 0.6, 0.8 mm",
         ),
         "height = 2.5": ("height = 1.5", "geometry.height: found 1.5, expected about 2.5 mm, spec"),
-        "width = 10.0": ("width = 5.0", "geometry.width: found 5.0, expected about 10 mm, specimen"),
+        "width = 10.0": ("width = 5.0", "geometry.width: found 5.0, expected about 10 mm, spec"),
         'source = "thesis-table-5.1"': (
             'source = "experiment"\nfolder = "nowhere"',
             'data.folder: found "nowhere", expected a folder in',
