@@ -23,7 +23,6 @@ from calib.study import finished
 from calib.study.answers import keep_answer, names_of, sampled
 from calib.study.artifacts import (
     CONTENT,
-    NEEDED,
     StageRecord,
     hash_of,
     hash_of_file,
@@ -612,10 +611,6 @@ def test_a_summary_says_where_the_file_of_the_forces_has_changed(
     assert said.startswith(f"{forces}: found it changed since posterior.nc was made, expected the")
     forces.unlink()
     assert finished.changed_since(tmp_path / "posterior.nc") == ""
-    of_before = StageRecord("posterior", "0", 0, {f"{NEEDED}data": "another"}, {}, 0.0)
-    write_record(tmp_path, of_before)
-    said = finished.changed_since(tmp_path / "posterior.nc")
-    assert said.startswith(f"{tmp_path}: found data of another run, expected that of posterior.nc")
 
 
 def test_a_chain_by_the_model_itself_goes_on_where_it_was_stopped(

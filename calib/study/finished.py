@@ -8,7 +8,7 @@ from typing import Any
 from calib.inference.inference_data import stated_provenance
 from calib.inference.laws import DEFAULT_LAW
 from calib.inference.posterior import Posterior
-from calib.study.artifacts import CONTENT, hash_of, hash_of_file, outdated, plain, read_record
+from calib.study.artifacts import CONTENT, hash_of, hash_of_file, plain, read_record
 from calib.study.config import Study, StudyError, load_study
 from calib.study.context import Context, block_pin_model
 from calib.study.posterior_setup import emulator_posterior
@@ -101,12 +101,10 @@ def changed_since(path: Path) -> str:
 
 
 def _other_forces(study: Study, out: Path) -> str:
-    """Whether the file of the forces, or the data read since, are not the posterior's, in words.
+    """Whether the file of the forces has changed since its data were taken, in words.
 
-    Empty where they are, or the file is not there; files of a laboratory are not looked at.
+    Empty where it has not, or is not there; files of a laboratory are many, and not looked at.
     """
-    if (changed := outdated(out, "posterior")) == "data":
-        return f"{out}: found {changed} of another run, expected that of {POSTERIOR}; {_again(out)}"
     source, record = Path(study.data.source), read_record(out, "data")
     if not study.data.is_file or record is None or not source.is_file():
         return ""
@@ -115,12 +113,8 @@ def _other_forces(study: Study, out: Path) -> str:
         return ""
     return (
         f"{source}: found it changed since {POSTERIOR} was made, expected the forces that it is "
-        f"of; {_again(out)}"
+        f"of; `calib run {out / STUDY_FILE} --out {out}` makes the posterior anew"
     )
-
-
-def _again(out: Path) -> str:
-    return f"`calib run {out / STUDY_FILE} --out {out}` makes the posterior anew"
 
 
 def _stated(section: Any) -> Any:
