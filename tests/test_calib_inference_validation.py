@@ -65,7 +65,7 @@ def _judged(scale: float):
     truth = np.linspace(0.2, 1.0, 5)[:, None] * np.linspace(0.5, 2.0, 40)
     observed = truth + 0.01 * rng.standard_normal(truth.shape)
     draws = scale * truth + 0.01 * rng.standard_normal((800, *truth.shape))
-    return judge(observed, scale * truth, draws, 0.01)
+    return judge(observed, scale * truth[None], draws, 0.01)
 
 
 def test_a_right_prediction_passes_requirement_8_and_one_four_times_too_small_fails() -> None:
@@ -88,6 +88,20 @@ def test_single_samples_are_held_against_replicates_of_single_samples() -> None:
     draws = level * (1 + 0.1 * rng.standard_normal((5000, 1)))
     narrow = level * (1 + 0.02 * rng.standard_normal((5000, 1)))
     mean = spread.mean(axis=0)
-    right = judge(mean, level, narrow, 0.01, Samples(spread, draws))
-    wrong = judge(mean, level, narrow, 0.01, Samples(spread, narrow))
+    right = judge(mean, level[None], narrow, 0.01, Samples(spread, draws))
+    wrong = judge(mean, level[None], narrow, 0.01, Samples(spread, narrow))
     assert right.area_by_step[1] < 0.5 * wrong.area_by_step[1]
+
+
+def test_the_error_of_few_predictions_has_the_spread_that_it_states() -> None:
+    rng = np.random.default_rng(8)
+    truth = np.linspace(1.0, 2.0, 6)
+    found = []
+    for _ in range(400):
+        predicted = truth * (1.05 + 0.1 * rng.standard_normal((24, 1)))
+        found.append(judge(truth, predicted, predicted, 0.01))
+    spread = np.std([one.error for one in found])
+    # 400 experiments know their spread to 4 % (SD), so that 20 % is five of them.
+    stated = np.sqrt(np.mean([one.error_sd**2 for one in found if one.error_sd is not None]))
+    assert stated == pytest.approx(spread, rel=0.2)
+    assert judge(truth, truth[None], predicted, 0.01).error_sd is None

@@ -67,6 +67,8 @@ class Prediction:
 
     error: float
     """root mean square of predicted mean minus measured, over that of the measured values"""
+    error_sd: float | None
+    """its Monte Carlo SD, as the mean is of a few predictions; None of a single one"""
     error_by_step: list[float]
     """the same of each increment"""
     ratio: float
@@ -102,23 +104,30 @@ class Samples:
 
 
 def judge(
-    observed: Array, mean: Array, draws: Array, noise_std: float, samples: Samples | None = None
+    observed: Array,
+    predicted: Array,
+    draws: Array,
+    noise_std: float,
+    samples: Samples | None = None,
 ) -> Prediction:
-    """One quantity (n_step, ...) against its predicted mean and replicates (n_draw, n_step, ...).
+    """One quantity (n_step, ...) against predictions and replicates, both (n, n_step, ...).
 
-    `noise_std` is the SD of the measurement's noise in one value. With `samples` the area metric
-    is that between their distribution and the predicted one, else that of each measured value.
+    `predicted` are without errors of the measurement, one a draw of the posterior; `noise_std` is
+    the SD of the measurement's noise in one value. With `samples` the area metric is that between
+    their distribution and the predicted one, else that of each measured value.
     """
     if samples is None:
         areas = area_of_single_values(draws, observed).reshape(len(observed), -1).mean(axis=1)
     else:
         pairs = zip(samples.draws.T, samples.observed.T, strict=True)
         areas = np.array([area_metric(drawn, found) for drawn, found in pairs])
+    mean = predicted.mean(axis=0)
     error = [_relative(mean[i], observed[i]) for i in range(len(observed))]
     r = correlation(observed, mean)
     total = float(np.square(observed - observed.mean()).mean())
     return Prediction(
         error=_relative(mean, observed),
+        error_sd=_jackknife_sd(predicted, observed),
         error_by_step=error,
         ratio=float((observed * mean).sum() / np.square(mean).sum()),
         r2=determination(observed, mean),
@@ -134,3 +143,16 @@ def judge(
 def _relative(mean: Array, observed: Array) -> float:
     size = float(np.square(observed).mean())
     return float(np.sqrt(np.square(mean - observed).mean() / size)) if size > 0.0 else np.nan
+
+
+def _jackknife_sd(predicted: Array, observed: Array) -> float | None:
+    """SD of the error of the mean of `predicted` (n, ...), by leaving each out in turn.
+
+    Efron and Stein, Ann. Statist. 9 (1981), 586.
+    """
+    n = len(predicted)
+    if n < 2:
+        return None
+    total = predicted.sum(axis=0)
+    without = np.array([_relative((total - one) / (n - 1), observed) for one in predicted])
+    return float(np.sqrt((n - 1) * without.var()))

@@ -143,16 +143,13 @@ def _against(
     again = replicates(test, data, predicted, difference, rng)
     single = None if data.samples is None else Samples(data.samples, again.sample)
     judged = {
-        "answer": judge(
-            data.answer, predicted.answer.mean(axis=0), again.answer, answer_noise(data), single
-        )
+        "answer": judge(data.answer, predicted.answer, again.answer, answer_noise(data), single)
     }
     if data.field is not None and predicted.field is not None and again.field is not None:
-        mean = predicted.field.mean(axis=0)
         for c, component in enumerate(COMPONENTS):
             judged[component] = judge(
                 data.field.displacement[..., c],
-                mean[..., c],
+                predicted.field[..., c],
                 again.field[..., c],
                 field_noise(data, data.field, c),
             )

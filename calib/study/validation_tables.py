@@ -21,6 +21,7 @@ def validation_tables(found: Mapping[str, Any]) -> list[Table]:
 def verdicts(found: Mapping[str, Any]) -> list[str]:
     """One sentence a prediction: pass or fail against the requirement, and by what."""
     lines = []
+    limit = found["requirement"]["max_error"]
     for name, one in found["predictions"].items():
         failed = [q for q in one["judged"] if not one["quantities"][q]["passed"]]
         word = "PASS" if one["passed"] else f"FAIL ({', '.join(failed)})"
@@ -30,9 +31,24 @@ def verdicts(found: Mapping[str, Any]) -> list[str]:
             for q in one["judged"]
         )
         lines.append(f"{word}  {name}: {off}")
+        lines += [_near(q, one, limit) for q in one["judged"] if _is_near(one, q, limit)]
     if found.get("of_another_material"):
         lines.append(OTHER)
     return lines
+
+
+def _is_near(prediction: Mapping[str, Any], quantity: str, limit: float) -> bool:
+    """Whether other draws of the posterior might find another verdict."""
+    found = prediction["quantities"][quantity]
+    return bool(abs(found["error"] - limit) < 2.0 * (found.get("error_sd") or 0.0))
+
+
+def _near(quantity: str, prediction: Mapping[str, Any], limit: float) -> str:
+    sd = number(100 * prediction["quantities"][quantity]["error_sd"], 1)
+    return (
+        f"LOOK AT  {quantity}: {prediction['n_draws']} draws know the error to {sd} % (SD), no "
+        f"better than its distance from the limit of {100 * limit:g} %; ask for more `draws`"
+    )
 
 
 def _overall(found: Mapping[str, Any]) -> Table:
@@ -44,7 +60,7 @@ def _overall(found: Mapping[str, Any]) -> Table:
                 (
                     name,
                     found["quantity"] if quantity == "answer" else f"u_{quantity} [mm]",
-                    number(100 * q["error"], 3),
+                    _error(q),
                     number(q["ratio"], 4),
                     number(q["r2"], 4),
                     number(q["r2_of_noise"], 4),
@@ -75,13 +91,20 @@ def _overall(found: Mapping[str, Any]) -> Table:
         tuple(rows),
         f"Requirement 8: error below {100 * need['max_error']:g} % and R2 of at least "
         f"{need['min_r2']:g}. error: RMS of prediction minus measurement over RMS of the "
-        "measurement; the prediction is the mean over draws (the figure shows the median, which "
-        "lies elsewhere where they are skewed). ratio: what the prediction must be multiplied by. "
+        "measurement, in brackets its Monte Carlo SD; the prediction is the mean over draws (the "
+        "figure shows the median, which lies elsewhere where they are skewed). ratio: what the "
+        "prediction must be multiplied by. "
         "R2: coefficient of determination; of noise: what noise alone would leave of it. R: "
         "correlation over increments, mean of points (the thesis' R^2, which does not see a "
         "scale). area: between predicted and measured distribution functions, in the quantity's "
         "unit; u-area: of the pooled u-values, 0 (perfect) to 0.5.",
     )
+
+
+def _error(quantity: Mapping[str, Any]) -> str:
+    """Error in per cent, and its SD where there is one (files of before 0.3 have none)."""
+    error, sd = number(100 * quantity["error"], 3), quantity.get("error_sd")
+    return error if sd is None else f"{error} ({number(100 * sd, 1)})"
 
 
 def _by_step(found: Mapping[str, Any]) -> Table:
