@@ -10,15 +10,15 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import ConfigDict, Field
+from pydantic import Field
 from pydantic.dataclasses import dataclass
 
 from calib.dic import CorrelationSettings
 from calib.dic.settings import MOST_BLUR
 from calib.simple_polygon import SIMPLE, encloses
 from calib.toml_file import Contradiction, Document, FileRefused, read_document, read_file
+from calib.toml_file.strict import STRICT
 
-STRICT = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False, use_attribute_docstrings=True)
 Positive = Annotated[float, Field(gt=0, lt=1e6)]
 Pixel = Annotated[float, Field(gt=-1e6, lt=1e6)]
 Name = Annotated[str, Field(min_length=1, max_length=1000)]

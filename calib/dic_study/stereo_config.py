@@ -11,8 +11,9 @@ from calib.dic.bundle import LensModel
 from calib.dic.calibration import CalibrationSettings
 from calib.dic.chessboard import Chessboard
 from calib.dic.stereo import StereoSettings
-from calib.dic_study.config import STRICT, Images, Name, Options, Positive, Region
+from calib.dic_study.config import Images, Name, Options, Positive, Region
 from calib.toml_file import Contradiction, Document
+from calib.toml_file.strict import STRICT
 
 Count = Annotated[int, Field(ge=1, le=1000)]
 Names = Annotated[tuple[Name, ...], Field(min_length=1)]

@@ -10,12 +10,12 @@ from math import hypot
 from pathlib import Path
 from typing import Annotated
 
-from pydantic import AliasChoices, ConfigDict, Field
+from pydantic import AliasChoices, Field
 from pydantic.dataclasses import dataclass
 
 from calib.toml_file import Contradiction, FileRefused, Refusal, read_document, read_file
+from calib.toml_file.strict import STRICT
 
-STRICT = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False, use_attribute_docstrings=True)
 # bounds that no lens reaches keep every result finite
 Positive = Annotated[float, Field(gt=1e-6, lt=1e6)]
 NotNegative = Annotated[float, Field(ge=0, lt=1e6)]

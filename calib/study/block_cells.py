@@ -8,8 +8,8 @@ from typing import Annotated, Any
 from pydantic import Discriminator, Field, Tag
 from pydantic.dataclasses import dataclass
 
-from calib.study.prior_sections import STRICT
 from calib.toml_file.refusal import Contradiction
+from calib.toml_file.strict import STRICT
 from fe import Rings
 
 Count = Annotated[int, Field(ge=1)]

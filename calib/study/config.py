@@ -19,7 +19,6 @@ from calib.study.mesh_checks import check_meshes
 from calib.study.population_checks import check_population
 from calib.study.prior_sections import Prior
 from calib.study.sections import (
-    STRICT,
     VIRTUAL,
     DataSource,
     Geometry,
@@ -44,6 +43,7 @@ from calib.toml_file import (
     read_file,
     sentence,
 )
+from calib.toml_file.strict import STRICT
 
 FILE = "experiment.toml"
 FAR_HEIGHT = 3.0  # largest ratio of the heights that hypotheses give to one sample

@@ -11,8 +11,8 @@ from pydantic import Field
 from pydantic.dataclasses import dataclass
 
 from calib.data.qc.rules import Rules
-from calib.study.prior_sections import STRICT
 from calib.toml_file.refusal import Contradiction
+from calib.toml_file.strict import STRICT
 
 THESIS_TABLE = "thesis-table-5.1"
 VIRTUAL = "virtual"

@@ -30,8 +30,9 @@ from calib.data.qc.table import table_text
 from calib.data.requirements import requirements_text
 from calib.study.artifacts import read_json
 from calib.study.figure_style import save_png
-from calib.study.sections import STRICT, DataSource
+from calib.study.sections import DataSource
 from calib.toml_file import read_document, read_file
+from calib.toml_file.strict import STRICT
 from fe.progress_bar import progress_bar
 
 QC_FOLDER = "qc"

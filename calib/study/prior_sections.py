@@ -7,13 +7,12 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import ConfigDict, Field
+from pydantic import Field
 from pydantic.dataclasses import dataclass
 
 from calib.inference.prior import Marginal
 from calib.toml_file.refusal import Contradiction
-
-STRICT = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False, use_attribute_docstrings=True)
+from calib.toml_file.strict import STRICT
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)

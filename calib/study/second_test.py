@@ -12,7 +12,6 @@ from pydantic.dataclasses import dataclass
 from calib.study.sections import (
     LARGEST,
     SMALLEST,
-    STRICT,
     VIRTUAL,
     Cells,
     Correlation,
@@ -25,6 +24,7 @@ from calib.study.sections import (
     is_finer,
 )
 from calib.toml_file import Contradiction, FileRefused, read_document, read_file
+from calib.toml_file.strict import STRICT
 from fe.specimens.tensile import NotchedPlate
 
 KIND = "file of a second test"

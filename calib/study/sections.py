@@ -31,13 +31,13 @@ from calib.study.data_sections import (
     DataSource,
     Population,
 )
-from calib.study.prior_sections import STRICT, ParameterPrior, Prior
+from calib.study.prior_sections import ParameterPrior, Prior
 from calib.toml_file.refusal import Contradiction
+from calib.toml_file.strict import STRICT
 
 __all__ = [
     "EXPERIMENT",
     "MIN_REFINEMENT",
-    "STRICT",
     "THESIS_TABLE",
     "VIRTUAL",
     "Cells",

@@ -10,9 +10,9 @@ from typing import Annotated, Literal
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
-from calib.study.prior_sections import STRICT
 from calib.study.sections import Positive
 from calib.toml_file.refusal import Contradiction
+from calib.toml_file.strict import STRICT
 
 LEAST_LOCAL = 4
 """runs of a second design, corners of a box of two ratios"""

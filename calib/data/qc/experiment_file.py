@@ -9,14 +9,14 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import ConfigDict, Field
+from pydantic import Field
 from pydantic.dataclasses import dataclass
 
 from calib.simple_polygon import SIMPLE, encloses
 from calib.toml_file import Contradiction, FileRefused, read_document, read_file
+from calib.toml_file.strict import STRICT
 from fe.response import Array
 
-STRICT = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False, use_attribute_docstrings=True)
 FILE = "experiment.toml"
 MOST_POINTS = 10_000
 """of the data set: the correlation of their noise is a full matrix"""

@@ -9,7 +9,8 @@ from typing import Any
 
 from pydantic.dataclasses import dataclass
 
-from calib.data.qc.experiment_file import STRICT, Count, Experiment, Positive, Share
+from calib.data.qc.experiment_file import Count, Experiment, Positive, Share
+from calib.toml_file.strict import STRICT
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
