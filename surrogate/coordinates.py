@@ -10,14 +10,17 @@ import numpy.typing as npt
 from surrogate.covariance import FAMILIES
 from surrogate.evidence import Hyperparameters, maximise_evidence
 from surrogate.gp import GaussianProcesses
-from surrogate.gp_fit import posterior, scale_runs
+from surrogate.gp_fit import conditioned, posterior, scale_runs
 from surrogate.thinning import part_of_runs
 from surrogate.warp import STRENGTHS
 
 Array = npt.NDArray[np.float64]
 
 _ROWS = 200
-"""values and derivatives on which the choice is made: runs are thinned to as many"""
+"""values and derivatives by which lengths are searched: runs are thinned to as many"""
+_JUDGED_ROWS = 400
+"""values and derivatives that are left out to judge what was found: of 28 runs with six derivatives
+each a covariance can look best by chance"""
 _ITERATIONS = 6
 _MIN_GAIN = 2.0
 """gain of the score below which an input is left as it is"""
@@ -30,7 +33,19 @@ class Chosen(NamedTuple):
     """(d,) see `surrogate.warp`"""
     family: str
     part: npt.NDArray[np.int64]
-    """runs on which the choice was made"""
+    """runs by which lengths were searched"""
+
+
+class _Runs(NamedTuple):
+    """Inputs (n, d), outputs (n, k) and, if any, derivatives (n, k, d)."""
+
+    x: Array
+    y: Array
+    slopes: Array | None
+
+    def at(self, part: npt.NDArray[np.int64]) -> _Runs:
+        slopes = None if self.slopes is None else self.slopes[part]
+        return _Runs(self.x[part], self.y[part], slopes)
 
 
 class _Candidate(NamedTuple):
@@ -46,11 +61,13 @@ def choose_coordinates(x: Array, y: Array, slopes: Array | None = None) -> Chose
     First the covariance, then one input after the other is stretched, then the covariance again.
     The outputs share their covariance. The score is the leave-one-out predictive probability
     (Rasmussen & Williams 2006, 5.4.2), which depends less on the model being true than the evidence
-    does: that prefers rough covariances of huge length, which err several times more. `slopes`
+    does: that prefers rough covariances of huge length, which err several times more. Where there
+    are many rows, lengths are searched on a part of the runs and judged on a larger one. `slopes`
     (n, k, d) as in `surrogate.gp_fit.fit_processes`; raises ValueError as that does.
     """
-    part = thinned(len(x), slopes)
-    runs = x[part], y[part], None if slopes is None else slopes[part]
+    part, judged = (thinned(len(x), slopes, rows) for rows in (_ROWS, _JUDGED_ROWS))
+    every = _Runs(x, y, slopes)
+    runs = every.at(part), every.at(judged)
     flat = np.zeros(x.shape[1])
     found = [_candidate(runs, flat, family, None) for family in range(len(FAMILIES))]
     best = max(found, key=lambda candidate: candidate.score)
@@ -76,7 +93,7 @@ def left_out(
 
     With coordinates and covariance as given, and few steps of the search for its lengths.
     """
-    processes, _ = _fitted((x, y, slopes), strength, FAMILIES.index(family), None)
+    processes, _ = _fitted(_Runs(x, y, slopes), strength, FAMILIES.index(family), None)
     return processes.leave_one_out()
 
 
@@ -85,26 +102,29 @@ def log_density(error: Array, variance: Array) -> float:
     return float(-0.5 * np.sum(np.log(2.0 * np.pi * variance) + error**2 / variance))
 
 
-def thinned(n: int, slopes: Array | None) -> npt.NDArray[np.int64]:
-    """Runs on which choices are made, so many that few rows are left."""
+def thinned(n: int, slopes: Array | None, most: int = _ROWS) -> npt.NDArray[np.int64]:
+    """Runs on which choices are made, so many that about `most` rows are left."""
     usable = 0 if slopes is None else np.count_nonzero(np.isfinite(slopes).all(axis=1))
-    return part_of_runs(n, n + int(usable), _ROWS)
+    return part_of_runs(n, n + int(usable), most)
 
 
 def _candidate(
-    runs: tuple[Array, Array, Array | None],
+    runs: tuple[_Runs, _Runs],
     strength: Array,
     family: int,
     start: Hyperparameters | None,
 ) -> _Candidate:
-    processes, parameters = _fitted(runs, strength, family, start)
+    searched, judged = runs
+    processes, parameters = _fitted(searched, strength, family, start)
+    if len(judged.x) > len(searched.x):
+        processes = conditioned(scale_runs(*judged, strength), family, parameters)
     mean, variance = processes.leave_one_out()
-    score = log_density(runs[1] - mean, variance)
+    score = log_density(judged.y - mean, variance)
     return _Candidate(strength, family, parameters, score)
 
 
 def _fitted(
-    runs: tuple[Array, Array, Array | None],
+    runs: _Runs,
     strength: Array,
     family: int,
     start: Hyperparameters | None,

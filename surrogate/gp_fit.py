@@ -11,6 +11,9 @@ import numpy.typing as npt
 from surrogate.covariance import FAMILIES, rows_of
 from surrogate.evidence import (
     Fitted,
+    Hyperparameters,
+    Spectrum,
+    best_nuggets,
     bounds_reached,
     maximise_evidence,
     nuggets_of,
@@ -185,17 +188,32 @@ def scale_runs(
     return Scaled(low, span, strength, offset, scale, warped(unit, strength), usable, targets)
 
 
+def conditioned(scaled: Scaled, family: int, hyperparameters: Hyperparameters) -> GaussianProcesses:
+    """Processes of one covariance with given lengths on the runs, each with its best nugget."""
+    rows = rows_of(scaled.usable)
+    decomposed = spectrum(family, hyperparameters, scaled.inputs, rows)
+    nugget = best_nuggets(decomposed.values, decomposed.basis.T @ scaled.targets.T)
+    every = np.arange(len(scaled.inputs))
+    fit = Fitted(family, hyperparameters, nugget, np.nan, every, rows.n_rows)
+    return posterior(scaled, [np.arange(len(scaled.targets))], [fit], [decomposed])
+
+
 def posterior(
-    scaled: Scaled, groups: list[npt.NDArray[np.int64]], fitted: list[Fitted]
+    scaled: Scaled,
+    groups: list[npt.NDArray[np.int64]],
+    fitted: list[Fitted],
+    spectra: list[Spectrum] | None = None,
 ) -> GaussianProcesses:
-    """Condition processes with given hyperparameters on the runs."""
+    """Condition processes with given hyperparameters on the runs; `spectra` if known, by group."""
     k, n_rows = scaled.targets.shape
     rows = rows_of(scaled.usable)
     d = scaled.inputs.shape[1]
     group, nugget, amplitude, inflation = (np.empty(k) for _ in range(4))
-    alpha, found = np.empty((k, n_rows)), []
+    alpha = np.empty((k, n_rows))
+    if spectra is None:
+        spectra = [spectrum(f.family, f.hyperparameters, scaled.inputs, rows) for f in fitted]
     for place, (members, fit) in enumerate(zip(groups, fitted, strict=True)):
-        decomposed = spectrum(fit.family, fit.hyperparameters, scaled.inputs, rows)
+        decomposed = spectra[place]
         rotated = decomposed.basis.T @ scaled.targets[members].T
         solved = rotated / (decomposed.values[:, None] + fit.nugget)
         alpha[members] = (decomposed.basis @ solved).T
@@ -203,7 +221,6 @@ def posterior(
         group[members], nugget[members] = place, fit.nugget
         n_fitted = 3 + (d + scaled.usable.any()) / len(members)
         inflation[members] = n_rows / max(n_rows - n_fitted, 1.0)
-        found.append(decomposed)
     return GaussianProcesses(
         low=scaled.low,
         span=scaled.span,
@@ -221,8 +238,8 @@ def posterior(
         nugget=nugget,
         roughness=np.array([fit.hyperparameters.roughness for fit in fitted]),
         alpha=alpha,
-        basis=np.array([np.ascontiguousarray(decomposed.basis) for decomposed in found]),
-        eigenvalues=np.array([decomposed.values for decomposed in found]),
+        basis=np.array([np.ascontiguousarray(decomposed.basis) for decomposed in spectra]),
+        eigenvalues=np.array([decomposed.values for decomposed in spectra]),
     )
 
 
