@@ -1,13 +1,14 @@
 """What the compliance of the contact costs: forces of the fitting meshes with stiffer pins.
 
     python -m benchmarks.penalty_study [--case CASE ...] [--times 1 4 8] [--sampling]
+                                        [--ratios R S]
 
 A contact point resists by k m^2 / (2 a) at a penetration m up to the ramp a, and by k (m - a / 2)
 beyond; k is 6667 mu / mm and a 0.1 mm by default.  Meshes refine everything but that, so no grid
 convergence index tells of it.  Forces with pins that give way q = 4 and 8 times less at every
-pressure (`fe.PenaltyLaw.stiffened`) against the default, bar pin, r = 0.5, s = 0.05,
-kappa = 1 MPa, one thread.  What the compliance takes from a force is nearly 1 / q of what the
-default's does, so that a row is still 1 / (q - 1) of itself below a rigid pin.
+pressure (`fe.PenaltyLaw.stiffened`) against the default, bar pin, r = 0.5, s = 0.05 unless others
+are given, kappa = 1 MPa, one thread.  What the compliance takes from a force is nearly 1 / q of
+what the default's does, so that a row is still 1 / (q - 1) of itself below a rigid pin.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from fe import BlockPin, BlockPinModel, Contact, Response
 from fe.contact import PenaltyLaw
 
 TRAVEL = (0.6, 0.8, 1.0, 1.2, 1.4)
-RATIOS = np.array([0.5, 0.05])
+RATIOS = (0.5, 0.05)
 CASES = {
     "bar, frictionless": Contact("slide", "slide"),
     "bar, friction": Contact(0.3, 0.3),
@@ -38,6 +39,7 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--case", nargs="+", choices=CASES, default=list(CASES), metavar="CASE")
     parser.add_argument("--times", nargs="+", type=float, default=[1.0, 4.0, 8.0])
     parser.add_argument("--sampling", action="store_true", help="on the sampling meshes")
+    parser.add_argument("--ratios", nargs=2, type=float, default=RATIOS, metavar=("R", "S"))
     options = parser.parse_args(arguments)
     cells = SAMPLING_CELLS if options.sampling else FITTING_CELLS
     travels = " | ".join(f"{t:g} mm" for t in TRAVEL)
@@ -55,7 +57,7 @@ def main(arguments: list[str] | None = None) -> None:
                 sensitivities=(),
             )
             start = time.process_time()
-            found = model(RATIOS)
+            found = model(np.array(options.ratios))
             spent = f"{time.process_time() - start:.1f}, {found.n_iterations}"
             first = found if first is None else first
             print(_row(case, times, found, first, spent), flush=True)

@@ -8,6 +8,8 @@ from dataclasses import asdict, dataclass
 import numpy as np
 import numpy.typing as npt
 
+from fe.positive_numbers import as_numbers
+
 Array = npt.NDArray[np.float64]
 
 
@@ -65,7 +67,9 @@ def checked_theta(theta: npt.ArrayLike, parameters: Sequence[Parameter]) -> Arra
     names = [parameter.name for parameter in parameters]
     if len(set(names)) < len(names) or not names:
         raise ValueError(f"parameters: expected different names, found {', '.join(names) or None}")
-    copy = np.array(theta, dtype=np.float64)
+    copy = as_numbers(theta)
+    if copy is None:
+        raise ValueError(f"theta: expected an (n, d) array of real numbers, found {theta!r}")
     if copy.ndim != 2 or copy.size == 0:
         raise ValueError(f"theta: must be a non-empty (n, d) array, got shape {copy.shape}")
     if copy.shape[1] != len(names):

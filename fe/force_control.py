@@ -17,6 +17,7 @@ import numpy.typing as npt
 from fe.linear_solver import SymmetricSolver
 from fe.newton import Equilibrium, solve_coupled
 from fe.newton_problem import NewtonProblem
+from fe.positive_numbers import as_numbers
 from fe.potential import Assembly
 
 Array = npt.NDArray[np.float64]
@@ -26,6 +27,8 @@ Control = Literal["travel", "force"]
 MAX_TRIALS = 30
 JUMP = 1e-9
 """mm of travel between a force that is too small and one that is too large"""
+LEAST_TRAVEL = 1e-5
+"""mm"""
 FALL = 0.999
 """force relative to that of the step before, below which the force is said to fall"""
 
@@ -90,14 +93,12 @@ class Way(NamedTuple):
 def check_targets(travel: tuple[float, ...], force: tuple[float, ...]) -> None:
     """Raise ValueError unless one of travels (mm) and forces (N) is given, above 0, increasing.
 
-    Both are tuples of finite numbers.
+    Both are tuples of finite numbers. Travels below `LEAST_TRAVEL` are refused, as there the energy
+    that the solver goes down on is rounding.
     """
     for name, values in (("travel", travel), ("force", force)):
-        try:
-            numbers = np.asarray(values)
-        except ValueError:  # rows of several lengths
-            numbers = np.asarray(None)
-        if isinstance(values, np.ndarray) or numbers.ndim != 1 or numbers.dtype.kind not in "fiu":
+        numbers = as_numbers(values)
+        if not isinstance(values, tuple) or numbers is None or numbers.ndim != 1:
             raise ValueError(f"{name}: expected a tuple of numbers, found {values!r}")
     if travel and force:
         raise ValueError(
@@ -108,6 +109,10 @@ def check_targets(travel: tuple[float, ...], force: tuple[float, ...]) -> None:
     finite = found.size > 0 and np.isfinite(found).all()
     if not (finite and found[0] > 0.0 and (np.diff(found) > 0.0).all()):
         raise ValueError(f"{name}: expected increasing {name}s above 0 {unit}, found {values}")
+    if not force and found[0] < LEAST_TRAVEL:
+        raise ValueError(
+            f"travel: expected travels of at least {LEAST_TRAVEL:g} mm, found {found[0]:g} mm"
+        )
 
 
 def step_to_travel(

@@ -23,7 +23,7 @@ from fe.force_control import (
 from fe.linear_solver import SymmetricSolver
 from fe.newton import Equilibrium, NewtonOptions, descent_direction, equilibrate
 from fe.parameters import Parameters
-from fe.pin_contact import doubts
+from fe.pin_contact import COMPLIANCE, doubts
 from fe.potential import Potential
 from fe.sensitivity import Gradient, Objective, Tangent, adjoint, direct, partials
 from fe.steps import March, StepOptions, stride
@@ -134,8 +134,8 @@ def _march(
         if found.arrived:
             problem = potential.problem
             contact = (problem.faces, memory.ties.kind, found.travel, problem.pin)
-            for kind, doubt in doubts(state.u, *contact):
-                outcome.warn(kind, doubt)
+            for kind, doubt in doubts(state.u, *contact, _growth(before, state)):
+                outcome.warn(kind, doubt, latest=kind == COMPLIANCE)
         if not np.isfinite(state.force_gradient).all():
             lost = f"no derivatives from a travel of {found.travel:.4f} mm on"
             outcome.warn("derivatives", lost)
@@ -153,6 +153,14 @@ def _march(
     for _ in stride(potential, solver, way, here, targets, steps, outcome):
         assert state is not None
         yield state
+
+
+def _growth(before: TravelState | None, state: TravelState) -> float:
+    """Growth of the force by the travel since the state before, over the force, 1/mm."""
+    if before is None or not state.pin_force > 0.0 or not state.travel > before.travel:
+        return 0.0
+    gained = state.pin_force - before.pin_force
+    return gained / (state.travel - before.travel) / state.pin_force
 
 
 def _accept(

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 import numpy.typing as npt
 
 from fe.compiled import kernel
-from fe.contact import TIED_TO_PIN, Faces
+from fe.contact import TIED_TO_PIN, Faces, penalty
 from fe.face_rows import positions
 from fe.pin_surface import RigidPin, pin_point
 
@@ -17,14 +19,28 @@ FEW = 4
 """points of the modelled part: with fewer a pin is felt by chance"""
 DEEP = 0.05
 """penetration over the height left under the pin, from which the penalty is part of the answer"""
+COMPLIANCE = "compliance"
+"""kind of the doubt that grows with the travel"""
+COMPLIANT = 0.05
+"""share of its force that a rigid pin would need beyond, from which that is said"""
+
+
+class Touching(NamedTuple):
+    """Contact with the pin of the modelled part."""
+
+    n: int
+    """points that touch it or are tied to it"""
+    deepest: float
+    """penetration, mm"""
+    mean: float
+    """penetration weighted by the force at each point, mm"""
 
 
 @kernel()
-def touching(
+def _touching(
     u: Array, faces: Faces, tied: IntArray, travel: float, pin: RigidPin
-) -> tuple[int, float]:
-    """(points that touch the pin or are tied to it, deepest penetration mm) at u (n_node, 3) mm."""
-    n, deepest = 0, 0.0
+) -> tuple[int, float, float]:
+    n, deepest, weighted, total = 0, 0.0, 0.0, 0.0
     for c in range(faces.nodes.shape[0]):
         if faces.base[c]:
             continue
@@ -34,20 +50,47 @@ def touching(
             if gap < 0.0 or tied[c, q] == TIED_TO_PIN:
                 n += 1
             deepest = max(deepest, -gap)
-    return n, deepest
+            pressed = -faces.weights[c, q] * penalty(gap, pin.stiffness, pin.ramp)[1]
+            weighted += pressed * max(-gap, 0.0)
+            total += pressed
+    return n, deepest, weighted / total if total > 0.0 else 0.0
+
+
+def touching(u: Array, faces: Faces, tied: IntArray, travel: float, pin: RigidPin) -> Touching:
+    """Contact with the pin at u (n_node, 3) mm and its travel, mm."""
+    return Touching(*_touching(u, faces, tied, travel, pin))
 
 
 def doubts(
-    u: Array, faces: Faces, tied: IntArray, travel: float, pin: RigidPin
+    u: Array,
+    faces: Faces,
+    tied: IntArray,
+    travel: float,
+    pin: RigidPin,
+    growth: float = 0.0,
 ) -> list[tuple[str, str]]:
-    """What makes contact at a travel, mm, doubtful: (kind, sentence) each."""
-    n, deepest = touching(u, faces, tied, travel, pin)
+    """What makes contact at a travel, mm, doubtful: (kind, sentence) each.
+
+    `growth` is that of the force by the travel, over the force, 1/mm. A rigid pin would be where
+    the surface is, on the whole: what the penalty takes is the growth over the mean penetration
+    weighted by force (to first order of the compliance, by the derivative of the potential).
+    """
+    n, deepest, mean = touching(u, faces, tied, travel, pin)
     found = []
     if n < FEW:
         found.append(
             (
                 "few points",
                 f"only {n} contact points of the mesh touch the pin at a travel of {travel:.4f} mm",
+            )
+        )
+    if mean * growth > COMPLIANT:
+        found.append(
+            (
+                COMPLIANCE,
+                f"the contact gives way by {1e3 * mean:.3g} um at a travel of {travel:.4f} mm: "
+                f"a rigid pin would need some {100.0 * mean * growth:.0f} % more force "
+                "(see PenaltyLaw.stiffened)",
             )
         )
     left = pin.height - travel

@@ -7,10 +7,25 @@ from dataclasses import fields
 from numbers import Integral, Real
 from typing import Any, TypeGuard
 
+import numpy as np
+import numpy.typing as npt
+
 
 def is_number(value: object) -> TypeGuard[float]:
     """Whether it is a real number, Python's or numpy's; a truth value is none."""
     return isinstance(value, Real) and not isinstance(value, bool)
+
+
+def as_numbers(values: object) -> npt.NDArray[np.float64] | None:
+    """An array of real numbers as floats; None for rows of several lengths and for anything else.
+
+    Truth values, texts and complex numbers are no real numbers.
+    """
+    try:
+        found = np.asarray(values)
+    except ValueError:  # rows of several lengths
+        return None
+    return found.astype(np.float64) if found.dtype.kind in "fiu" else None
 
 
 def positive_numbers(options: Any) -> None:

@@ -124,9 +124,10 @@ class March:
         if self.good_until is None:
             self.good_until, self.left_by = self.reached, how
 
-    def warn(self, kind: str, warning: str) -> None:
-        """Keep the first warning of each kind."""
-        self.warnings.setdefault(kind, warning)
+    def warn(self, kind: str, warning: str, *, latest: bool = False) -> None:
+        """Keep the first warning of each kind, or the latest of one that grows."""
+        if latest or kind not in self.warnings:
+            self.warnings[kind] = warning
 
 
 def stride(

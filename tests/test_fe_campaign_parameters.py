@@ -248,3 +248,9 @@ def test_levels_that_do_not_differ_are_refused(levels: tuple[str, ...]) -> None:
 def test_a_failure_rate_that_is_no_share_is_refused(tmp_path: Path, rate: float) -> None:
     with pytest.raises(ValueError, match="max_failure_rate: expected a share from 0 to 1"):
         run(tmp_path, Toy(), RATIOS[:2], max_failure_rate=rate)
+
+
+@pytest.mark.parametrize("theta", ["x", [[0.1, 0.2], [0.3]], [[1j, 0.2]], [[True, False]], None])
+def test_a_design_of_anything_but_numbers_is_refused_in_a_sentence(theta: object) -> None:
+    with pytest.raises(ValueError, match="theta: expected an \\(n, d\\) array of real numbers"):
+        checked_theta(theta, PARAMETERS)  # type: ignore[arg-type]

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import re
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import fe
-from fe import BlockPin, BlockPinModel, Contact, Status
+from fe import BlockPin, BlockPinModel, Contact, PenaltyLaw, Status, simulate
 from fe.contact import FREE, TIED_TO_PIN
 from fe.pin_contact import DEEP, doubts, touching
 
@@ -63,10 +66,35 @@ def test_points_and_depth_are_those_of_the_moved_surface():
     u[:, 1] = -0.08 * discrete.elements.positions[:, 1] / 2.5
     tied = np.full(faces.weights.shape, FREE)
     top = np.isclose(faces.points[..., 1], 2.5)
-    n, deepest = touching(u, faces, tied, 0.1, pin)
+    n, deepest, mean = touching(u, faces, tied, 0.1, pin)
     in_pin = faces.points[..., 1] * (1.0 - 0.08 / 2.5) > 2.4
     assert n == in_pin.sum() >= top.sum()
     assert deepest == pytest.approx(0.02, abs=1e-12)
     assert deepest < DEEP * 2.4
+    depth = np.maximum(faces.points[..., 1] * (1.0 - 0.08 / 2.5) - 2.4, 0.0)
+    pressed = faces.weights * depth**2  # below the ramp pressure goes with the square
+    assert mean == pytest.approx((pressed * depth).sum() / pressed.sum(), rel=1e-9)
+    assert mean < deepest
     assert touching(u, faces, np.full_like(tied, TIED_TO_PIN), 0.1, pin)[0] == tied.size
-    assert touching(0.0 * u, faces, tied, -0.1, pin) == (0, 0.0)
+    assert touching(0.0 * u, faces, tied, -0.1, pin) == (0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("contact", "s", "told"),
+    [("slide", 0.05, False), ("slide", 0.5, True), (0.3, 0.5, True)],
+)
+def test_a_contact_that_takes_a_twentieth_of_the_force_is_told(contact, s, told):
+    """What is said is what pins four times as stiff show, to a quarter of it."""
+    theta = {"C10": 0.5, "C01": 0.5, "C11": s, "bulk": 200.0}
+    # close to the last travel, so that the growth of the force is that there
+    of = Contact(contact, contact)
+    model = BlockPinModel(BlockPin(), of, (12, 4, 2), (1.18, 1.2), sensitivities=())
+    response = simulate(model, "mooney-rivlin-3", theta)
+    stiffer = replace(model, penalty=PenaltyLaw().stiffened(4))
+    with_stiffer = simulate(stiffer, "mooney-rivlin-3", theta)
+    rigid = 4.0 / 3.0 * (with_stiffer.force[-1] / response.force[-1] - 1.0)
+    found = re.search("a rigid pin would need some ([0-9]+) % more force", response.message)
+    assert (found is not None) is told
+    if found is not None:
+        assert int(found[1]) == pytest.approx(100.0 * rigid, rel=0.25)
+        assert "rigid pin" not in with_stiffer.message

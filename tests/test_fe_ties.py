@@ -221,6 +221,16 @@ def test_derivatives_of_anchors_and_hold_are_difference_quotients(shape, size):
 
 
 @pytest.mark.lasting
+def test_a_state_asked_again_at_once_moves_by_little():
+    """What touches is tied after a step is solved, and no step is solved again for it."""
+    stuck = Contact("stick", "stick")
+    block = BlockPinModel(BlockPin(), stuck, (8, 4, 2), (1.0, 1.0 + 1e-9), sensitivities=())
+    response = block((0.5, 0.05))
+    first, again = response.displacement
+    assert 1e-4 < np.abs(again - first).max() < 0.01
+    assert response.force[1] == pytest.approx(response.force[0], rel=1e-3)
+
+
 def test_a_stuck_block_is_smooth_in_its_parameters():
     """Forces and field along a line on which points of the surface come to touch a step earlier."""
     block = replace(small(Contact("stick", "stick")), steps=StepOptions(first=0.05, largest=0.05))

@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 
 from fe.pin_surface import BAR, GRIP, ROUND, RigidPin
-from fe.positive_numbers import is_number
+from fe.positive_numbers import as_numbers, is_number
 from fe.specimens.checks import check_length
 from fe.touch import FrictionLaw
 
@@ -44,9 +44,10 @@ class BlockPin:
             )
         if self.pin not in ("bar", "round"):
             raise ValueError(f"pin: expected 'bar' or 'round', found {self.pin!r}")
-        if np.shape(self.pin_shift) != (2,) or not all(map(is_number, self.pin_shift)):
+        shift = as_numbers(self.pin_shift)
+        if shift is None or shift.shape != (2,):
             raise ValueError(f"pin_shift: expected two lengths (x, z), found {self.pin_shift}")
-        x, z = (float(shift) for shift in self.pin_shift)
+        x, z = shift.tolist()
         object.__setattr__(self, "pin_shift", (x, z))  # hashable: meshes are kept by specimen
         if not (abs(x) < self.width / 2.0 and abs(z) < self.depth / 2.0):
             raise ValueError(

@@ -12,6 +12,7 @@ from fe.contact import Faces
 from fe.discretisation import Pattern, elements, faces, pattern
 from fe.field_motion import FieldProbe, field_probe
 from fe.pin_surface import RigidPin, under_flat
+from fe.positive_numbers import as_numbers
 from fe.specimens.block_lines import (
     Manner,
     along_bar,
@@ -50,12 +51,13 @@ FieldGrid = tuple[int, int] | tuple[tuple[float, float], ...]
 
 def check_field_grid(grid: FieldGrid, specimen: BlockPin, symmetry: Symmetry) -> None:
     """Raise ValueError for impossible numbers, and for points beside the modelled part's face."""
-    found = np.asarray(grid)
-    if found.ndim == 1:
+    found = as_numbers(grid)
+    if found is not None and found.ndim == 1:
         check_counts("field_grid", grid, (1, 1))
         return
-    if found.ndim != 2 or found.shape[1] != 2 or not np.isfinite(found).all():
-        raise ValueError(f"field_grid: expected points (x, y) in mm, found shape {found.shape}")
+    if found is None or found.ndim != 2 or found.shape[1] != 2 or not np.isfinite(found).all():
+        what = repr(grid) if found is None else f"shape {found.shape}"
+        raise ValueError(f"field_grid: expected points (x, y) in mm, or two counts, found {what}")
     half = specimen.width / 2.0
     low = np.array([0.0 if symmetry == "quarter" else -half, 0.0])
     beside = np.any((found < low) | (found > [half, specimen.height]), axis=1)
