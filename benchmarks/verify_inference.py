@@ -5,7 +5,7 @@
 Parts: sbc and power (virtual experiments drawn from the prior), finer-stuck, finer-stuck-new and
 finer (the same with truths on finer meshes; new: emulator on the sampling mesh of new studies),
 fresh-stuck-new and fresh (as the last two, other truths of the prior), wide-stuck and default-stuck
-(by the check meshes of studies that name none, until 2026-11-27 and since), refined (with emulators
+(by the check mesh of studies that name none, and by one of more layers), refined (with emulators
 refined as a study's are), mesh-stuck, mesh-stuck-new, mesh, mesh-wide-stuck and mesh-default-stuck
 (whether a mesh's stated error covers finer truths), mesh-places (where on the face it errs),
 mesh-directions (which direction of a mesh does), mesh-pairs (as mesh, on the runs kept by

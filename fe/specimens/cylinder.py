@@ -69,7 +69,9 @@ class CylinderModel:
     `sensitivities` names the parameters of the response's gradients (`parameter_names` lists all
     there are), by default those that it is a function of. Field points keep their fractions of the
     height; gradients are those of what is seen there. With friction they are those of the
-    path-dependent scheme: its slips count from the step before.
+    path-dependent scheme: its slips count from the step before. Where a change of a constant makes
+    the scheme take other steps, as where the side first meets a plate, the force jumps by some
+    3e-4 of itself; its derivatives are those between such jumps.
     """
 
     specimen: Cylinder
