@@ -1,10 +1,11 @@
 """Speed of the FE model beside the thesis, FElupe, CalculiX and scikit-fem, in one run.
 
-    python -m benchmarks.fe [--json FILE] [--quick]
+    python -m benchmarks.fe [--json FILE] [--quick] [--only PART ...]
     python benchmarks/fe.py --json FILE
 
 Prints one table a comparison and writes the figures as JSON.  One process with one thread; compiled
 code is warm.  --quick takes tiny meshes to see that everything runs; its figures mean nothing.
+--only samples, kernels, codes, thesis or memory leaves the other figures of FILE as they are.
 """
 
 from __future__ import annotations
@@ -39,8 +40,13 @@ FIRST_ORDER_N = (5, 10)
 CONTACTS = {
     "frictionless": Contact("slide", "slide"),
     "friction": Contact(0.3, 0.3),
+    "friction 0.1": Contact(0.1, 0.1),
     "stick": Contact("stick", "stick"),
 }
+
+
+SAMPLES = SAMPLING_CELLS | {"bar, friction 0.1": SAMPLING_CELLS["bar, friction"]}
+"""design samples that are timed"""
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -48,10 +54,15 @@ def main(arguments: list[str] | None = None) -> None:
     parser = argparse.ArgumentParser(prog="benchmarks.fe", description=__doc__.splitlines()[0])
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures here")
     parser.add_argument("--quick", action="store_true", help="tiny meshes, meaningless figures")
+    parts = {part.__name__: part for part in (samples, kernels, codes, thesis, memory)}
+    parser.add_argument("--only", nargs="+", choices=parts, default=list(parts), metavar="PART")
     options = parser.parse_args(arguments)
-    figures: dict[str, Any] = {"quick": options.quick, "machine": machine()}
-    for part in (samples, kernels, codes, thesis, memory):
-        figures |= part(options.quick)
+    figures: dict[str, Any] = {}
+    if options.json and options.json.exists() and len(options.only) < len(parts):
+        figures = json.loads(options.json.read_text())
+    figures |= {"quick": options.quick, "machine": machine()}
+    for name in options.only:
+        figures |= parts[name](options.quick)
     if options.quick:
         print("\n--quick: these figures mean nothing")
     if options.json:
@@ -71,7 +82,7 @@ def samples(quick: bool) -> dict[str, Any]:
     travel = (0.1,) if quick else TRAVEL
     seconds = {}
     print(f"Design sample to {travel[-1]} mm:")
-    for case, cells in SAMPLING_CELLS.items():
+    for case, cells in SAMPLES.items():
         pin, touch = case.split(", ")
         model = BlockPinModel(
             BlockPin(pin="bar" if pin == "bar" else "round"),
