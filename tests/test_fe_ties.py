@@ -231,6 +231,7 @@ def test_a_state_asked_again_at_once_moves_by_little():
     assert response.force[1] == pytest.approx(response.force[0], rel=1e-3)
 
 
+@pytest.mark.lasting
 def test_a_stuck_block_is_smooth_in_its_parameters():
     """Forces and field along a line on which points of the surface come to touch a step earlier."""
     block = replace(small(Contact("stick", "stick")), steps=StepOptions(first=0.05, largest=0.05))

@@ -202,17 +202,18 @@ def refitted(
     whole = integrate(posterior, N_NODES)
     whole_of_wider: Quadrature | None = None
     for index in np.flatnonzero(wanted):
-        left, of = _without_block(posterior, blocks[index]), whole
+        left, of = without_block(posterior, blocks[index]), whole
         if wider is not None and wider.reached(left):
             if whole_of_wider is None:
                 whole_of_wider = integrate(wider.posterior, N_NODES)
-            left, of = _without_block(wider.posterior, blocks[index]), whole_of_wider
+            left, of = without_block(wider.posterior, blocks[index]), whole_of_wider
         density[index] = of.log_evidence - left.log_evidence
         error[index] = np.hypot(of.log_evidence_error, left.log_evidence_error)
     return replace(scores, log_density=density, error=error, refit=tuple(wanted.tolist()))
 
 
-def _without_block(posterior: Posterior, block: Block) -> Quadrature:
+def without_block(posterior: Posterior, block: Block) -> Quadrature:
+    """The posterior by all data but a block."""
     rest = AllBut(posterior.likelihood, block)
     return integrate(replace(posterior, likelihood=cast("Likelihood", rest)), N_NODES)
 

@@ -15,6 +15,8 @@ STRONG = float(np.log(20.0))
 """ln Bayes factor called decisive here: 20 to 1, "strong" in Kass & Raftery, JASA 90 (1995) 773"""
 POOR_FIT = 0.01
 """posterior predictive p-value below which the forces contradict a hypothesis"""
+BARE_FIT = 0.05
+"""posterior predictive p-value below which the forces are not said to be compatible without more"""
 HOPELESS = 1e-10
 """predictive p-value of all hypotheses below which the data are doubted before the hypotheses"""
 NONE_EXPLAINS = (
@@ -54,6 +56,8 @@ def verdict_of(fits: tuple[HypothesisFit, ...]) -> str:
     sentences += [_against(leader, rival) for rival in rivals if _factor(leader, rival) > STRONG]
     for fit in fits:
         word = "contradict" if fit.contradicted else "are compatible with"
+        if POOR_FIT <= fit.p_value < BARE_FIT:
+            word = "are hardly compatible with"
         sentences.append(f"The forces {word} {fit.name} (predictive p = {fit.p_value:.3g}).")
     if all(fit.p_value < HOPELESS for fit in fits):
         sentences.append(NONE_EXPLAINS)

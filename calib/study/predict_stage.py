@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from calib.data.dataset import Dataset
+from calib.inference.left_out_forces import left_out_p_values
 from calib.inference.posterior import Posterior
 from calib.inference.prediction import predictive_fields
 from calib.inference.predictive_checks import (
@@ -38,7 +39,10 @@ def run(context: Context) -> list[Path]:
     for hypothesis in context.study.hypotheses:
         posterior = emulator_posterior(context, hypothesis)
         stored = load_samples(context.out, hypothesis)
-        checks: dict[str, Any] = {"force": check_forces(data.force_mean, stored.predictive)}
+        checks: dict[str, Any] = {
+            "force": check_forces(data.force_mean, stored.predictive),
+            "force_left_out_p": left_out_p_values(posterior, data.travel),
+        }
         if data.field is not None:
             rng = stream(context.study, f"predict {hypothesis.name}")
             draws = stored.result.draws

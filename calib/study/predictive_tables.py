@@ -17,6 +17,8 @@ def force_checks_table(found: Mapping[str, Any]) -> Table:
     columns = ["travel [mm]"]
     for name in names:
         columns += [f"{name}: p", "off [%]", "within 94 %"]
+        if found["hypotheses"][name].get("force_left_out_p"):
+            columns.append("p left out")
     rows = []
     for i, travel in enumerate(found["travel"]):
         row = [number(travel)]
@@ -24,6 +26,8 @@ def force_checks_table(found: Mapping[str, Any]) -> Table:
             check = found["hypotheses"][name]["force"][i]
             inside = "yes" if check["coverage"]["0.94"] else "NO"
             row += [number(check["p_value"], 2), percent(check["relative"]), inside]
+            if left_out := found["hypotheses"][name].get("force_left_out_p"):
+                row.append(number(left_out[i], 2))
         rows.append(tuple(row))
     return Table(
         "Predictive check of each force",
@@ -31,7 +35,8 @@ def force_checks_table(found: Mapping[str, Any]) -> Table:
         tuple(rows),
         "off: the median prediction, from the measured mean. "
         "p: two-sided, of the measured mean among its replicates. The posterior was fitted to the "
-        "same forces, so p-values crowd towards 1 where all is well; small ones are news.",
+        "same forces, so p-values crowd towards 1 where all is well; small ones are news. "
+        "p left out: the same given the other forces alone, to which it was not fitted.",
     )
 
 

@@ -101,6 +101,22 @@ def unlike_forces(found: Mapping[str, Any], hypothesis: str) -> list[str]:
     return [f"by itself the force at {places} is not what it predicts"]
 
 
+def odd_one_out(found: Mapping[str, Any], hypothesis: str) -> list[str]:
+    """A sentence where the other forces speak against one of them.
+
+    `found` is predictive.json; of right models one study in a hundred is told so.
+    """
+    p_values = found["hypotheses"].get(hypothesis, {}).get("force_left_out_p")
+    if not p_values or not min(p_values) < RARE / len(p_values):
+        return []
+    worst = int(np.argmin(p_values))
+    return [
+        f"given the other forces, that at {found['travel'][worst]:g} mm is not what it predicts "
+        f"(p = {p_values[worst]:.2g}): one of them may be an outlier, and the constants follow it "
+        "([noise] force_freedom allows for that)"
+    ]
+
+
 def unlike_field(found: Mapping[str, Any], hypothesis: str) -> list[str]:
     """A sentence where parts of the field lie outside what the hypothesis predicts.
 

@@ -33,7 +33,7 @@ from calib.study.population_summary import (
 from calib.study.population_tables import population_tables
 from calib.study.predictive_tables import CHECKS
 from calib.study.provenance_facts import maxima_in, space_in, truth_in
-from calib.study.remarks import unlike_field, unlike_forces
+from calib.study.remarks import odd_one_out, unlike_field, unlike_forces
 from calib.study.summary_tables import constants_table, points_table
 
 INTERVAL_NAME = f"{INTERVAL:.0%} HDI"
@@ -137,7 +137,8 @@ def _with_checks(summary: Summary, folder: Path) -> Summary:
     if not path.is_file() or of_another_run(folder, "predict", "posterior"):
         return summary
     found, name = read_json(path), summary.hypothesis
-    said = [*unlike_forces(found, name), *unlike_field(found, name)]
+    said = unlike_forces(found, name) or odd_one_out(found, name)
+    said = [*said, *unlike_field(found, name)]
     return replace(summary, remarks=(*summary.remarks, *said))
 
 
