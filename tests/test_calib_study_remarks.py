@@ -15,7 +15,14 @@ from calib.study.artifacts import NEEDED, StageRecord, write_record
 from calib.study.config import Study, load_study
 from calib.study.predictive_tables import CHECKS
 from calib.study.prior_sections import ParameterPrior
-from calib.study.remarks import few_samples, of_chains, pulled, unlike_field, unlike_forces
+from calib.study.remarks import (
+    few_samples,
+    odd_one_out,
+    of_chains,
+    pulled,
+    unlike_field,
+    unlike_forces,
+)
 from calib.study.summary import _with_checks, judgement_lines
 
 ZERO = {"name": "zero of the travel", "unit": "mm", "prior_sd": 0.02, "mean": -0.051, "sd": 0.006}
@@ -45,6 +52,24 @@ def test_single_forces_that_the_model_does_not_predict_are_told() -> None:
     [said] = unlike_forces(found, "sliding")
     assert said == "by itself the force at 1 mm (p = 0.0005) is not what it predicts"
     assert unlike_forces(found, "stuck") == []
+
+
+def test_a_force_that_the_others_speak_against_is_told() -> None:
+    found = {
+        "travel": [0.4, 0.6, 0.8],
+        "hypotheses": {"stuck": {"force_left_out_p": [3e-3, 4e-2, 0.7]}, "sliding": {}},
+    }
+    [said] = odd_one_out(found, "stuck")
+    assert said.startswith(
+        "given the other forces, that at 0.4 mm is not what it predicts (p = 0.0030)"
+    )
+    assert odd_one_out(found, "sliding") == []
+    right = {
+        "stuck": {"force_left_out_p": [4e-3, 0.04, 0.7]},
+        "sliding": {"force_left_out_p": None},
+    }
+    assert odd_one_out(found | {"hypotheses": right}, "stuck") == []  # 0.01 / 3 is 0.0033
+    assert odd_one_out(found | {"hypotheses": right}, "sliding") == []
 
 
 @pytest.fixture
