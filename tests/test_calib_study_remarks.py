@@ -61,7 +61,7 @@ def test_a_force_that_the_others_speak_against_is_told() -> None:
     }
     [said] = odd_one_out(found, "stuck")
     assert said.startswith(
-        "given the other forces, that at 0.4 mm is not what it predicts (p = 0.0030)"
+        "given the other forces, that at 0.4 mm is not what it predicts (p = 0.003)"
     )
     assert odd_one_out(found, "sliding") == []
     right = {
