@@ -60,6 +60,8 @@ def main(arguments: list[str] | None = None) -> None:
     figures: dict[str, Any] = {}
     if options.json and options.json.exists() and len(options.only) < len(parts):
         figures = json.loads(options.json.read_text())
+        if (figures["quick"], figures["machine"]) != (options.quick, machine()):
+            parser.error(f"--only: {options.json} is of other meshes or of another machine")
     figures |= {"quick": options.quick, "machine": machine()}
     for name in options.only:
         figures |= parts[name](options.quick)

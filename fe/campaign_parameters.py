@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
+from reprlib import repr as shortened
 
 import numpy as np
 import numpy.typing as npt
@@ -69,7 +70,9 @@ def checked_theta(theta: npt.ArrayLike, parameters: Sequence[Parameter]) -> Arra
         raise ValueError(f"parameters: expected different names, found {', '.join(names) or None}")
     copy = as_numbers(theta)
     if copy is None:
-        raise ValueError(f"theta: expected an (n, d) array of real numbers, found {theta!r}")
+        raise ValueError(
+            f"theta: expected an (n, d) array of real numbers, found {shortened(theta)}"
+        )
     if copy.ndim != 2 or copy.size == 0:
         raise ValueError(f"theta: must be a non-empty (n, d) array, got shape {copy.shape}")
     if copy.shape[1] != len(names):

@@ -32,6 +32,9 @@ from fe.ties import Stick
 
 Array = npt.NDArray[np.float64]
 
+SHORT = 1e-3
+"""mm of travel below which a step does not tell how the force grows"""
+
 
 @dataclass(frozen=True)
 class TravelState:
@@ -112,6 +115,7 @@ def _march(
 ) -> Iterator[TravelState]:
     memory = history.memory
     state: TravelState | None = None
+    growth = 0.0
 
     def aim(start: Start, travel: float) -> tuple[Array, Array]:
         return _predict(potential, solver, start, travel, memory, newton)
@@ -121,9 +125,10 @@ def _march(
 
     def accept(found: Found) -> Start:
         """Keep a converged step: its state and warnings; the start of the next one."""
-        nonlocal state
+        nonlocal state, growth
         before = state
         state = _accept(potential, solver, tangent, found, history, before)
+        growth = _growth(before, found, state, growth)
         if before is not None and state.pin_force < FALL * before.pin_force:
             outcome.warn(
                 "fall",
@@ -134,7 +139,7 @@ def _march(
         if found.arrived:
             problem = potential.problem
             contact = (problem.faces, memory.ties.kind, found.travel, problem.pin)
-            for kind, doubt in doubts(state.u, *contact, _growth(before, state)):
+            for kind, doubt in doubts(state.u, *contact, growth):
                 outcome.warn(kind, doubt, latest=kind == COMPLIANCE)
         if not np.isfinite(state.force_gradient).all():
             lost = f"no derivatives from a travel of {found.travel:.4f} mm on"
@@ -155,12 +160,18 @@ def _march(
         yield state
 
 
-def _growth(before: TravelState | None, state: TravelState) -> float:
-    """Growth of the force by the travel since the state before, over the force, 1/mm."""
-    if before is None or not state.pin_force > 0.0 or not state.travel > before.travel:
-        return 0.0
-    gained = state.pin_force - before.pin_force
-    return gained / (state.travel - before.travel) / state.pin_force
+def _growth(before: TravelState | None, found: Found, state: TravelState, last: float) -> float:
+    """Growth of the force by the travel since the state before, over the force, 1/mm.
+
+    It stays the `last` where the step says little of it: a short one, whose force is what sticking
+    adds after the step before, and one past unstable states.
+    """
+    if before is None or found.equilibrium.jump > 0.0:
+        return last
+    step, gained = state.travel - before.travel, state.pin_force - before.pin_force
+    if step < SHORT or not gained > 0.0:
+        return last
+    return gained / step / state.pin_force
 
 
 def _accept(

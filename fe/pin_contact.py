@@ -33,7 +33,7 @@ class Touching(NamedTuple):
     deepest: float
     """penetration, mm"""
     mean: float
-    """penetration weighted by the force at each point, mm"""
+    """penetration weighted by the penalty's force at each point, mm; what is tied has more"""
 
 
 @kernel()

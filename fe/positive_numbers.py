@@ -21,11 +21,10 @@ def as_numbers(values: object) -> npt.NDArray[np.float64] | None:
 
     Truth values, texts and complex numbers are no real numbers.
     """
-    try:
-        found = np.asarray(values)
-    except ValueError:  # rows of several lengths
-        return None
-    return found.astype(np.float64) if found.dtype.kind in "fiu" else None
+    if isinstance(values, np.ndarray) and values.dtype.kind in "fiu":
+        return values.astype(np.float64)
+    found = np.asarray(values, dtype=object)  # else a truth value beside numbers becomes one
+    return found.astype(np.float64) if all(map(is_number, found.ravel())) else None
 
 
 def positive_numbers(options: Any) -> None:

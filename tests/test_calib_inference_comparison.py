@@ -81,6 +81,20 @@ def test_support_takes_evidence_and_fit() -> None:
     assert "data support sliding over stuck" in better.verdict
 
 
+@pytest.mark.parametrize(
+    ("p_value", "word"),
+    [
+        (0.0099, "contradict"),
+        (0.01, "are hardly compatible with"),
+        (0.049, "are hardly compatible with"),
+        (0.05, "are compatible with"),
+    ],
+)
+def test_how_well_forces_fit_is_said_by_degrees(p_value: float, word: str) -> None:
+    verdict = compare([fit("stuck", 1.0, p_value), fit("sliding", 3.0)]).verdict
+    assert f"The forces {word} stuck (predictive p = {p_value:.3g})" in verdict
+
+
 def test_a_large_bayes_factor_at_equal_fit_is_no_support_by_the_data() -> None:
     equal = compare([fit("stuck", -6.47, 0.11, 8.52), fit("sliding", 0.19, 0.17, 8.69)])
     assert "support" not in equal.verdict

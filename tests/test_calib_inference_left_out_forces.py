@@ -90,6 +90,7 @@ def test_a_wrong_force_that_the_fit_follows_is_told(factor: float, low: float, h
     assert p_values is not None and low <= p_values.min() <= high
 
 
-def test_data_that_allow_for_outliers_or_hold_a_field_are_not_asked() -> None:
+def test_one_force_or_data_that_allow_for_outliers_are_not_asked() -> None:
+    assert left_out_p_values(posterior(), TRAVEL[:1]) is None
     assert left_out_p_values(posterior(noise=NoiseSettings(force_freedom=5.0)), TRAVEL) is None
     assert left_out_p_values(posterior(noise=NoiseSettings(discrepancy=0.05)), TRAVEL) is None

@@ -501,7 +501,7 @@ def test_a_validation_appears_in_the_report(
     before = (out / "report.html").read_text()
     rng = np.random.default_rng(1)
     observed = np.array([1.0, 2.0, 3.0])
-    judged = asdict(judge(observed, 1.01 * observed, observed + rng.random((9, 3)), 0.01))
+    judged = asdict(judge(observed, 1.01 * observed[None], observed + rng.random((9, 3)), 0.01))
     quantities = {"quantities": {"answer": judged | {"passed": True}}, "judged": ["answer"]}
     facts = {
         "synthetic": True,

@@ -175,6 +175,8 @@ def test_what_was_reached_is_kept_when_a_later_step_fails(monkeypatch):
         (lambda: model(field_grid=((1.0, 2.0), (1.0,))), "field_grid: expected points"),
         (lambda: model(field_grid=(("a", "b"),)), "field_grid: expected points"),
         (lambda: BlockPin(pin_shift=(1.0, (2.0, 3.0))), "pin_shift: expected two lengths"),
+        (lambda: BlockPin(pin_shift=(True, 0.2)), "pin_shift: expected two lengths"),
+        (lambda: model(travel=(True, 2.0)), "travel: expected a tuple of numbers"),
         (lambda: model(cells=(0, 1, 1)), "cells"),
         (lambda: model(cells=(3.0, 1, 1)), "cells: expected 3 whole numbers"),
         (lambda: model(bulk_ratio=0.0), "bulk_ratio"),

@@ -229,6 +229,7 @@ def test_a_state_asked_again_at_once_moves_by_little():
     first, again = response.displacement
     assert 1e-4 < np.abs(again - first).max() < 0.01
     assert response.force[1] == pytest.approx(response.force[0], rel=1e-3)
+    assert response.message == "reached every asked travel"  # no growth of the force by 1e-9 mm
 
 
 @pytest.mark.lasting

@@ -52,10 +52,11 @@ def test_a_covariance_is_judged_on_more_runs_than_its_lengths_are_searched_on(
 def test_the_best_covariance_is_that_of_the_largest_score(monkeypatch: pytest.MonkeyPatch) -> None:
     """The score decides, also where it is of more runs than the search."""
     x, y, slopes = _runs(80)
-    family_of = iter(range(1000))
+    calls = iter(range(1000))
 
     def scored(error, variance):
-        return {0: 1.0, 1: 3.0, 2: 2.0}.get(next(family_of), -1.0)
+        assert len(error) == 80, "judged on all runs, though searched on half"
+        return {0: 1.0, 1: 3.0, 2: 2.0}.get(next(calls), -1.0)
 
     monkeypatch.setattr(coordinates, "log_density", scored)
     chosen = choose_coordinates(x, y, slopes)

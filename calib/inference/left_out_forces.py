@@ -20,17 +20,24 @@ from fe.response import Array
 def left_out_p_values(posterior: Posterior, travel: Array) -> Array | None:
     """(n_step,) two-sided probability of a force as far off, given the others, at travels mm.
 
-    Of forces alone with normal errors, each by the posterior without it, integrated anew; None for
-    other data, whose forces say of one constant only (with a field) or allow for outliers.
+    Of two forces or more, alone and with normal errors, each by the posterior without it,
+    integrated anew; None for other data, whose forces say of one constant only (with a field) or
+    allow for outliers. NaN where that posterior cannot be integrated.
     """
     likelihood = posterior.likelihood
     errors = likelihood.errors
-    if likelihood.field is not None or errors.freedom is not None or errors.discrepancy is not None:
+    allowing = errors.freedom is not None or errors.discrepancy is not None
+    if likelihood.field is not None or allowing or travel.size < 2:
         return None
-    below = np.empty(travel.size)
+    below = np.full(travel.size, np.nan)
     for index, block in enumerate(increment_blocks(travel)):
-        left = without_block(posterior, block)
-        below[index] = left.weights @ ndtr(_deviation(likelihood, theta_of(left.x), index))
+        try:
+            left = without_block(posterior, block)
+        except ValueError:  # no draws reach it: a remark less, and no reason to end a study
+            continue
+        kept = left.weights > 0.0
+        deviation = _deviation(likelihood, theta_of(left.x[kept]), index)
+        below[index] = left.weights[kept] @ ndtr(deviation)
     p_values: Array = 2.0 * np.minimum(below, 1.0 - below)
     return p_values
 

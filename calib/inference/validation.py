@@ -6,6 +6,7 @@ Requirement 8 of thesis 3.2.1: an error of less than 10 %, and a correlation R^2
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -76,6 +77,8 @@ class Prediction:
     prediction four times too small"""
     r2: float
     """coefficient of determination over all values"""
+    r2_sd: float | None
+    """its Monte Carlo SD, as of the error"""
     r2_of_noise: float
     """what it would be if nothing but the stated noise of the measurement were wrong"""
     correlation: float | None
@@ -127,10 +130,11 @@ def judge(
     total = float(np.square(observed - observed.mean()).mean())
     return Prediction(
         error=_relative(mean, observed),
-        error_sd=_jackknife_sd(predicted, observed),
+        error_sd=_jackknife_sd(predicted, observed, _relative),
         error_by_step=error,
         ratio=float((observed * mean).sum() / np.square(mean).sum()),
         r2=determination(observed, mean),
+        r2_sd=_jackknife_sd(predicted, observed, lambda p, o: determination(o, p)),
         r2_of_noise=1.0 - noise_std**2 / total if total > 0.0 else np.nan,
         correlation=float(np.nanmean(r)) if np.isfinite(r).any() else None,
         coverage={p: float(within(observed, draws, p).mean()) for p in PROBABILITIES},
@@ -145,8 +149,10 @@ def _relative(mean: Array, observed: Array) -> float:
     return float(np.sqrt(np.square(mean - observed).mean() / size)) if size > 0.0 else np.nan
 
 
-def _jackknife_sd(predicted: Array, observed: Array) -> float | None:
-    """SD of the error of the mean of `predicted` (n, ...), by leaving each out in turn.
+def _jackknife_sd(
+    predicted: Array, observed: Array, statistic: Callable[[Array, Array], float]
+) -> float | None:
+    """SD of a statistic of the mean of `predicted` (n, ...), by leaving each out in turn.
 
     Efron and Stein, Ann. Statist. 9 (1981), 586.
     """
@@ -154,5 +160,5 @@ def _jackknife_sd(predicted: Array, observed: Array) -> float | None:
     if n < 2:
         return None
     total = predicted.sum(axis=0)
-    without = np.array([_relative((total - one) / (n - 1), observed) for one in predicted])
+    without = np.array([statistic((total - one) / (n - 1), observed) for one in predicted])
     return float(np.sqrt((n - 1) * without.var()))

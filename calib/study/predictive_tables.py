@@ -27,7 +27,7 @@ def force_checks_table(found: Mapping[str, Any]) -> Table:
             inside = "yes" if check["coverage"]["0.94"] else "NO"
             row += [number(check["p_value"], 2), percent(check["relative"]), inside]
             if left_out := found["hypotheses"][name].get("force_left_out_p"):
-                row.append(number(left_out[i], 2))
+                row.append("-" if left_out[i] is None else number(left_out[i], 2))
         rows.append(tuple(row))
     return Table(
         "Predictive check of each force",

@@ -106,14 +106,16 @@ def odd_one_out(found: Mapping[str, Any], hypothesis: str) -> list[str]:
 
     `found` is predictive.json; of right models one study in a hundred is told so.
     """
-    p_values = found["hypotheses"].get(hypothesis, {}).get("force_left_out_p")
-    if not p_values or not min(p_values) < RARE / len(p_values):
+    p_values = found["hypotheses"].get(hypothesis, {}).get("force_left_out_p") or ()
+    known = [
+        (p, travel) for p, travel in zip(p_values, found["travel"], strict=False) if p is not None
+    ]
+    if not known or not min(known)[0] < RARE / len(known):
         return []
-    worst = int(np.argmin(p_values))
+    p, travel = min(known)
     return [
-        f"given the other forces, that at {found['travel'][worst]:g} mm is not what it predicts "
-        f"(p = {p_values[worst]:.2g}): one of them may be an outlier, and the constants follow it "
-        "([noise] force_freedom allows for that)"
+        f"given the other forces, that at {travel:g} mm is not what it predicts (p = {p:.2g}): one "
+        "of them may be an outlier, which the constants follow, or the hypothesis wrong"
     ]
 
 

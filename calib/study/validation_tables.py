@@ -21,7 +21,6 @@ def validation_tables(found: Mapping[str, Any]) -> list[Table]:
 def verdicts(found: Mapping[str, Any]) -> list[str]:
     """One sentence a prediction: pass or fail against the requirement, and by what."""
     lines = []
-    limit = found["requirement"]["max_error"]
     for name, one in found["predictions"].items():
         failed = [q for q in one["judged"] if not one["quantities"][q]["passed"]]
         word = "PASS" if one["passed"] else f"FAIL ({', '.join(failed)})"
@@ -31,24 +30,32 @@ def verdicts(found: Mapping[str, Any]) -> list[str]:
             for q in one["judged"]
         )
         lines.append(f"{word}  {name}: {off}")
-        lines += [_near(q, one, limit) for q in one["judged"] if _is_near(one, q, limit)]
+        lines += [line for q in one["judged"] for line in _near(one, q, found["requirement"])]
     if found.get("of_another_material"):
         lines.append(OTHER)
     return lines
 
 
-def _is_near(prediction: Mapping[str, Any], quantity: str, limit: float) -> bool:
-    """Whether other draws of the posterior might find another verdict."""
+def _near(prediction: Mapping[str, Any], quantity: str, need: Mapping[str, Any]) -> list[str]:
+    """A sentence where other draws of the posterior might find another verdict."""
     found = prediction["quantities"][quantity]
-    return bool(abs(found["error"] - limit) < 2.0 * (found.get("error_sd") or 0.0))
-
-
-def _near(quantity: str, prediction: Mapping[str, Any], limit: float) -> str:
-    sd = number(100 * prediction["quantities"][quantity]["error_sd"], 1)
-    return (
-        f"LOOK AT  {quantity}: {prediction['n_draws']} draws know the error to {sd} % (SD), no "
-        f"better than its distance from the limit of {100 * limit:g} %; ask for more `draws`"
+    told = (
+        ("error", 100.0, " %", found["error"], found.get("error_sd"), need["max_error"]),
+        ("R2", 1.0, "", found["r2"], found.get("r2_sd"), need["min_r2"]),
     )
+    if any(value is None or sd is None for _, _, _, value, sd, _ in told):
+        return []
+    beyond = (found["error"] - need["max_error"], need["min_r2"] - found["r2"])
+    sds = (found["error_sd"], found["r2_sd"])
+    if any(far >= 2.0 * sd > 0.0 for far, sd in zip(beyond, sds, strict=True)):
+        return []  # fails whatever the other says
+    return [
+        f"LOOK AT  {quantity}: its {name} is {number(times * abs(value - limit), 1)}{unit} from "
+        f"the limit of {times * limit:g}{unit}, less than two Monte Carlo SDs "
+        f"({number(times * sd, 1)}{unit}): other draws might turn the verdict, ask for more `draws`"
+        for name, times, unit, value, sd, limit in told
+        if abs(value - limit) < 2.0 * sd
+    ]
 
 
 def _overall(found: Mapping[str, Any]) -> Table:
