@@ -127,3 +127,19 @@ def test_the_field_s_checks_are_told_with_the_posterior_of_the_same_run_alone(tm
     for stage, data in (("predict", "a"), ("posterior", "b")):
         write_record(tmp_path, StageRecord(stage, "0", 0, {f"{NEEDED}data": data}, {}, 0.0))
     assert _with_checks(summary, tmp_path).remarks == ("first",)
+
+
+def test_a_force_that_the_others_speak_against_reaches_the_summary(tmp_path) -> None:
+    force = [
+        {"p_value": 0.6, "coverage": {"0.94": 1.0}},
+        {"p_value": 0.5, "coverage": {"0.94": 1.0}},
+    ]
+    own = {"force": force, "force_left_out_p": [0.4, 1e-4]}
+    found = {"travel": [0.6, 0.8], "hypotheses": {"sliding": own}}
+    (tmp_path / CHECKS).write_text(json.dumps(found))
+    told = _with_checks(replace(stuck_summary(), hypothesis="sliding", remarks=()), tmp_path)
+    assert "that at 0.8 mm is not what it predicts (p = 0.0001)" in told.remarks[0]
+    own["force"][0] = {"p_value": 1e-3, "coverage": {"0.94": 0.0}}  # what the fit itself shows
+    (tmp_path / CHECKS).write_text(json.dumps(found))
+    told = _with_checks(replace(stuck_summary(), hypothesis="sliding", remarks=()), tmp_path)
+    assert told.remarks == ("by itself the force at 0.6 mm (p = 0.001) is not what it predicts",)
