@@ -137,7 +137,7 @@ def _with_checks(summary: Summary, folder: Path) -> Summary:
     if not path.is_file() or of_another_run(folder, "predict", "posterior"):
         return summary
     found, name = read_json(path), summary.hypothesis
-    # One sentence on single forces is enough: what lies outside the fit is odd among the others, too.
+    # One sentence on single forces is enough: one outside the fit is odd among the others, too.
     said = unlike_forces(found, name) or odd_one_out(found, name)
     said = [*said, *unlike_field(found, name)]
     return replace(summary, remarks=(*summary.remarks, *said))
