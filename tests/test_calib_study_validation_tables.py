@@ -70,3 +70,13 @@ def test_a_file_of_before_that_has_no_sd_is_shown_without() -> None:
     del found["predictions"]["stuck"]["quantities"]["answer"]["error_sd"]
     assert len(verdicts(found)) == 1
     assert validation_tables(found)[0].rows[0][2] == "9.30"
+
+
+def test_a_component_that_is_zero_throughout_has_no_error() -> None:
+    found = _found(0.093, None)
+    quantity = found["predictions"]["stuck"]["quantities"]["answer"]
+    quantity |= {"error": None, "r2": None, "error_by_step": [None], "passed": False}
+    [line] = verdicts(found)
+    assert "answer - %, R2 -" in line
+    overall, by_step = validation_tables(found)
+    assert overall.rows[0][2] == "-" and by_step.rows[0][2].startswith("- (")

@@ -25,7 +25,7 @@ def verdicts(found: Mapping[str, Any]) -> list[str]:
         failed = [q for q in one["judged"] if not one["quantities"][q]["passed"]]
         word = "PASS" if one["passed"] else f"FAIL ({', '.join(failed)})"
         off = ", ".join(
-            f"{q} {100 * one['quantities'][q]['error']:.1f} %, "
+            f"{q} {_per_cent(one['quantities'][q]['error'])} %, "
             f"R2 {number(one['quantities'][q]['r2'], 4)}"
             for q in one["judged"]
         )
@@ -110,8 +110,14 @@ def _overall(found: Mapping[str, Any]) -> Table:
 
 def _error(quantity: Mapping[str, Any]) -> str:
     """Error in per cent, and its SD where there is one (files of before 0.3 have none)."""
-    error, sd = number(100 * quantity["error"], 3), quantity.get("error_sd")
+    found, sd = quantity["error"], quantity.get("error_sd")
+    error = number(None if found is None else 100 * found, 3)
     return error if sd is None else f"{error} ({number(100 * sd, 1)})"
+
+
+def _per_cent(share: float | None) -> str:
+    """Per cent of a share; a dash where what was measured is zero throughout."""
+    return "-" if share is None else f"{100 * share:.1f}"
 
 
 def _by_step(found: Mapping[str, Any]) -> Table:
@@ -122,7 +128,7 @@ def _by_step(found: Mapping[str, Any]) -> Table:
             name,
             found["quantity"] if quantity == "answer" else f"u_{quantity} [mm]",
             *(
-                f"{100 * e:.1f} ({number(a, 2)})"
+                f"{_per_cent(e)} ({number(a, 2)})"
                 for e, a in zip(q["error_by_step"], q["area_by_step"], strict=True)
             ),
         )
