@@ -28,7 +28,7 @@ MAX_TRIALS = 30
 JUMP = 1e-9
 """mm of travel between a force that is too small and one that is too large"""
 LEAST_TRAVEL = 1e-5
-"""mm"""
+"""mm, below which the energy of a block is lost in rounding"""
 FALL = 0.999
 """force relative to that of the step before, below which the force is said to fall"""
 

@@ -33,7 +33,8 @@ class Touching(NamedTuple):
     deepest: float
     """penetration, mm"""
     mean: float
-    """penetration weighted by the penalty's force at each point, mm; what is tied has more"""
+    """penetration weighted by the penalty's force at each point, mm; of points tied to the pin by
+    what they would feel if free"""
 
 
 @kernel()
@@ -72,8 +73,8 @@ def doubts(
     """What makes contact at a travel, mm, doubtful: (kind, sentence) each.
 
     `growth` is that of the force by the travel, over the force, 1/mm. A rigid pin would be where
-    the surface is, on the whole: what the penalty takes is the growth over the mean penetration
-    weighted by force (to first order of the compliance, by the derivative of the potential).
+    the surface is, on the whole: the share that it would need beyond the force is the growth times
+    the mean penetration (to first order in the compliance, by the derivative of the potential).
     """
     n, deepest, mean = touching(u, faces, tied, travel, pin)
     found = []

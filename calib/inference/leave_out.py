@@ -170,11 +170,11 @@ class AllBut:
 
     def log_prob(self, theta: Array) -> Array:
         """(m,) ln likelihood at theta (m, d)."""
-        if self.likelihood.field is None and self.block.kind == "increments":
+        if self.likelihood.field is None:
             left = _without(self.likelihood, theta, self.block)
-            return np.where(np.isfinite(left), left, -np.inf)
-        whole = self.likelihood.log_prob(theta)
-        left = whole - block_log_density(self.likelihood, x_of(theta), (self.block,))[:, 0]
+        else:
+            whole = self.likelihood.log_prob(theta)
+            left = whole - block_log_density(self.likelihood, x_of(theta), (self.block,))[:, 0]
         return np.where(np.isfinite(left), left, -np.inf)
 
 
