@@ -169,7 +169,7 @@ def _benchmark_runs(
 
 def finer_truths(store: Path, case: MeshCase, progress: Progress | None = None) -> Campaign:
     """Truths drawn from the prior, on the finer mesh."""
-    ratios, name = ratios_drawn(N_FINER, case.draw), case.hypothesis
+    ratios, name = ratios_drawn(N_FINER, case.draw)[: case.n_truths], case.hypothesis
     folder = f"finer-{name}"
     return solved(store, name, folder, ratios, case.truth_cells, progress, TRUTH_STIFFENING)
 

@@ -1,6 +1,6 @@
 """From photographs to a posterior, and how often it holds the truth.
 
-    python -m benchmarks.end_to_end [20] [runs/end_to_end]
+    python -m benchmarks.end_to_end [20] [runs/end_to_end] [--contact friction]
 
 Each seed has a truth of its own (kappa, r, s drawn from the prior), solved on a finer mesh than
 that of the emulator, photographed by two virtual cameras, correlated, triangulated, read by the
@@ -46,11 +46,6 @@ from fe.response import Array
 from fe.specimens.block_pin import BlockPin, BlockPinModel, Contact
 from surrogate import Emulator, ScaledEmulator, TrainingSet
 
-CONTACT = Contact("slide", "slide")
-"""without friction a run takes seconds, so that meshes may be fine enough for their error to be
-known: on 6 x 3 x 2 cells it is not"""
-COARSE, CHECK, TRUTH = (12, 4, 2), (16, 6, 3), (18, 7, 3)
-"""cells of the emulator's runs, of the measure of their error, and of the truths: three meshes"""
 N_TRAINING = 48
 SAMPLES = 4
 """n, at p = 2 increments: the mean force misses its truth as a Student-t of n - p degrees with the
@@ -66,6 +61,27 @@ cuts off covers its truth by chance of where the bound is"""
 N_NODES = 32
 """for each parameter: tails of a Student-t are long, and with 18 its peak falls between nodes"""
 LEVEL = 0.95
+
+
+@dataclass(frozen=True)
+class Case:
+    """A contact, and three meshes that are fine enough for their error to be known."""
+
+    name: str
+    contact: Contact
+    coarse: tuple[int, int, int]
+    """cells of the emulator's runs"""
+    check: tuple[int, int, int]
+    """of the measure of their error"""
+    truth: tuple[int, int, int]
+    """of the truths"""
+
+
+SLIDING = Case("sliding", Contact("slide", "slide"), (12, 4, 2), (16, 6, 3), (18, 7, 3))
+"""a run takes seconds"""
+FRICTION = Case("friction", Contact(0.15, 0.15), (12, 3, 3), (16, 5, 4), (20, 6, 5))
+"""the coefficient of `calib laboratory`"""
+CASES = {case.name: case for case in (SLIDING, FRICTION)}
 
 
 @dataclass(frozen=True)
@@ -112,13 +128,13 @@ def settings() -> LaboratorySettings:
     )
 
 
-def solved(cells: tuple[int, int, int], ratios: Array, folder: Path) -> FrontResponse:
+def solved(case: Case, cells: tuple[int, int, int], ratios: Array, folder: Path) -> FrontResponse:
     """One run, kept in `folder`."""
-    name = "-".join(map(str, (*cells, *np.round(ratios, 6))))
+    name = "-".join(map(str, (case.name, *cells, *np.round(ratios, 6))))
     path = folder / f"{name}.npz"
     if not path.exists():
         folder.mkdir(parents=True, exist_ok=True)
-        model = BlockPinModel(BlockPin(), CONTACT, cells, TRAVEL, sensitivities=())
+        model = BlockPinModel(BlockPin(), case.contact, cells, TRAVEL, sensitivities=())
         save_front(path, solve_front(model, ratios))
     return load_front(path)
 
@@ -133,14 +149,15 @@ def design() -> Array:
 
 
 def training(
-    runs: Path, points: Array, travel: Array, n_training: int = N_TRAINING
+    case: Case, runs: Path, points: Array, travel: Array, n_training: int = N_TRAINING
 ) -> tuple[TrainingSet, MeshError]:
     """The emulator's runs and the error of their mesh at points (n, 2) mm and travels, mm."""
     ratios = design()[:n_training]
-    coarse = [solved(COARSE, one, runs) for one in ratios]
+    coarse = [solved(case, case.coarse, one, runs) for one in ratios]
     checks = np.array([[0.3, 0.1], [0.7, 0.35]])
-    pairs = [(solved(COARSE, one, runs), solved(CHECK, one, runs)) for one in checks]
-    refinement = float((np.prod(CHECK) / np.prod(COARSE)) ** (1.0 / 3.0))
+    both = (case.coarse, case.check)
+    pairs = [tuple(solved(case, cells, one, runs) for cells in both) for one in checks]
+    refinement = float((np.prod(case.check) / np.prod(case.coarse)) ** (1.0 / 3.0))
     mesh = MeshError(
         refinement,
         checks,
@@ -163,23 +180,23 @@ def draw_truth(seed: int) -> Array:
     return found
 
 
-def truth_response(theta: Array, runs: Path) -> TruthResponse:
+def truth_response(case: Case, theta: Array, runs: Path) -> TruthResponse:
     """The block of theta = (kappa [MPa], r, s) on the truths' mesh; solved once, kept in `runs`."""
     kappa, r, s = theta
     truth = BlockTruth(
-        kappa * (1.0 - r), kappa * r, kappa * s, contact=CONTACT, cells=TRUTH, shift_cells=None,
-        travel=TRAVEL, fine_travel=TRAVEL[-1], stiffening=1.0,
+        kappa * (1.0 - r), kappa * r, kappa * s, contact=case.contact, cells=case.truth,
+        shift_cells=None, travel=TRAVEL, fine_travel=TRAVEL[-1], stiffening=1.0,
     )  # fmt: skip
-    return TruthResponse(truth, solved(TRUTH, theta[1:], runs))
+    return TruthResponse(truth, solved(case, case.truth, theta[1:], runs))
 
 
-def dataset_of(seed: int, runs: Path) -> tuple[Array, Dataset]:
+def dataset_of(case: Case, seed: int, runs: Path) -> tuple[Array, Dataset]:
     """The truth of a seed, and what photographs and the test machine's files make of it."""
     theta = draw_truth(seed)
-    kept = runs / f"photographs-{SAMPLES}-{seed}.npz"
+    kept = runs / f"photographs-{case.name}-{SAMPLES}-{seed}.npz"
     if kept.exists():
         return theta, load_dataset(kept)[0]
-    response = truth_response(theta, runs)
+    response = truth_response(case, theta, runs)
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(temporary) / "laboratory"
         samples = make_laboratory(folder, response, settings(), seed)
@@ -228,14 +245,14 @@ def outcome(theta: Array, dataset: Dataset, emulator: Emulator, mesh: MeshError)
     return Outcome(theta, (found.mean - x) / found.sd, found.sd, mass)
 
 
-def over_seeds(seeds: range, runs: Path) -> list[Outcome]:
+def over_seeds(case: Case, seeds: range, runs: Path) -> list[Outcome]:
     """Photograph every seed first, then infer with one emulator at the points all have."""
     made = []
     for seed in seeds:
-        made.append(dataset_of(seed, runs))
+        made.append(dataset_of(case, seed, runs))
         print(f"seed {seed}: truth {np.round(made[-1][0], 4)} photographed", flush=True)
     points = common_points([dataset for _, dataset in made])
-    train, mesh = training(runs, points, made[0][1].travel)
+    train, mesh = training(case, runs, points, made[0][1].travel)
     emulator = Emulator.fit(train, 1)
     found = []
     for seed, (theta, dataset) in zip(seeds, made, strict=True):
@@ -252,9 +269,12 @@ def main() -> None:
     parser.add_argument(
         "runs", nargs="?", type=Path, default=Path("runs/end_to_end"), help="where runs are kept"
     )
+    parser.add_argument("--contact", choices=CASES, default=SLIDING.name)
     args = parser.parse_args()
-    found = over_seeds(range(args.n), args.runs)
+    found = over_seeds(CASES[args.contact], range(args.n), args.runs)
+    z = np.array([one.z for one in found])
     print(f"covered: {sum(one.is_covered for one in found)} of {args.n}")
+    print(f"z of ln kappa, r, s: mean {z.mean(axis=0).round(2)}, scatter {z.std(axis=0).round(2)}")
 
 
 if __name__ == "__main__":

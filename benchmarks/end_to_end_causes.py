@@ -1,6 +1,6 @@
 """Where the errors of `benchmarks.end_to_end` come from, on its stored runs.
 
-    python -m benchmarks.end_to_end_causes [20] [runs/end_to_end]
+    python -m benchmarks.end_to_end_causes [20] [runs/end_to_end] [--contact friction]
 
 Prints z of every seed with the photographed field and with the exact field and forces in its
 place, then the error of the measured field that the seeds share.
@@ -15,7 +15,9 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.end_to_end import (
-    TRUTH,
+    CASES,
+    SLIDING,
+    Case,
     at_points,
     common_points,
     dataset_of,
@@ -31,10 +33,10 @@ UPPER = 0.35
 """mm below the uppermost points"""
 
 
-def exact(theta: Array, dataset: Dataset, runs: Path) -> Dataset:
+def exact(case: Case, theta: Array, dataset: Dataset, runs: Path) -> Dataset:
     """The data set with the true field and forces and the same statement of their errors."""
     assert dataset.field is not None
-    truth = solved(TRUTH, theta[1:], runs)
+    truth = solved(case, case.truth, theta[1:], runs)
     field = replace(
         dataset.field, displacement=truth.field_at(dataset.field.points, dataset.travel)
     )
@@ -59,16 +61,17 @@ def main() -> None:
     parser.add_argument(
         "runs", nargs="?", type=Path, default=Path("runs/end_to_end"), help="where runs are kept"
     )
+    parser.add_argument("--contact", choices=CASES, default=SLIDING.name)
     args = parser.parse_args()
-    n, runs = args.n, args.runs
-    made = [dataset_of(seed, runs) for seed in range(n)]
+    n, runs, case = args.n, args.runs, CASES[args.contact]
+    made = [dataset_of(case, seed, runs) for seed in range(n)]
     points = common_points([dataset for _, dataset in made])
-    train, mesh = training(runs, points, made[0][1].travel)
+    train, mesh = training(case, runs, points, made[0][1].travel)
     emulator = Emulator.fit(train, 1)
     errors, scores = [], []
     for seed, (theta, whole) in enumerate(made):
         dataset = at_points(whole, points)
-        true = exact(theta, dataset, runs)
+        true = exact(case, theta, dataset, runs)
         both = [outcome(theta, one, emulator, mesh).z for one in (dataset, true)]
         scores.append(both)
         errors.append(left_over(dataset, true))

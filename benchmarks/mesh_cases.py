@@ -47,6 +47,8 @@ class MeshCase:
     """of the emulator's runs where these are not the study's"""
     seed: int = 0
     """added to those of kappa and of the errors of measurement"""
+    n_truths: int = 12
+    """the first of that draw"""
 
     def __str__(self) -> str:
         """Names what is stored of it."""
@@ -82,7 +84,10 @@ MESH_CASES = {
     "fresh-stuck-new": MeshCase("stuck", (14, 8, 4), (16, 10, 5), 12, CELLS["stick"], seed=1000),
     "wide-stuck": MeshCase("stuck", (18, 8, 4), (22, 10, 5), 12, CELLS["stick"], seed=1000),
     "default-stuck": MeshCase("stuck", (15, 10, 5), (16, 12, 6), 12, CELLS["stick"], seed=1000),
+    "init-stuck": MeshCase(
+        "stuck", (20, 14, 5), (24, 17, 6), 12, CELLS["stick"], seed=1000, n_truths=4
+    ),
 }
-"""by name; truths of the last four took no part in choosing what is stated of a mesh's error; the
-last two are of the check mesh of studies that name none and of one of more layers, at ratios of the
-one before them"""
+"""by name; truths of the last five took no part in choosing what is stated of a mesh's error; the
+last three are of a check mesh of few layers, of one of more, and of that of `calib init`, at ratios
+of the one before them"""

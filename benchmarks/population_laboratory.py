@@ -21,6 +21,7 @@ import numpy as np
 
 from benchmarks.end_to_end import (
     PRIOR,
+    SLIDING,
     draw_truth,
     settings,
     training,
@@ -58,7 +59,7 @@ SAMPLER = SamplerSettings(
 def laboratory(seed: int, runs: Path) -> tuple[Array, dict[str, float], Dataset]:
     """True (kappa [MPa], r, s), true kappa of every sample, and what the files give."""
     theta = draw_truth(TRUTH_SEED)
-    response = truth_response(theta, runs)
+    response = truth_response(SLIDING, theta, runs)
     chosen = replace(
         settings(),
         samples=N_SAMPLES,
@@ -79,7 +80,7 @@ def one(seed: int, runs: Path) -> dict[str, object]:
     """What the hierarchical model says of one laboratory, beside the truth."""
     theta, own, dataset = laboratory(seed, runs)
     assert dataset.field is not None and dataset.samples is not None
-    train, mesh = training(runs, dataset.field.points, dataset.travel, N_TRAINING)
+    train, mesh = training(SLIDING, runs, dataset.field.points, dataset.travel, N_TRAINING)
     forward = EmulatorForward(
         ScaledEmulator(Emulator.fit(train, 1)), with_field=True, correction=mesh.correction
     )

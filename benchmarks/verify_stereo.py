@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from scipy import ndimage
 
-from benchmarks.end_to_end import over_seeds
+from benchmarks.end_to_end import SLIDING, over_seeds
 from calib.dic import CorrelationSettings, correlate, read_image
 from calib.dic.bundle import LensModel
 from calib.dic.calibration import Calibration, CalibrationSettings, calibrate
@@ -247,5 +247,5 @@ def accuracy() -> dict[str, Any]:
 
 def end_to_end(runs: Path, n: int = 20) -> dict[str, Any]:
     """Truths inside the region of 95 % of posteriors from photographs."""
-    found = over_seeds(range(n), runs)
+    found = over_seeds(SLIDING, range(n), runs)
     return {"end_to_end_covered": sum(one.is_covered for one in found), "end_to_end_seeds": n}
