@@ -36,10 +36,10 @@ def time_simulations(study: Study) -> None:
     """One run on the sampling mesh at the centre of the prior, the second call of each model."""
     ratios = np.array([(p.low + p.high) / 2 for p in (study.prior.r, study.prior.s)])
     for hypothesis in study.hypotheses:
-        simulate = block_pin_model(study, hypothesis, study.mesh.sampling)
+        simulate = block_pin_model(study, hypothesis, study.sampling_cells(hypothesis))
         simulate(ratios)  # compiles and caches
         response, seconds = timed(lambda run=simulate: run(ratios))
-        cells = " x ".join(map(str, study.mesh.sampling))
+        cells = " x ".join(map(str, study.sampling_cells(hypothesis)))
         print(
             f"FE run, {hypothesis.name}, {cells} elements: {seconds:.1f} s, "
             f"{response.n_factorisations} factorisations, {response.status}"

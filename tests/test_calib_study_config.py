@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 import calib
 from calib.study import Study, StudyError, embedded_studies, load_study
 from calib.study.config import read_study
-from calib.study.sections import Mesh
+from calib.study.usual_meshes import RUBBING, SLIDING, STUCK
 
 BASE = """\
 name = "own"
@@ -420,10 +420,40 @@ def test_a_mistake_in_the_only_hypothesis_is_named_not_that_there_is_none(folder
     assert refusal(folder, text).startswith(f"own.toml:{line}: hypothesis[0].pin: found")
 
 
-def test_the_default_check_is_finer_than_the_default_samples_in_every_direction() -> None:
-    mesh = Mesh()
-    assert isinstance(mesh.check, tuple) and isinstance(mesh.sampling, tuple)
-    assert all(f > 1.2 * c for f, c in zip(mesh.check, mesh.sampling, strict=True))
+MESH = BASE[BASE.index("[mesh]") : BASE.index("[[hypothesis]]")]
+
+
+@pytest.mark.parametrize(
+    ("pin", "base", "meshes"),
+    [
+        ("'stick'", "'stick'", STUCK),
+        ("'slide'", "'stick'", STUCK),
+        ("0.3", "0.3", RUBBING),
+        ("'slide'", "0.1", RUBBING),
+        ("'slide'", "'slide'", SLIDING),
+    ],
+)
+def test_a_study_without_meshes_has_those_of_its_contact(folder, pin, base, meshes) -> None:
+    text = BASE.replace(MESH, "").replace('pin = "stick"', f"pin = {pin}")
+    study = read_study(
+        text.replace('base = "stick"', f"base = {base}").encode(), file="own.toml", folder=folder
+    )
+    of_it = study.hypotheses[0]
+    assert (study.sampling_cells(of_it), study.check_cells(of_it)) == meshes
+    assert all(
+        check > 1.2 * cell for check, cell in zip(meshes.check, meshes.sampling, strict=True)
+    )
+
+
+def test_meshes_that_are_too_close_to_those_of_the_contact_are_refused_by_name(folder) -> None:
+    alone = BASE.replace(MESH, "[mesh]\nsampling = [20, 14, 5]\n\n")
+    assert "mesh.sampling: found [20, 14, 5], expected a mesh that the check mesh of this" in (
+        refusal(folder, alone)
+    )
+    alone = BASE.replace(MESH, "[mesh]\ncheck = [12, 5, 3]\n\n")
+    assert "mesh.check: found [12, 5, 3], expected a mesh finer than the sampling mesh" in (
+        refusal(folder, alone)
+    )
 
 
 OGDEN = """

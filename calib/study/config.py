@@ -33,6 +33,7 @@ from calib.study.sections import (
     Virtual,
 )
 from calib.study.unknown_checks import check_unknowns
+from calib.study.usual_meshes import usual_meshes
 from calib.study.work_sections import Compute, Design, EmulatorLimits, Sampler, Verification
 from calib.toml_file import (
     Contradiction,
@@ -104,11 +105,11 @@ class Study:
 
     def sampling_cells(self, hypothesis: Hypothesis) -> Cells | RingCells:
         """Mesh of the runs that train the emulator under a hypothesis."""
-        return hypothesis.sampling or self.mesh.sampling
+        return hypothesis.sampling or self.mesh.sampling or usual_meshes(hypothesis).sampling
 
     def check_cells(self, hypothesis: Hypothesis) -> Cells | RingCells:
         """Mesh that measures the discretisation error under a hypothesis."""
-        return hypothesis.check or self.mesh.check
+        return hypothesis.check or self.mesh.check or usual_meshes(hypothesis).check
 
     def refinement(self, hypothesis: Hypothesis) -> float:
         """Edge of the sampling mesh's elements over that of the checking mesh's."""

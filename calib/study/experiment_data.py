@@ -14,6 +14,7 @@ from calib import __version__
 from calib.code_hash import code_hash
 from calib.data import Dataset
 from calib.data.dataset_file import load_dataset
+from calib.data.odd_samples import odd_samples
 from calib.data.qc import FILE, QcResult, analyse, read_experiment
 from calib.data.qc.face_size import size_doubts
 from calib.data.qc.lab_files import input_hash, sample_files
@@ -132,6 +133,7 @@ def qc_lines(result: QcResult, paths: list[Path]) -> list[str]:
     lines = [rejection.text() for rejection in result.rejections]
     doubts = sense_doubts(result.experiment, result.fields)
     doubts += size_doubts(result.experiment, result.samples)
+    doubts += odd_samples(None if result.dataset is None else result.dataset.samples)
     lines += [f"warning: {doubt}" for doubt in doubts]
     lines += ["", *(f"{table_text(table(result))}\n" for table in tables)]
     lines += [requirements_text(requirements(result)), ""]

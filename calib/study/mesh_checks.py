@@ -52,10 +52,10 @@ def _meshes(
         ("sampling", hypothesis.sampling, study.mesh.sampling),
         ("check", hypothesis.check, study.mesh.check),
     ):
-        if own is None:
-            yield f"mesh.{name}", common
-        else:
+        if own is not None:
             yield f"hypothesis.{index}.{name}", own
+        elif common is not None:
+            yield f"mesh.{name}", common
     if study.virtual is not None and study.virtual.hypothesis == hypothesis.name:
         yield "virtual.cells", study.virtual.cells
 
@@ -64,11 +64,15 @@ def _check_refinement(study: Study, index: int, hypothesis: Hypothesis) -> None:
     check, sampling = study.check_cells(hypothesis), study.sampling_cells(hypothesis)
     if shows_error(check, sampling):
         return
+    own = f"hypothesis.{index}"
     if hypothesis.check is not None:
-        key = f"hypothesis.{index}.check"
-        raise Contradiction(key, as_found(check), finer_than(sampling))
-    expected = f"a mesh that mesh.check {shown(check)} is {MIN_REFINEMENT} times finer than"
-    raise Contradiction(f"hypothesis.{index}.sampling", as_found(sampling), expected)
+        raise Contradiction(f"{own}.check", as_found(check), finer_than(sampling))
+    if study.mesh.check is not None and hypothesis.sampling is None:
+        raise Contradiction("mesh.check", as_found(check), finer_than(sampling))
+    known = "mesh.check" if study.mesh.check is not None else "the check mesh of this contact,"
+    expected = f"a mesh that {known} {shown(check)} is {MIN_REFINEMENT} times finer than"
+    key = "mesh.sampling" if hypothesis.sampling is None else f"{own}.sampling"
+    raise Contradiction(key, as_found(sampling), expected)
 
 
 def _check_rings(study: Study, hypothesis: Hypothesis, key: str, cells: RingCells) -> None:

@@ -9,6 +9,7 @@ import numpy as np
 
 from calib import __version__
 from calib.data import Dataset
+from calib.data.odd_samples import odd_samples
 from calib.inference.forward import EmulatorForward
 from calib.inference.inference_data import (
     HypothesisSamples,
@@ -121,6 +122,7 @@ def _judged(
         *of_chains(ended, compared["quadrature"]),
         *pulled(compared.get("nuisances", ())),
         *few_samples(study, hypothesis, dataset),
+        *odd_samples(dataset.samples),
     ]
     return {"predictive_p": compared["predictive_p"], "remarks": remarks}
 

@@ -170,12 +170,12 @@ def check_law(key: str, law: str) -> None:
 class Mesh:
     """[mesh] Elements of the quarter model in x, y, z; or rings about a round pin."""
 
-    sampling: BlockCells = (12, 5, 3)
+    sampling: BlockCells | None = None
     """three numbers of elements (x, y, z) for the runs that train the emulator, or of a mesh whose
-    lines follow a round pin { rings, layers, sectors }"""
-    check: BlockCells = (18, 8, 4)
+    lines follow a round pin { rings, layers, sectors }; without it by the contact"""
+    check: BlockCells | None = None
     """three numbers of elements (x, y, z) for the runs that measure the discretisation error, or
-    { rings, layers, sectors } where sampling has these"""
+    { rings, layers, sectors } where sampling has these; without it by the contact"""
     check_stiffening: Stiffening = 4.0
     """how many times less the pin's surface gives way in the runs of check than in those that train
     the emulator, 2 or more: a rigid pin does not, and what that is worth is corrected for with the
@@ -184,7 +184,7 @@ class Mesh:
     def __post_init__(self) -> None:
         check_size("sampling", self.sampling)
         check_size("check", self.check)
-        if not shows_error(self.check, self.sampling):
+        if self.check and self.sampling and not shows_error(self.check, self.sampling):
             raise Contradiction("check", as_found(self.check), finer_than(self.sampling))
         if self.check_stiffening != 1.0 and self.check_stiffening < LEAST_STIFFENING:
             expected = f"1, the same pin, or {LEAST_STIFFENING:g} or more"

@@ -1,0 +1,35 @@
+"""Meshes of a block by how it is touched, for studies that name none.
+
+What each leaves of force and field is in docs/verification.md, "Mesh".
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+if TYPE_CHECKING:
+    from calib.study.block_cells import Cells
+    from calib.study.sections import Hypothesis
+
+
+class UsualMeshes(NamedTuple):
+    """Elements (x, y, z) of a quarter of the block."""
+
+    sampling: Cells
+    """of the runs that train the emulator"""
+    check: Cells
+    """of those that measure the discretisation error"""
+
+
+STUCK = UsualMeshes((12, 5, 3), (20, 14, 5))
+"""where anything is glued: its edges are singular"""
+RUBBING = UsualMeshes((12, 3, 3), (16, 8, 4))
+SLIDING = UsualMeshes((12, 4, 2), (18, 6, 4))
+
+
+def usual_meshes(hypothesis: Hypothesis) -> UsualMeshes:
+    """Those of the contact of pin and base."""
+    touching = (hypothesis.pin, hypothesis.base)
+    if "stick" in touching:
+        return STUCK
+    return SLIDING if touching == ("slide", "slide") else RUBBING
