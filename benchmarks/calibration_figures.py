@@ -124,7 +124,8 @@ def _chunk(arm: Arm, index: Array) -> Placed:
 
 def described(found: Placed, cluster: Array) -> dict[str, Any]:
     """Tests of the ranks and coverage by parameter; experiments of a `cluster` share an FE run."""
-    tests = [uniformity(column, false_alarm=FALSE_ALARM) for column in found.below.T]
+    n_bin = min(20, len(found.below) // 5)
+    tests = [uniformity(column, n_bin=n_bin, false_alarm=FALSE_ALARM) for column in found.below.T]
     covered = coverage(found.below)
     inside = np.abs(found.below - 0.5)[None] <= 0.5 * np.array(LEVELS)[:, None, None]
     shared = len(np.unique(cluster)) < len(cluster)

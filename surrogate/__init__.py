@@ -6,7 +6,7 @@ from surrogate.emulator import Emulator
 from surrogate.estimator import GaussianProcessModes
 from surrogate.factors import Design, Factor, Levels, design
 from surrogate.field_prediction import FieldPrediction
-from surrogate.refine import PredictedShift, predicted_shift, propose
+from surrogate.refine import PredictedShift, predicted_shift, propose, spans_inputs
 from surrogate.residuals import (
     Errors,
     Residuals,
@@ -43,5 +43,6 @@ __all__ = [
     "predicted_shift",
     "propose",
     "sobol_design",
+    "spans_inputs",
     "unit_design",
 ]

@@ -65,7 +65,7 @@ def choose_coordinates(x: Array, y: Array, slopes: Array | None = None) -> Chose
     are many rows, lengths are searched on a part of the runs and judged on a larger one. `slopes`
     (n, k, d) as in `surrogate.gp_fit.fit_processes`; raises ValueError as that does.
     """
-    part, judged = (thinned(len(x), slopes, rows) for rows in (_ROWS, _JUDGED_ROWS))
+    part, judged = (thinned(x, slopes, rows) for rows in (_ROWS, _JUDGED_ROWS))
     every = _Runs(x, y, slopes)
     runs = every.at(part), every.at(judged)
     flat = np.zeros(x.shape[1])
@@ -102,10 +102,10 @@ def log_density(error: Array, variance: Array) -> float:
     return float(-0.5 * np.sum(np.log(2.0 * np.pi * variance) + error**2 / variance))
 
 
-def thinned(n: int, slopes: Array | None, most: int = _ROWS) -> npt.NDArray[np.int64]:
-    """Runs on which choices are made, so many that about `most` rows are left."""
+def thinned(x: Array, slopes: Array | None, most: int = _ROWS) -> npt.NDArray[np.int64]:
+    """Runs of x (n, d) on which choices are made, so many that about `most` rows are left."""
     usable = 0 if slopes is None else np.count_nonzero(np.isfinite(slopes).all(axis=1))
-    return part_of_runs(n, n + int(usable), most)
+    return part_of_runs(x, len(x) + int(usable), most)
 
 
 def _candidate(

@@ -200,7 +200,7 @@ def maximise_evidence(
     more than 200 rows; what is found is then followed on all of them. `start` takes the place of
     the fixed point. Raises ValueError where nothing can be decomposed.
     """
-    part, part_rows, part_y = _thinned(usable, y, _COARSE_ROWS)
+    part, part_rows, part_y = _thinned(x, usable, y, _COARSE_ROWS)
     fixed, *random = _starts(x.shape[1], rng, n_restarts)
     if start is not None:
         fixed = np.log([*start.length, start.roughness])
@@ -237,11 +237,11 @@ def bounds_reached(parameters: Hyperparameters, nugget: Array, has_slopes: bool)
 
 
 def _thinned(
-    usable: npt.NDArray[np.bool_], y: Array, n_rows: int
+    x: Array, usable: npt.NDArray[np.bool_], y: Array, n_rows: int
 ) -> tuple[npt.NDArray[np.int64], Rows, Array]:
     """Runs drawn so that no more than about `n_rows` rows are left, and their rows."""
     rows = rows_of(usable)
-    part = part_of_runs(len(usable), rows.n_rows, n_rows)
+    part = part_of_runs(x, rows.n_rows, n_rows)
     kept = rows.of_point[part]
     order = np.concatenate([kept[:, 0], kept[:, 1:][kept[:, 1:] >= 0]])
     return part, rows_of(usable[part]), y[order]

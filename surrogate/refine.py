@@ -203,9 +203,17 @@ def _checked(emulator: Emulator, sample: Array) -> Array:
         raise ValueError("posterior_sample: expected finite draws, found infinite ones or NaN")
     if not (np.ptp(sample, axis=0) > 0.0).all():
         raise ValueError("posterior_sample: must vary in every input")
-    unit = (sample - sample.mean(axis=0)) / sample.std(axis=0)
-    if np.linalg.matrix_rank(unit) < d:
+    if not spans_inputs(sample):
         raise ValueError(
             f"posterior_sample: expected draws that span {d} inputs, found all on a line or plane"
         )
     return sample
+
+
+def spans_inputs(sample: Array) -> bool:
+    """Whether draws (m, d) vary in all directions, not only along a line or plane."""
+    m, d = sample.shape
+    if m <= d or not np.ptp(sample, axis=0).all():
+        return False
+    unit = (sample - sample.mean(axis=0)) / sample.std(axis=0)
+    return bool(np.linalg.matrix_rank(unit) == d)

@@ -29,7 +29,7 @@ def step_scale(x: Array, y: Array, slopes: Array | None, chosen: Chosen) -> Arra
     in the coordinates and with the covariance `chosen`. The median over runs, as a few at corners
     err many times more. A step that is the same in all runs gets what the roughest gets.
     """
-    part = thinned(len(x), None if slopes is None else slopes.reshape(len(x), -1, x.shape[1]))
+    part = thinned(x, None if slopes is None else slopes.reshape(len(x), -1, x.shape[1]))
     error = np.zeros(y.shape[1])
     for step in range(y.shape[1]):
         own = y[part, step]

@@ -14,23 +14,34 @@ FACTORS = (Factor("r", 0.0, 1.0), Factor("s", 0.0, 0.5), Levels("pin", ("bar", "
 
 @pytest.mark.parametrize(("n", "n_rows", "n_left"), [(5, 15, 5), (200, 200, 200), (201, 201, 101)])
 def test_as_many_runs_are_left_as_there_are_rows_to_spare(n: int, n_rows: int, n_left: int) -> None:
-    part = part_of_runs(n, n_rows, 200)
+    x = np.arange(2.0 * n).reshape(n, 2)
+    part = part_of_runs(x, n_rows, 200)
     assert len(part) == n_left and (np.diff(part) > 0).all()
     assert part[0] >= 0 and part[-1] < n
-    np.testing.assert_array_equal(part, part_of_runs(n, n_rows, 200))
+    np.testing.assert_array_equal(part, part_of_runs(x, n_rows, 200))
 
 
 def test_usable_derivatives_are_rows() -> None:
-    slopes = np.ones((100, 1, 3))
+    slopes, x = np.ones((100, 1, 3)), np.random.default_rng(0).random((100, 3))
     slopes[:, :, 2] = np.nan
-    assert len(thinned(100, None)) == 100 and len(thinned(100, slopes)) == 50
+    assert len(thinned(x, None)) == 100 and len(thinned(x, slopes)) == 50
 
 
 @pytest.mark.parametrize("period", range(2, 13))
 def test_all_levels_that_take_turns_are_left(period: int) -> None:
     for n in range(201, 2000, 199):
-        counts = np.bincount(part_of_runs(n, n, 200) % period, minlength=period)
+        counts = np.bincount(
+            part_of_runs(np.arange(float(n))[:, None], n, 200) % period, minlength=period
+        )
         assert counts.min() > 0
+
+
+@pytest.mark.parametrize("place", range(0, 260, 20))
+def test_an_input_that_one_run_varies_is_not_left_out(place: int) -> None:
+    x = np.column_stack([np.random.default_rng(1).random((260, 2)), np.zeros(260)])
+    x[place, 2] = 1.0
+    part = part_of_runs(x, 260, 200)
+    assert place in part and len(part) in (130, 131) and (np.diff(part) > 0).all()
 
 
 @pytest.mark.lasting

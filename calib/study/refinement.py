@@ -13,7 +13,14 @@ from calib.inference.quadrature import Quadrature, integrate
 from calib.study.judgement import Noise
 from calib.study.seen_error import SeenShift, seen_shift
 from fe.response import Array
-from surrogate import Emulator, PredictedShift, TrainingSet, predicted_shift, propose
+from surrogate import (
+    Emulator,
+    PredictedShift,
+    TrainingSet,
+    predicted_shift,
+    propose,
+    spans_inputs,
+)
 
 N_SAMPLE = 400
 """draws of the posterior among which runs are chosen and by which its shift is predicted"""
@@ -45,7 +52,7 @@ class Outlook:
         distance = np.abs(ratios[:, None] - runs) / extent
         ratios = ratios[(distance.max(axis=2) > APART).all(axis=1)]
         n = min(n, len(np.unique(ratios, axis=0)))
-        if len(ratios) <= ratios.shape[1] or not np.ptp(ratios, axis=0).all():
+        if not spans_inputs(ratios):
             return np.zeros((0, ratios.shape[1]))
         force_noise = float(np.sqrt(np.mean(noise.force**2)))
         if noise.field is None:  # the emulated field then does not enter the likelihood
