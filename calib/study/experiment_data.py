@@ -14,13 +14,11 @@ from calib import __version__
 from calib.code_hash import code_hash
 from calib.data import Dataset
 from calib.data.dataset_file import load_dataset
-from calib.data.odd_samples import odd_samples
 from calib.data.qc import FILE, QcResult, analyse, read_experiment
-from calib.data.qc.face_size import size_doubts
+from calib.data.qc.doubts import doubts
 from calib.data.qc.lab_files import input_hash, sample_files
 from calib.data.qc.results import DATASET, FIGURES, REPORT, key_of, write_results
 from calib.data.qc.rules import Rules, inputs_under
-from calib.data.qc.senses import sense_doubts
 from calib.data.qc.statistics import (
     eligibility_table,
     force_table,
@@ -131,10 +129,7 @@ def qc_lines(result: QcResult, paths: list[Path]) -> list[str]:
     """What `calib qc` prints: each rejection, doubts, tables, and where the results are."""
     tables = (eligibility_table, force_table, noise_table)
     lines = [rejection.text() for rejection in result.rejections]
-    doubts = sense_doubts(result.experiment, result.fields)
-    doubts += size_doubts(result.experiment, result.samples)
-    doubts += odd_samples(None if result.dataset is None else result.dataset.samples)
-    lines += [f"warning: {doubt}" for doubt in doubts]
+    lines += [f"warning: {doubt}" for doubt in doubts(result)]
     lines += ["", *(f"{table_text(table(result))}\n" for table in tables)]
     lines += [requirements_text(requirements(result)), ""]
     if result.experiment.synthetic:
@@ -161,6 +156,12 @@ def rejections_kept(folder: str | Path) -> tuple[str, ...]:
         return ()
     samples = read_json(path, ("samples",))["samples"]
     return tuple(own["sentence"] for sample in samples for own in sample["rejections"])
+
+
+def warnings_kept(folder: str | Path) -> tuple[str, ...]:
+    """What to look at of samples that meet all rules, as kept beside the data set."""
+    path = Path(folder) / QC_FOLDER / REPORT
+    return tuple(read_json(path, ("warnings",))["warnings"]) if path.is_file() else ()
 
 
 @cache

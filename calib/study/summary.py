@@ -147,7 +147,8 @@ def _with_population(summary: Summary, folder: Path) -> Summary:
     """With the population of the same study and run, where its file is there."""
     path = population_path(folder, summary.hypothesis)
     if not path.is_file():
-        return summary
+        failure = "population: not sampled yet, as the study file asks for; `calib run` goes on"
+        return replace(summary, failures=(*summary.failures, failure))
     if reason := of_another_run(folder, "population", "posterior"):
         failure = f"population: {path.name} is left out: {reason}; `calib run` makes it anew"
         return replace(summary, failures=(*summary.failures, failure))

@@ -16,6 +16,7 @@ from calib.data.qc.averaging import MeanField, mean_field, mean_force, with_enou
 from calib.data.qc.contact import SMALLEST_SD
 from calib.data.qc.experiment_file import Experiment, Mapping, read_experiment
 from calib.data.qc.lab_files import SampleFiles, input_hash, sample_files, static_folder
+from calib.data.qc.likeness import unlike
 from calib.data.qc.machine_test import at_travel
 from calib.data.qc.mean_noise import FieldNoise, mean_noise
 from calib.data.qc.noise_floor import pooled_noise
@@ -121,6 +122,7 @@ def analyse(
     ]
     rejections += few_points(samples, fields, rejections, experiment.quality.min_points_share)
     rejections += gross(samples, fields, rejections)
+    rejections += unlike([sample.name for sample in samples], fields, rejections)
     rejections += _odd(samples, rejections, experiment)
     static = static_folder(folder)
     noise = None if static is None else static_noise(static, experiment, points)

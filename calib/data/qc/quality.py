@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from calib.data.qc.experiment_file import Experiment
+from calib.data.qc.machine_test import MachineTest
 from calib.data.qc.plateaus import SURE, cycle_change_sds, cycle_changes
 from calib.data.qc.sample import Sample
 from fe.response import Array
@@ -16,6 +17,10 @@ POINTS_SHARE = "min_points_share"
 ODD_FORCE, ODD_FIELD = 5.0, 2.0
 """times the median of the samples, or less by as much: no scatter of one rubber. What moves at set
 travels hardly depends on its stiffness"""
+NOISY = 8.0
+"""times the usual noise of a hold: a few readings that jump take contact, holds and means along"""
+ENOUGH = 15
+"""readings of a hold whose noise is known well enough for that"""
 
 
 class Rejection(NamedTuple):
@@ -101,7 +106,23 @@ def placement_rules(sample: Sample, points: int, experiment: Experiment) -> tupl
         Rule("max_outlier_share", "share of outliers", "", quality.max_outlier_share, outliers),
         Rule("min_points", "complete points", "", quality.min_points, points, is_least=True),
         Rule("increments", "increments without a hold near them", "", 0.0, missing),
+        Rule(
+            "hold_noise",
+            "noise of a hold over the median of all (readings that jump?)",
+            "times",
+            NOISY,
+            _noisiest(machine),
+        ),
     )
+
+
+def _noisiest(machine: MachineTest) -> float:
+    """Largest noise of a hold over the median of all; 1 where that is none or of few readings."""
+    time, holds = machine.time, machine.holds
+    fewest = min((int(np.sum((time >= h.start) & (time <= h.end))) for h in holds), default=0)
+    noise = [plateau.noise_sd for plateau in machine.plateaus]
+    usual = float(np.median(noise)) if noise else 0.0
+    return max(noise) / usual if usual > 0.0 and fewest >= ENOUGH else 1.0
 
 
 def broken(sample: Sample, rules: Sequence[Rule]) -> list[Rejection]:

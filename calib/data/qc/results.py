@@ -11,6 +11,7 @@ import numpy as np
 
 from calib.data.dataset import Dataset
 from calib.data.dataset_file import save_dataset
+from calib.data.qc.doubts import doubts
 from calib.data.qc.mean_noise import FieldNoise
 from calib.data.qc.noise_floor import NoiseFloor
 from calib.data.qc.pipeline import QcResult
@@ -93,6 +94,7 @@ def qc_report(result: QcResult, version: str, code: str) -> dict[str, object]:
         },
         "thresholds_of_the_study": result.study_rules,
         "samples": samples,
+        "warnings": doubts(result),
         "noise": None if result.noise is None else _noise(result.noise),
         "dataset": None if result.dataset is None else _dataset(result.dataset),
         "tables": {
