@@ -4,10 +4,10 @@
 
 Parts: sbc and power (virtual experiments drawn from the prior), finer-stuck, finer-stuck-new and
 finer (the same with truths on finer meshes; new: emulator on the sampling mesh of new studies),
-fresh-stuck-new and fresh (as the last two, other truths of the prior), wide-stuck and default-stuck
-(by the check mesh of studies that name none, and by one of more layers), refined (with emulators
-refined as a study's are), mesh-stuck, mesh-stuck-new, mesh, mesh-wide-stuck and mesh-default-stuck
-(whether a mesh's stated error covers finer truths), mesh-places (where on the face it errs),
+fresh-stuck-new and fresh (as the last two, other truths of the prior), wide-stuck, default-stuck
+and init-stuck (by a check mesh of few layers, of more, and that of studies that name none), refined
+(with emulators refined as a study's are), mesh-stuck, mesh-stuck-new, mesh, mesh-wide-stuck,
+mesh-default-stuck and mesh-init-stuck (whether a mesh's stated error covers finer truths), mesh-places (where on the face it errs),
 mesh-directions (which direction of a mesh does), mesh-pairs (as mesh, on the runs kept by
 benchmarks.verify_fe), emcee (some of their posteriors by a chain), misspecified (truths of another
 law and contact, with and without a discrepancy), direct (posterior by FE at every node of a

@@ -17,6 +17,7 @@ from closed_form_laboratory import EXPERIMENT, Truth, field_at, force_at, write_
 from calib.cli import main
 from calib.data.dataset_file import load_dataset, save_dataset
 from calib.data.qc import analyse, read_experiment
+from calib.data.qc.doubts import doubts
 from calib.data.qc.lab_files import _check_numbers, sample_files, static_folder
 from calib.data.qc.pipeline import QcResult
 from calib.data.qc.results import FIGURE_NAMES
@@ -889,17 +890,66 @@ def test_a_sample_whose_displacements_are_three_times_the_others_is_rejected(som
     assert result.dataset is not None
 
 
-def test_a_sample_whose_force_is_ten_times_the_others_is_rejected(some):
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_a_sample_of_which_one_axis_is_turned_is_rejected_and_no_other(some, axis):
     folder = some("S1", "S3", "S5", "S7")
-    path = folder / "S5" / "machine.csv"
+    turned = np.ones(3)
+    turned[axis] = -1.0
+    for path in _frames(folder / "S3" / "dic"):
+        frame = read_dic(path).frames[0]
+        write_points(path, replace(frame, displacement=turned * frame.displacement))
+    result = analyse(folder)
+    [one] = result.rejections
+    assert one.sample == "S3" and one.reason.startswith(f"displacement along {'xyz'[axis]} over")
+    assert result.dataset is not None and result.dataset.n_samples == 3
+    assert doubts(result) == []
+
+
+def test_a_frame_in_which_the_camera_moved_up_is_warned_of_by_name(some, capsys):
+    folder = some("S1", "S3", "S5", "S7")
+    path = _frames(folder / "S3" / "dic")[-1]
+    frame = read_dic(path).frames[0]
+    write_points(path, replace(frame, displacement=frame.displacement + np.array([0, 0.15, 0])))
+    assert main(["qc", str(folder)]) == 0
+    assert "warning: the displacement of sample S3 along y is" in capsys.readouterr().out
+    [said] = json.loads((folder / "qc" / "qc.json").read_text())["warnings"]
+    assert "at worst at increment 4" in said
+
+
+def test_readings_that_jump_in_a_hold_reject_their_sample(some):
+    folder = some("S1", "S3", "S5", "S7")
+    hold = machine_of(folder / "S5").holds[-2]
+    _with_forces(
+        folder / "S5" / "machine.csv",
+        lambda time, force: force + 5.0 * (0.1 < time - hold.start < 0.4),
+    )
+    [one] = analyse(folder).rejections
+    assert (one.sample, one.rule) == ("S5", "hold_noise")
+    assert "expected at most 8 times" in one.text()
+
+
+def machine_of(folder):
+    """The machine's test of a sample that is among those analysed."""
+    [found] = [s for s in analyse(folder.parent).samples if s.name == folder.name]
+    return found.machine
+
+
+def _with_forces(path, change):
+    """The record with `change(time, force)` in place of its forces."""
     head, *rows = path.read_text().splitlines()
     while rows[0].startswith("#") or not rows[0][:1].isdigit():
         head += "\n" + rows.pop(0)
-    column = head.splitlines()[-1].split(",").index("force_N")
+    names = head.splitlines()[-1].split(",")
     cells = [row.split(",") for row in rows]
     for row in cells:
-        row[column] = repr(10.0 * float(row[column]))
+        time = float(row[names.index("time_s")])
+        row[names.index("force_N")] = repr(float(change(time, float(row[names.index("force_N")]))))
     path.write_text("\n".join([head, *(",".join(row) for row in cells)]) + "\n")
+
+
+def test_a_sample_whose_force_is_ten_times_the_others_is_rejected(some):
+    folder = some("S1", "S3", "S5", "S7")
+    _with_forces(folder / "S5" / "machine.csv", lambda _, force: 10.0 * force)
     result = analyse(folder)
     [one] = [r for r in result.rejections if r.sample == "S5"]
     assert one.reason == "force over the median of the samples"

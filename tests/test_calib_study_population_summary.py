@@ -31,7 +31,7 @@ from calib.study.population_summary import (
     population_remarks,
 )
 from calib.study.population_tables import population_tables
-from calib.study.summary import judgement_lines
+from calib.study.summary import _with_population, judgement_lines
 from calib.study.summary_files import to_csv
 
 N = 5
@@ -176,3 +176,12 @@ def test_csv_has_a_line_for_population_new_sample_and_every_sample(
         assert float(by_place[name, "kappa"]["mean"]) == summary.samples["kappa"][index].mean
         alone = by_place[f"{name} by itself", "kappa"]
         assert float(alone["mean"]) == summary.alone["kappa"][index].mean
+
+
+def test_a_population_that_the_study_asks_for_and_that_is_not_there_is_a_failure(
+    tmp_path: Path,
+) -> None:
+    """As of a run that was killed before it: the averaged sample's table alone is no answer."""
+    summary = _with_population(_summary(), tmp_path)
+    assert summary.population is None and not summary.passed
+    assert summary.failures[-1].startswith("population: not sampled yet")
