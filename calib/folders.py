@@ -2,8 +2,14 @@
 
 from __future__ import annotations
 
+import fcntl
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+
+LOCK = ".lock"
+"""empty file of a run's folder, locked as long as a process works in it, however that ends"""
 
 
 def check_folder(option: str, path: Path) -> None:
@@ -37,3 +43,24 @@ def check_writable(option: str, path: Path) -> None:
     """Raise ValueError where a folder cannot be written to, before the work for it is done."""
     if path.is_dir() and not os.access(path, os.W_OK | os.X_OK):
         raise ValueError(f"{option}: found {path}, expected a folder that can be written to")
+
+
+@contextmanager
+def held_alone(option: str, path: Path) -> Iterator[None]:
+    """Keep other runs out of a folder meanwhile. Raises ValueError where one is at work in it."""
+    try:
+        file = (path / LOCK).open("ab")
+    except OSError:  # what is wrong with the folder is said where results are written
+        yield
+        return
+    with file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise ValueError(
+                f"{option}: found {path}, in which another `calib` is at work, expected another "
+                "folder, or this one once that has ended"
+            ) from None
+        except OSError:  # a file system that has no locks
+            pass
+        yield

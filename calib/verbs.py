@@ -13,7 +13,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from calib.folders import check_folder, check_writable, make_folder
+from calib.folders import check_folder, check_writable, held_alone, make_folder
 
 if TYPE_CHECKING:
     from calib.study.summary import Summary
@@ -70,9 +70,10 @@ def run_verb(arguments: argparse.Namespace) -> int:
         echo=_say,
     )
     try:
-        if arguments.until != "run":
-            return _failed(run_part(study, out, arguments.until, **how))
-        return _verdict(run_study(study, out, **how).summaries)
+        with held_alone("--out", out):
+            if arguments.until != "run":
+                return _failed(run_part(study, out, arguments.until, **how))
+            return _verdict(run_study(study, out, **how).summaries)
     except Contradiction as error:
         raise refused(arguments.study, error) from error
     except (CampaignFailed, EmulatorRefused, WorkerDied) as error:

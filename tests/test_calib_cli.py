@@ -13,6 +13,7 @@ from types import SimpleNamespace
 import pytest
 
 from calib import cli
+from calib.folders import LOCK, held_alone
 from calib.study import Study, embedded_studies, load_study
 from calib.study.data_sections import EXPERIMENT, THESIS_TABLE, VIRTUAL
 from calib.toml_file import Contradiction
@@ -455,3 +456,19 @@ def test_a_reader_that_has_had_enough_is_no_error():
     result = subprocess.run(command, stdout=writer, stderr=subprocess.PIPE, text=True, check=False)
     os.close(writer)
     assert (result.returncode, result.stderr) == (0, "")
+
+
+def test_a_folder_in_which_a_run_is_at_work_is_refused_and_free_after_it(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "run"
+    out.mkdir()
+    with held_alone("--out", out):
+        assert cli.main(["run", "thesis-forces", "--out", str(out)]) == 2
+        said = capsys.readouterr().err
+        assert f"--out: found {out}, in which another `calib` is at work" in said
+        assert [path.name for path in out.iterdir()] == [LOCK]
+    with pytest.raises(KeyboardInterrupt), held_alone("--out", out):
+        raise KeyboardInterrupt
+    with held_alone("--out", out):  # free again, however the run before ended
+        assert (out / LOCK).read_bytes() == b""
