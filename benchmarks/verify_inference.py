@@ -7,14 +7,14 @@ finer (the same with truths on finer meshes; new: emulator on the sampling mesh 
 fresh-stuck-new and fresh (as the last two, other truths of the prior), wide-stuck, default-stuck
 and init-stuck (by a check mesh of few layers, of more, and that of studies that name none), refined
 (with emulators refined as a study's are), mesh-stuck, mesh-stuck-new, mesh, mesh-wide-stuck,
-mesh-default-stuck and mesh-init-stuck (whether a mesh's stated error covers finer truths), mesh-places (where on the face it errs),
-mesh-directions (which direction of a mesh does), mesh-pairs (as mesh, on the runs kept by
-benchmarks.verify_fe), emcee (some of their posteriors by a chain), misspecified (truths of another
-law and contact, with and without a discrepancy), direct (posterior by FE at every node of a
-quadrature, and the two maxima), local (how many runs in the posterior's box its emulator needs),
-fixed (how many a design over the whole prior needs in place of that). FE runs and posteriors are
-kept in --store, so that an interrupted part goes on where it was. Each part replaces its own
-figures in FILE and leaves the others.
+mesh-default-stuck and mesh-init-stuck (whether a mesh's stated error covers finer truths),
+mesh-places (where on the face it errs), mesh-directions (which direction of a mesh does),
+mesh-pairs (as mesh, on the runs kept by benchmarks.verify_fe), emcee (some of their posteriors by a
+chain), misspecified (truths of another law and contact, with and without a discrepancy), direct
+(posterior by FE at every node of a quadrature, and the two maxima), local (how many runs in the
+posterior's box its emulator needs), fixed (how many a design over the whole prior needs in place of
+that). FE runs and posteriors are kept in --store, so that an interrupted part goes on where it was.
+Each part replaces its own figures in FILE and leaves the others.
 """
 
 from __future__ import annotations

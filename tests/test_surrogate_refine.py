@@ -7,7 +7,14 @@ from functools import cache
 import numpy as np
 import pytest
 
-from surrogate import Emulator, TrainingSet, predicted_shift, propose, sobol_design
+from surrogate import (
+    Emulator,
+    TrainingSet,
+    predicted_shift,
+    propose,
+    sobol_design,
+    spans_inputs,
+)
 from surrogate.covariance import FAMILIES
 from surrogate.evidence import Fitted, Hyperparameters
 from surrogate.expected_gain import Gain
@@ -267,3 +274,12 @@ def test_the_noise_decides_whether_runs_serve_the_force_or_the_field() -> None:
     assert not np.array_equal(*best)
     np.testing.assert_array_equal(proposed(1e-4, 1.0), best[0])
     np.testing.assert_array_equal(proposed(1.0, 1e-6), best[1])
+
+
+def test_draws_along_a_line_span_no_plane() -> None:
+    along = np.linspace(0.0, 1.0, 9)[:, None] * [0.3, -0.2]
+    assert not spans_inputs(along)
+    assert not spans_inputs(along * [1.0, 0.0])
+    assert not spans_inputs(np.eye(2))
+    along[4, 1] += 0.01
+    assert spans_inputs(along)

@@ -115,6 +115,8 @@ def read_document(content: bytes, file: str, kind: str) -> Document:
         place = re.search(r" \(at line (\d+), column \d+\)", str(error))
         line = int(place[1]) if place else text.count("\n") + 1
         reason = str(error).replace(place[0] if place else " (at end of document)", "")
+        if reason == "Cannot overwrite a value":
+            reason = "a key or section that is there already; one of several has double brackets"
         raise FileRefused(
             f"{file}:{line}: found no valid TOML ({reason}), expected key = value"
         ) from error
