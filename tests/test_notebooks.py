@@ -56,7 +56,7 @@ CHEAPER = {
     "04_experiment_to_dataset": {"cells=(8, 3, 2)": "cells=(6, 2, 1)"},
     "06_images_to_posterior": {
         "cells=(14, 5, 3)": "cells=(10, 4, 3)",
-        "(8, 3, 2), (12, 4, 2)": "(8, 3, 1), (10, 4, 2)",
+        "(8, 3, 2), (12, 4, 3)": "(8, 3, 1), (10, 4, 2)",
     },
 }
 """meshes and runs of a notebook, and those of its test"""
