@@ -445,6 +445,13 @@ def test_a_study_without_meshes_has_those_of_its_contact(folder, pin, base, mesh
     )
 
 
+def test_a_round_pin_without_meshes_has_those_of_glue_at_any_contact(folder) -> None:
+    text = BASE.replace(MESH, "").replace('pin = "slide"\nbase = "stick"', "pin = 0.3\nbase = 0.3")
+    text = text.replace("pin_fillet = 0.3", 'pin_fillet = 0.3\npin_shape = "round"')
+    study = read_study(text.encode(), file="own.toml", folder=folder)
+    assert all((study.sampling_cells(h), study.check_cells(h)) == STUCK for h in study.hypotheses)
+
+
 def test_meshes_that_are_too_close_to_those_of_the_contact_are_refused_by_name(folder) -> None:
     alone = BASE.replace(MESH, "[mesh]\nsampling = [20, 14, 5]\n\n")
     assert "mesh.sampling: found [20, 14, 5], expected a mesh that the check mesh of this" in (

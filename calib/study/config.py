@@ -33,7 +33,7 @@ from calib.study.sections import (
     Virtual,
 )
 from calib.study.unknown_checks import check_unknowns
-from calib.study.usual_meshes import usual_meshes
+from calib.study.usual_meshes import UsualMeshes, usual_meshes
 from calib.study.work_sections import Compute, Design, EmulatorLimits, Sampler, Verification
 from calib.toml_file import (
     Contradiction,
@@ -105,11 +105,11 @@ class Study:
 
     def sampling_cells(self, hypothesis: Hypothesis) -> Cells | RingCells:
         """Mesh of the runs that train the emulator under a hypothesis."""
-        return hypothesis.sampling or self.mesh.sampling or usual_meshes(hypothesis).sampling
+        return hypothesis.sampling or self.mesh.sampling or self._usual(hypothesis).sampling
 
     def check_cells(self, hypothesis: Hypothesis) -> Cells | RingCells:
         """Mesh that measures the discretisation error under a hypothesis."""
-        return hypothesis.check or self.mesh.check or usual_meshes(hypothesis).check
+        return hypothesis.check or self.mesh.check or self._usual(hypothesis).check
 
     def refinement(self, hypothesis: Hypothesis) -> float:
         """Edge of the sampling mesh's elements over that of the checking mesh's."""
@@ -127,6 +127,9 @@ class Study:
     def pin_shape(self, hypothesis: Hypothesis) -> PinShape:
         """Shape of the pin under a hypothesis."""
         return hypothesis.pin_shape or self.geometry.pin_shape
+
+    def _usual(self, hypothesis: Hypothesis) -> UsualMeshes:
+        return usual_meshes(hypothesis, self.pin_shape(hypothesis))
 
     def _check_increments(self) -> None:
         previous = 0.0

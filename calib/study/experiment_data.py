@@ -161,7 +161,7 @@ def rejections_kept(folder: str | Path) -> tuple[str, ...]:
 def warnings_kept(folder: str | Path) -> tuple[str, ...]:
     """What to look at of samples that meet all rules, as kept beside the data set."""
     path = Path(folder) / QC_FOLDER / REPORT
-    return tuple(read_json(path, ("warnings",))["warnings"]) if path.is_file() else ()
+    return tuple(read_json(path).get("warnings", ())) if path.is_file() else ()
 
 
 @cache
