@@ -5,7 +5,7 @@ from __future__ import annotations
 import fcntl
 import os
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 LOCK = ".lock"
@@ -48,19 +48,15 @@ def check_writable(option: str, path: Path) -> None:
 @contextmanager
 def held_alone(option: str, path: Path) -> Iterator[None]:
     """Keep other runs out of a folder meanwhile. Raises ValueError where one is at work in it."""
-    try:
-        file = (path / LOCK).open("ab")
-    except OSError:  # what is wrong with the folder is said where results are written
-        yield
-        return
-    with file:
+    with ExitStack() as stack:
         try:
+            file = stack.enter_context((path / LOCK).open("ab"))
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            raise ValueError(
-                f"{option}: found {path}, in which another `calib` is at work, expected another "
-                "folder, or this one once that has ended"
-            ) from None
-        except OSError:  # a file system that has no locks
-            pass
+        except OSError as error:
+            if isinstance(error, BlockingIOError):
+                raise ValueError(
+                    f"{option}: found {path}, in which another `calib` is at work, expected "
+                    "another folder, or this one once that has ended"
+                ) from None
+            # Of a file system without locks, or a folder about which results will say it.
         yield

@@ -165,10 +165,9 @@ class Emulator:
         mean = self.force.pod.reconstruct(self.force.processes.mean(ratios))
         return self.force_scale.gradient(mean, self.force.gradient(ratios))
 
-    def unit_force_leave_one_out(self, force: Array) -> tuple[Array, Array]:
-        """As `unit_force` at each training run's forces (n, n_step) N given the others only."""
-        y = self.force_scale.values(force)
-        return self.force_scale.force(*self.force.leave_one_out(y))
+    def unit_force_leave_one_out(self) -> tuple[Array, Array]:
+        """As `unit_force` at each training point given the other runs only."""
+        return self.force_scale.force(*self.force.leave_one_out())
 
     def field_weights(self, ratios: Array) -> tuple[Array, Array]:
         """Mean (m, k) and variance (m, k) of the weights of the field's modes, mm and mm^2."""

@@ -43,19 +43,10 @@ class ModalEmulator:
         gradient: Array = self.pod.modes @ self.processes.gradient(x)
         return gradient
 
-    def leave_one_out(self, y: Array) -> tuple[Array, Array]:
-        """Mean (n, n_obs) and covariance (n, n_obs, n_obs) of each run of y given the others."""
-        error, variance = self.left_out_errors(y)
-        return y + error, self._covariance(variance)
-
-    def left_out_errors(self, y: Array) -> tuple[Array, Array]:
-        """Errors (n, n_obs) at each run of y (n, n_obs) given the others; variances (n, k).
-
-        The residual of a run on modes fitted with it flatters; the one without it does not. The
-        variances are those of the weights.
-        """
+    def leave_one_out(self) -> tuple[Array, Array]:
+        """Mean (n, n_obs) and covariance (n, n_obs, n_obs) of each run given the others."""
         mean, variance = self.processes.leave_one_out()
-        return (mean - self.pod.weights(y)) @ self.pod.modes.T - self.pod.truncation, variance
+        return self.pod.reconstruct(mean), self._covariance(variance)
 
     def _covariance(self, variance: Array) -> Array:
         n_obs = len(self.pod.offset)

@@ -191,13 +191,15 @@ def leave_one_out_residuals(emulator: Emulator, training_set: TrainingSet) -> Re
     inputs = processes.scaled(training_set.ratios)
     if inputs.shape != processes.inputs.shape or not np.allclose(inputs, processes.inputs):
         raise ValueError("training_set: is not the one the emulator was trained on; train again")
-    force, covariance = emulator.unit_force_leave_one_out(training_set.force)
+    force, covariance = emulator.unit_force_leave_one_out()
     error, std, spread = None, None, None
     if emulator.field is not None:
         pod = emulator.field.pod
-        field = _field(training_set)
-        flat, variance = emulator.field.left_out_errors(field.reshape(len(field), -1))
-        error = flat.reshape(field.shape)
+        mean, variance = emulator.field.processes.leave_one_out()
+        # The residual of a run on modes fitted with it flatters; the one without it does not.
+        left_out = pod.truncation.reshape(len(training_set.ratios), *_field(training_set).shape[1:])
+        weights = (mean - pod.weights(_field(training_set).reshape(len(mean), -1))) @ pod.modes.T
+        error = weights.reshape(left_out.shape) - left_out
         std = np.sqrt(variance @ (pod.modes**2).T + pod.left_out_variance).reshape(error.shape)
         factor = pod.truncation.T / np.sqrt(len(pod.truncation))
         spread = Spread(pod.modes, variance, factor)

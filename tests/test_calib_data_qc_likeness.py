@@ -69,3 +69,10 @@ def test_what_says_nothing_is_not_judged() -> None:
     assert unlike(names(4), noise, []) == []  # a component of noise alone
     assert unlike_doubts(names(4), noise, NUMBERS) == []
     assert unlike(names(4), np.full((4, 5, 60, 3), np.nan), []) == []
+    none = fields(4)
+    none[3, ..., 2] = 0.0  # one sample without z: x and y are judged all the same
+    none[1, ..., 0] *= -1.0
+    assert [one.sample for one in unlike(names(4), none, [])] == ["S1"]
+    small = fields(4)
+    small[:, 0] = 0.05 * small[:, 0] + 0.01 * np.random.default_rng(0).standard_normal((4, 60, 3))
+    assert unlike_doubts(names(4), small, NUMBERS) == []  # an increment of noise

@@ -454,7 +454,7 @@ def test_a_round_pin_without_meshes_has_those_of_glue_at_any_contact(folder) -> 
 
 def test_meshes_that_are_too_close_to_those_of_the_contact_are_refused_by_name(folder) -> None:
     alone = BASE.replace(MESH, "[mesh]\nsampling = [20, 14, 5]\n\n")
-    assert "mesh.sampling: found [20, 14, 5], expected a mesh that the check mesh of this" in (
+    assert "mesh.sampling: found [20, 14, 5], expected mesh.check beside it, a mesh finer than" in (
         refusal(folder, alone)
     )
     alone = BASE.replace(MESH, "[mesh]\ncheck = [12, 5, 3]\n\n")

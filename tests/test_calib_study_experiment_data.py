@@ -18,8 +18,8 @@ from calib.data.dataset_file import load_dataset, save_dataset
 from calib.study import experiment_data, stage_list
 from calib.study.config import Study, load_study
 from calib.study.context import Context, block_pin_model
-from calib.study.data_stage import load_data
-from calib.study.experiment_data import MEASURED, experiment_dataset
+from calib.study.data_stage import load_data, measured, save_data
+from calib.study.experiment_data import MEASURED, experiment_dataset, warnings_kept
 from calib.study.judgement import measurement_noise
 from calib.study.stages import run_stages
 from calib.study.tables import data_table
@@ -170,3 +170,17 @@ def test_the_hash_is_that_of_every_module_and_of_nothing_else(tmp_path):
     before = hash_of_modules(package)
     (package / "qc" / "masks.py").rename(package / "qc" / "other.py")
     assert hash_of_modules(package) != before
+
+
+def test_warnings_of_quality_control_come_with_the_data_and_older_reports_have_none(lab, tmp_path):
+    folder = tmp_path / "other"
+    (folder / "qc").mkdir(parents=True)
+    report = folder / "qc" / "qc.json"
+    assert warnings_kept(folder) == ()
+    report.write_text("{}\n")
+    assert warnings_kept(folder) == ()
+    report.write_text('{"warnings": ["the displacement of sample S2 is off"]}\n')
+    assert warnings_kept(folder) == ("the displacement of sample S2 is off",)
+    data = replace(measured(study_of(lab, tmp_path)), warnings=("a", "b"))
+    save_data(tmp_path, data)
+    assert load_data(tmp_path).warnings == ("a", "b")

@@ -9,6 +9,7 @@ import numpy as np
 
 from calib.data import PUBLISHED_CONSTANTS, Dataset
 from calib.data.dataset_file import dataset_arrays, dataset_of_arrays
+from calib.data.odd_samples import odd_samples
 from calib.inference.field_noise import NUGGET
 from calib.study.artifacts import read_json, read_npz, write_json, write_npz
 from calib.study.config import Study, StudyError
@@ -36,6 +37,8 @@ class StudyData:
     """hypothesis behind synthetic data"""
     left_out: tuple[str, ...] = ()
     """samples that quality control rejects, one sentence a rule"""
+    warnings: tuple[str, ...] = ()
+    """what it warns of, and samples of another stiffness of those that come without it"""
 
 
 def measured(study: Study) -> StudyData:
@@ -50,16 +53,18 @@ def measured(study: Study) -> StudyData:
     is_thesis = study.data.source == THESIS_TABLE
     published = with_mu(PUBLISHED_CONSTANTS) if is_thesis else None
     used = at_increments(dataset, study.increments)
-    return StudyData(used, published, None, None, _left_out(study))
+    return StudyData(used, published, None, None, *_judged(study, dataset))
 
 
-def _left_out(study: Study) -> tuple[str, ...]:
-    """What quality control says of samples that are not in the data set of an experiment."""
-    if study.data.folder is None:
-        return ()
-    from calib.study.experiment_data import rejections_kept  # readers, only where they are needed
+def _judged(study: Study, dataset: Dataset) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """What quality control says of samples that it rejects, and what it warns of."""
+    folder = study.data.folder
+    if folder is None:
+        return (), tuple(odd_samples(dataset.samples))
+    # readers, only where they are needed
+    from calib.study.experiment_data import rejections_kept, warnings_kept
 
-    return rejections_kept(study.data.folder)
+    return rejections_kept(folder), warnings_kept(folder)
 
 
 def at_increments(dataset: Dataset, increments: tuple[float, ...]) -> Dataset:
@@ -102,6 +107,7 @@ def save_data(out: Path, data: StudyData) -> list[Path]:
         "truth": data.truth,
         "truth_hypothesis": data.truth_hypothesis,
         "left_out": data.left_out,
+        "warnings": data.warnings,
     }
     if dataset.field is not None:
         facts["correlation_length"] = dataset.field.correlation_length
@@ -128,4 +134,5 @@ def load_data(out: Path) -> StudyData:
         facts["truth"],
         facts["truth_hypothesis"],
         tuple(facts.get("left_out", ())),
+        tuple(facts.get("warnings", ())),
     )

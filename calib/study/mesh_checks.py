@@ -47,7 +47,7 @@ def check_meshes(study: Study) -> None:
 def _meshes(
     study: Study, index: int, hypothesis: Hypothesis
 ) -> Iterator[tuple[str, Cells | RingCells]]:
-    """Key in the file and mesh of all that is solved under a hypothesis."""
+    """Key in the file and mesh of all that is named and solved under a hypothesis."""
     for name, own, common in (
         ("sampling", hypothesis.sampling, study.mesh.sampling),
         ("check", hypothesis.check, study.mesh.check),
@@ -69,9 +69,13 @@ def _check_refinement(study: Study, index: int, hypothesis: Hypothesis) -> None:
         raise Contradiction(f"{own}.check", as_found(check), finer_than(sampling))
     if study.mesh.check is not None and hypothesis.sampling is None:
         raise Contradiction("mesh.check", as_found(check), finer_than(sampling))
-    known = "mesh.check" if study.mesh.check is not None else "the check mesh of this contact,"
-    expected = f"a mesh that {known} {shown(check)} is {MIN_REFINEMENT} times finer than"
     key = "mesh.sampling" if hypothesis.sampling is None else f"{own}.sampling"
+    if study.mesh.check is None:
+        beside = (
+            f"mesh.check beside it, {finer_than(sampling)}: that of the contact is {shown(check)}"
+        )
+        raise Contradiction(key, as_found(sampling), beside)
+    expected = f"a mesh that mesh.check {shown(check)} is {MIN_REFINEMENT} times finer than"
     raise Contradiction(key, as_found(sampling), expected)
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +9,6 @@ import numpy as np
 
 from calib import __version__
 from calib.data import Dataset
-from calib.data.odd_samples import odd_samples
 from calib.inference.forward import EmulatorForward
 from calib.inference.inference_data import (
     HypothesisSamples,
@@ -123,18 +121,9 @@ def _judged(
         *of_chains(ended, compared["quadrature"]),
         *pulled(compared.get("nuisances", ())),
         *few_samples(study, hypothesis, dataset),
-        *_of_samples(study, dataset),
+        *load_data(out).warnings,
     ]
     return {"predictive_p": compared["predictive_p"], "remarks": remarks}
-
-
-def _of_samples(study: Study, dataset: Dataset) -> Sequence[str]:
-    """What quality control warns of; of samples without it, those of another stiffness."""
-    if study.data.folder is None:
-        return odd_samples(dataset.samples)
-    from calib.study.experiment_data import warnings_kept  # readers, only where they are needed
-
-    return warnings_kept(study.data.folder)
 
 
 def _mesh_remark(out: Path, study: Study, hypothesis: Hypothesis) -> str:

@@ -213,10 +213,10 @@ class Hypothesis:
     """"bar" or "round" under this hypothesis; without it geometry.pin_shape"""
     sampling: BlockCells | None = None
     """numbers of elements (x, y, z), or { rings, layers, sectors }, for the runs that train the
-    emulator under this hypothesis; without it mesh.sampling"""
+    emulator under this hypothesis; without it mesh.sampling, else by the contact"""
     check: BlockCells | None = None
     """numbers of elements (x, y, z), or { rings, layers, sectors }, that measure the discretisation
-    error under this hypothesis; without it mesh.check"""
+    error under this hypothesis; without it mesh.check, else by the contact"""
 
     def __post_init__(self) -> None:
         check_size("sampling", self.sampling)

@@ -1,6 +1,6 @@
 """Meshes of a block by how it is touched, for studies that name none.
 
-What each leaves of force and field is in docs/verification.md, "Mesh".
+Those that `calib init` writes; what meshes leave is in docs/verification.md, "Mesh".
 """
 
 from __future__ import annotations

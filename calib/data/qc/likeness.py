@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from calib.data.qc.quality import ODD_FIELD, Rejection
+from calib.data.readers.frames import BoolArray
 from fe.response import Array
 
 COMPONENTS = ("x", "y", "z")
@@ -15,7 +16,7 @@ FEWEST = 3
 FEWEST_POINTS = 10
 """that all samples have in all frames"""
 SMALL = 0.1
-"""share of the whole field's size below which a component says nothing"""
+"""share of the largest field's size below which a component says nothing"""
 APART = 0.15
 """misfit of a component, over its size, above which a sample is told: virtual laboratories, whose
 samples differ in place, height and stiffness, have 0.03"""
@@ -24,8 +25,8 @@ samples differ in place, height and stiffness, have 0.03"""
 def unlike(names: Sequence[str], fields: Array, rejections: Sequence[Rejection]) -> list[Rejection]:
     """Samples of which a displacement is no multiple of about one of most others'.
 
-    Of those that meet all other rules, from three on; fields (n_sample, n_step, n, 3) mm, NaN where
-    there is nothing.
+    Of those that meet the rules before, from three on; fields (n_sample, n_step, n, 3) mm, NaN
+    where there is nothing.
     """
     rejected = {one.sample for one in rejections}
     good = [i for i, name in enumerate(names) if name not in rejected]
@@ -33,9 +34,10 @@ def unlike(names: Sequence[str], fields: Array, rejections: Sequence[Rejection])
     if products is None:
         return []
     own = np.einsum("ciis->cis", products).sum(axis=-1)
-    slopes = products.sum(axis=-1) / own[:, None, :]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        slopes = products.sum(axis=-1) / own[:, None, :]
     found = []
-    for component in _that_say(own.mean(axis=1)):
+    for component in np.flatnonzero(_says(own)):
         for place, i in enumerate(good):
             others = np.delete(slopes[component, place], place)
             odd = (others < 1.0 / ODD_FIELD) | (others > ODD_FIELD)
@@ -58,13 +60,12 @@ def unlike_doubts(names: Sequence[str], fields: Array, numbers: Sequence[int]) -
     own = np.einsum("ciis->cis", products)
     # |f_i - f_j|^2 over |f_j|^2, by component, pair and step
     squared = own[:, :, None] + own[:, None, :] - 2.0 * products
-    said = []
-    total = own.mean(axis=1).sum(axis=0)
+    said, says = [], _says(own)
     for i, name in enumerate(names):
         others = np.delete(np.arange(len(names)), i)
-        size = np.sqrt(np.maximum(squared[:, i, others], 0.0) / own[:, others])
-        usual = np.sort(size, axis=1)[:, (len(others) - 1) // 2]
-        usual = np.where(own.mean(axis=1) > SMALL**2 * total, usual, 0.0)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            size = np.sqrt(np.maximum(squared[:, i, others], 0.0) / own[:, others])
+        usual = np.where(says, np.sort(size, axis=1)[:, (len(others) - 1) // 2], 0.0)
         component, step = divmod(int(np.argmax(usual)), usual.shape[1])
         if usual[component, step] > APART:
             said.append(
@@ -84,9 +85,14 @@ def _products(fields: Array) -> Array | None:
         return None
     shared = fields[:, :, both]
     products: Array = np.einsum("isnc,jsnc->cijs", shared, shared, optimize=True)
-    return products if (np.einsum("ciis->cis", products) > 0.0).all() else None
+    return products
 
 
-def _that_say(squared: Array) -> list[int]:
-    """Components (3,) of squared size that are no small part of the field."""
-    return [int(c) for c in np.flatnonzero(squared > SMALL**2 * squared.sum())]
+def _says(squared: Array) -> BoolArray:
+    """(3, ...) whether components of squared size (3, n_sample, ...) mm2 say something.
+
+    Of all samples, where no part of the largest field, or a small one, is noise and not shape.
+    """
+    largest = squared.mean(axis=1).sum(axis=0).max()
+    says: BoolArray = squared.min(axis=1) > SMALL**2 * largest
+    return says

@@ -19,6 +19,8 @@ ODD_FORCE, ODD_FIELD = 5.0, 2.0
 travels hardly depends on its stiffness"""
 NOISY = 8.0
 """times the usual noise of a hold: a few readings that jump take contact, holds and means along"""
+QUIET = 0.002
+"""share of the largest force of a hold below which its noise is taken to be that"""
 ENOUGH = 15
 """readings of a hold whose noise is known well enough for that"""
 
@@ -117,12 +119,18 @@ def placement_rules(sample: Sample, points: int, experiment: Experiment) -> tupl
 
 
 def _noisiest(machine: MachineTest) -> float:
-    """Largest noise of a hold over the median of all; 1 where that is none or of few readings."""
+    """Largest noise of a hold over the median of all, at least `QUIET` of the force; 1 if few read.
+
+    A coarse load cell hardly flickers in most holds.
+    """
     time, holds = machine.time, machine.holds
     fewest = min((int(np.sum((time >= h.start) & (time <= h.end))) for h in holds), default=0)
     noise = [plateau.noise_sd for plateau in machine.plateaus]
-    usual = float(np.median(noise)) if noise else 0.0
-    return max(noise) / usual if usual > 0.0 and fewest >= ENOUGH else 1.0
+    if fewest < ENOUGH:
+        return 1.0
+    largest = max(abs(plateau.force) for plateau in machine.plateaus)
+    usual = max(float(np.median(noise)), QUIET * largest)
+    return max(noise) / usual if usual > 0.0 else 1.0
 
 
 def broken(sample: Sample, rules: Sequence[Rule]) -> list[Rejection]:
