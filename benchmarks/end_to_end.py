@@ -65,7 +65,7 @@ LEVEL = 0.95
 
 @dataclass(frozen=True)
 class Case:
-    """A contact, and three meshes that are fine enough for their error to be known."""
+    """A contact, and three different meshes of the block."""
 
     name: str
     contact: Contact

@@ -89,9 +89,9 @@ def _products(fields: Array) -> Array | None:
 
 
 def _says(squared: Array) -> BoolArray:
-    """(3, ...) whether components of squared size (3, n_sample, ...) mm2 say something.
+    """(3, ...) whether components of squared size (3, n_sample, ...) mm2 are more than noise.
 
-    Of all samples, where no part of the largest field, or a small one, is noise and not shape.
+    In every sample: what is a small part of the largest field is noise, which has no shape.
     """
     largest = squared.mean(axis=1).sum(axis=0).max()
     says: BoolArray = squared.min(axis=1) > SMALL**2 * largest
