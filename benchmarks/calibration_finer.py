@@ -26,7 +26,7 @@ from benchmarks.calibration_figures import (
 )
 from benchmarks.mesh_cases import CHECK_STIFFENING, MESH_CASES, PIN_SHARE, MeshCase
 from calib.inference import Likelihood
-from calib.study.mesh_error import N_CHECKED, MeshError, mesh_error
+from calib.study.mesh_error import ALL, N_CHECKED, Shares, mesh_error
 from fe.campaign_result import Campaign
 from fe.response import Array
 from surrogate import ScaledEmulator
@@ -45,7 +45,7 @@ def finer_arms(store: Path, n: int, name: str) -> dict[str, Arm]:
     What studies state is the distance from the check mesh to the block, of which a finer mesh's
     truth shows a part (`MeshCase.truth_share`). `to_truth` states that part, at the same places.
     """
-    case = MESH_CASES[name]
+    case = MESH_CASES[name].of(n)
     known, truths, seeds = finer_case(store, case)
     arm_name = f"{case}-{len(truths.theta)}"
     bare = likelihood_of(known, points())
@@ -83,7 +83,7 @@ def with_mesh_error(
     known: ScaledEmulator,
     places: Array,
     *,
-    share: float = 1.0,
+    share: Shares = ALL,
     pin_share: float = 1.0,
 ) -> list[Likelihood]:
     """Likelihoods with the error of the mesh measured at places (n, n_check, 2), one for each n.
@@ -99,8 +99,10 @@ def with_mesh_error(
         fine, coarse, stiffer = (_of_truth(each, truth) for each in zip(*checked, strict=True))
         # As of a pin from which that part of the way to a rigid one is the whole.
         pin = stiffer, 1.0 + (CHECK_STIFFENING - 1.0) / pin_share
-        error = mesh_error(fine, coarse, case.refinement, case.hypothesis, extent, pin)
-        return likelihood_of(known, points(), mesh=stating(error, share))
+        error = mesh_error(
+            fine, coarse, case.refinement, case.hypothesis, extent, pin, case.field_order
+        )
+        return likelihood_of(known, points(), mesh=replace(error, shown=share))
 
     return [likelihood(truth) for truth in range(len(places))]
 
@@ -109,14 +111,6 @@ def _of_truth(campaigns: tuple[Campaign, ...], truth: int) -> Campaign:
     """The runs of one truth, one of each campaign."""
     theta = np.stack([campaign.theta[truth] for campaign in campaigns])
     return Campaign(theta, tuple(each.responses[truth] for each in campaigns), n_reused=len(theta))
-
-
-def stating(error: MeshError, share: float) -> MeshError:
-    """The error with a share of what is left of the mesh after its correction.
-
-    Left is a multiple of 1 / (refinement^2 - 1) (`calib.study.mesh_error.left_share`).
-    """
-    return replace(error, refinement=float(np.sqrt(1.0 + (error.refinement**2 - 1.0) / share)))
 
 
 def finer_case(

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from benchmarks.emulator_runs import CELLS
 from calib.study.block_cells import refinement
 from calib.study.config import Study, load_study
+from calib.study.mesh_error import Shares
 from calib.study.sections import Cells, Hypothesis
+from calib.study.usual_meshes import field_order
 
 CHECK_STIFFENING, TRUTH_STIFFENING = 4.0, 8.0
 """how many times less pins give way than that of the emulator's runs, as in studies"""
+PER_TRUTH = 20
+"""experiments, at least"""
 PIN_SHARE = (1.0 / CHECK_STIFFENING - 1.0 / TRUTH_STIFFENING) * CHECK_STIFFENING
 """of the way from the check's pin to a rigid one, to those of truths"""
 
@@ -50,6 +54,10 @@ class MeshCase:
     n_truths: int = 12
     """the first of that draw"""
 
+    def of(self, n: int) -> MeshCase:
+        """The same with as few truths as n experiments need."""
+        return replace(self, n_truths=min(self.n_truths, max(n // PER_TRUTH, 1)))
+
     def __str__(self) -> str:
         """Names what is stored of it."""
         check, truth = ("x".join(map(str, cells)) for cells in (self.check_cells, self.truth_cells))
@@ -68,12 +76,18 @@ class MeshCase:
         return refinement(self.check_cells, self.cells)
 
     @property
-    def truth_share(self) -> float:
-        """Share that truths show of the distance from the check mesh to the block.
+    def field_order(self) -> float:
+        """Of the field's error in the size of the elements, as the statement takes it to be."""
+        return field_order(hypothesis(self.hypothesis))
 
-        For errors that fall with the square of the elements' size, as the statement takes them to.
+    @property
+    def truth_share(self) -> Shares:
+        """Shares that truths show of the distance from the check mesh to the block.
+
+        For errors of the orders that the statement takes them to be of.
         """
-        return 1.0 - refinement(self.truth_cells, self.check_cells) ** -2
+        finer = refinement(self.truth_cells, self.check_cells)
+        return Shares(1.0 - finer**-2, 1.0 - finer**-self.field_order)
 
 
 MESH_CASES = {
@@ -84,9 +98,7 @@ MESH_CASES = {
     "fresh-stuck-new": MeshCase("stuck", (14, 8, 4), (16, 10, 5), 12, CELLS["stick"], seed=1000),
     "wide-stuck": MeshCase("stuck", (18, 8, 4), (22, 10, 5), 12, CELLS["stick"], seed=1000),
     "default-stuck": MeshCase("stuck", (15, 10, 5), (16, 12, 6), 12, CELLS["stick"], seed=1000),
-    "init-stuck": MeshCase(
-        "stuck", (20, 14, 5), (24, 17, 6), 12, CELLS["stick"], seed=1000, n_truths=4
-    ),
+    "init-stuck": MeshCase("stuck", (20, 14, 5), (24, 17, 6), 12, CELLS["stick"], seed=1000),
 }
 """by name; truths of the last five took no part in choosing what is stated of a mesh's error; the
 last three are of a check mesh of few layers, of one of more, and of that of `calib init`, at ratios

@@ -17,23 +17,26 @@ from benchmarks.calibration_finer import finer_case, with_mesh_error
 from benchmarks.mesh_cases import MESH_CASES, PIN_SHARE
 from benchmarks.mesh_fit import Fitted, Linear, told
 from calib.inference import Likelihood
+from calib.study.mesh_error import ALL
 from fe.response import Array
 
 MIDDLE = float(np.sqrt(np.prod(KAPPA)))
 """MPa"""
 
 
-def figures(store: Path, name: str) -> dict[str, Any]:
+def figures(store: Path, name: str, n: int) -> dict[str, Any]:
     """For a mesh and its finer truths, of `MESH_CASES`: errors of the constants in their SDs.
+
+    Of as many truths as n experiments have.
 
     Under what studies state, and under the part of it that these truths show.
     """
-    case = MESH_CASES[name]
+    case = MESH_CASES[name].of(n)
     known, truths, _ = finer_case(store, case)
     ratios = truths.theta[:, :2]
     found = {}
     for stated, share, pin_share in (
-        ("stated", 1.0, 1.0),
+        ("stated", ALL, 1.0),
         ("to_truth", case.truth_share, PIN_SHARE),
     ):
         likelihoods = with_mesh_error(

@@ -24,7 +24,6 @@ from benchmarks.calibration_experiments import (
     place,
     sbc_prior,
 )
-from benchmarks.calibration_finer import stating
 from benchmarks.calibration_misspecified import COARSE, SHARES, _worth
 from benchmarks.direct_rule import Rule, box_about, log_likelihood, nodes_of, rough_error
 from benchmarks.mesh_cases import MESH_CASES
@@ -180,11 +179,13 @@ def test_the_part_that_finer_truths_show_is_stated_as_that_part_of_what_is_left(
     error = MeshError(1.7, np.zeros((1, 2)), nothing, np.zeros((1, 5, 12, 3)))
     for case in MESH_CASES.values():
         h_check, h_truth = case.refinement, refinement(case.truth_cells, case.cells)
-        # of second order, from the check mesh to the truth's over that to the block
-        shown = (h_check**-2 - h_truth**-2) / h_check**-2
+        order = 1.0 if case.hypothesis == "stuck" else 2.0
+        # from the check mesh to the truth's over that to the block
+        shown = [(h_check**-p - h_truth**-p) / h_check**-p for p in (2.0, order)]
         assert case.truth_share == pytest.approx(shown, rel=1e-12)
-        left = left_share(stating(error, shown).refinement)
-        assert left == pytest.approx(shown * left_share(error.refinement), rel=1e-12)
+        left = replace(error, field_order=order, shown=case.truth_share).left
+        whole = left_share(error.refinement), left_share(error.refinement, order)
+        assert left == pytest.approx(np.multiply(shown, whole), rel=1e-12)
 
 
 def test_the_error_of_a_rule_over_a_rough_density_is_that_of_repeats() -> None:

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 import calib
 from calib.study import Study, StudyError, embedded_studies, load_study
 from calib.study.config import read_study
-from calib.study.usual_meshes import RUBBING, SLIDING, STUCK
+from calib.study.usual_meshes import RUBBING, SLIDING, STUCK, field_order
 
 BASE = """\
 name = "own"
@@ -440,6 +440,7 @@ def test_a_study_without_meshes_has_those_of_its_contact(folder, pin, base, mesh
     )
     of_it = study.hypotheses[0]
     assert (study.sampling_cells(of_it), study.check_cells(of_it)) == meshes
+    assert field_order(of_it) == (1.0 if meshes is STUCK else 2.0)
     assert all(
         check > 1.2 * cell for check, cell in zip(meshes.check, meshes.sampling, strict=True)
     )
@@ -450,6 +451,7 @@ def test_a_round_pin_without_meshes_has_those_of_glue_at_any_contact(folder) -> 
     text = text.replace("pin_fillet = 0.3", 'pin_fillet = 0.3\npin_shape = "round"')
     study = read_study(text.encode(), file="own.toml", folder=folder)
     assert all((study.sampling_cells(h), study.check_cells(h)) == STUCK for h in study.hypotheses)
+    assert [field_order(h) for h in study.hypotheses] == [1.0, 2.0]
 
 
 def test_meshes_that_are_too_close_to_those_of_the_contact_are_refused_by_name(folder) -> None:

@@ -94,6 +94,18 @@ def test_a_difference_that_is_linear_in_the_ratios_is_corrected_to_second_order(
     assert error.field_floor.sd == pytest.approx(share * np.sqrt(size), rel=1e-4)
 
 
+def test_fields_at_first_order_are_left_with_more_and_forces_are_not() -> None:
+    fine, coarse = both(CHECKS[:1])
+    smooth = mesh_error(fine, coarse, 2.0, "stuck", EXTENT)
+    glued = mesh_error(fine, coarse, 2.0, "stuck", EXTENT, field_order=1.0)
+    # half of 3 / (2^2 - 1), and of 3 / (2 - 1)
+    assert smooth.left == pytest.approx((0.5, 0.5)) and glued.left == pytest.approx((0.5, 1.5))
+    np.testing.assert_allclose(glued.force, smooth.force, rtol=1e-12)
+    np.testing.assert_allclose(glued.field_floor.sd, 3.0 * smooth.field_floor.sd, rtol=1e-10)
+    np.testing.assert_array_equal(glued.correction.force, smooth.correction.force)
+    np.testing.assert_array_equal(glued.correction.field, smooth.correction.field)
+
+
 def test_the_correction_goes_on_by_the_derivatives_of_the_last_check() -> None:
     """Those of the check before are of another place: here three times as large."""
     fine, coarse = both(CHECKS)

@@ -16,6 +16,7 @@ from calib.study.prior_limits import is_positive
 from calib.study.sections import Hypothesis, ParameterPrior, Virtual
 from calib.study.tables import Table
 from calib.study.unknowns import ERRORS, INPUTS, given, inputs_of, law_of, off_centre
+from calib.study.usual_meshes import field_order
 
 _STATED = ", stated by the data"
 
@@ -93,7 +94,8 @@ def _mesh_rows(study: Study) -> list[tuple[str, str, str]]:
     rows = []
     for hypothesis in study.hypotheses:
         sampling, check = study.sampling_cells(hypothesis), study.check_cells(hypothesis)
-        share = left_share(study.refinement(hypothesis))
+        finer, order = study.refinement(hypothesis), field_order(hypothesis)
+        shares = f"{left_share(finer):.2f} of forces, {left_share(finer, order):.2f} of fields"
         part = "half" if off_centre(study, hypothesis) else "quarter"
         rows += [
             (
@@ -104,7 +106,7 @@ def _mesh_rows(study: Study) -> list[tuple[str, str, str]]:
             (f"mesh of the check under {hypothesis.name}", written(check), "elements"),
             (
                 "mesh error left after the correction, SD over the measured difference",
-                f"{share:.2f}, half of its square common to all increments",
+                f"{shares}, half of its square common to all increments",
                 "-",
             ),
         ]

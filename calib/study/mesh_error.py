@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -41,13 +42,24 @@ stuck blocks they leave a fifth to two fifths of what a constant does within 0.1
 of r and 2 s), as much beyond 0.4"""
 
 
-def left_share(refinement: float) -> float:
+def left_share(refinement: float, order: float = 2.0) -> float:
     """SD of the mesh error that is left after the correction, as a share of the difference.
 
     Half the grid convergence index of the finer mesh, whose elements are `refinement` times
-    smaller, at second order and read as a 95 % band: 1.2 for elements 1.5 times smaller.
+    smaller, read as a 95 % band: at second order 1.2 for elements 1.5 times smaller.
     """
-    return 0.5 * SAFETY / (refinement**2 - 1.0)
+    index: float = SAFETY / (refinement**order - 1.0)
+    return 0.5 * index
+
+
+class Shares(NamedTuple):
+    """One of relative forces, one of fields."""
+
+    force: float
+    field: float
+
+
+ALL = Shares(1.0, 1.0)
 
 
 @dataclass(frozen=True)
@@ -73,16 +85,28 @@ class MeshError:
     points: Array | None = None
     """(n_point, 2) of the field, mm; None where they are not known (files before 2026-11-27): what
     is left is then taken to be of one size everywhere"""
+    field_order: float = 2.0
+    """of the field's error in the size of the elements (`calib.study.usual_meshes`)"""
+    shown: Shares = ALL
+    """shares of what is left that are stated: less than all for a truth that shows less"""
+
+    @property
+    def left(self) -> Shares:
+        """SD of what is left of the mesh after the correction, as shares of the difference."""
+        return Shares(
+            self.shown.force * left_share(self.refinement),
+            self.shown.field * left_share(self.refinement, self.field_order),
+        )
 
     @property
     def _parts(self) -> list[tuple[Array, Array]]:
         """What is left as an SD, of relative forces and of fields [mm]: of mesh, then of pin."""
-        share, pin = left_share(self.refinement), self.pin
+        left, pin = self.left, self.pin
         if pin is None:
-            return [(share * self.signed_force, share * self.field)]
+            return [(left.force * self.signed_force, left.field * self.field)]
         of_mesh = (1.0 + self.signed_force) / (1.0 + pin.signed_force) - 1.0
         return [
-            (share * of_mesh, share * (self.field - pin.field)),
+            (left.force * of_mesh, left.field * (self.field - pin.field)),
             (FORCE_BEYOND * pin.beyond * pin.signed_force, pin.beyond * pin.field),
         ]
 
@@ -215,10 +239,12 @@ def mesh_error(
     name: str,
     extent: Array | None = None,
     stiffer: tuple[Campaign, float] | None = None,
+    field_order: float = 2.0,
 ) -> MeshError:
     """Difference between two meshes solved at the same ratios, at the last that all got through.
 
-    `refinement` is how many times smaller the fine one's elements are. Where its pin gives way
+    `refinement` is how many times smaller the fine one's elements are, `field_order` the order at
+    which errors of the field fall with their size. Where its pin gives way
     less, `stiffer` are runs of the coarse mesh under such a pin, and how many times less. With the
     `extent` (d,) of the box of the ratios the difference of the fields goes with them: for data
     with a field, whose posterior is narrow. That of forces alone spreads far beyond where
@@ -245,6 +271,7 @@ def mesh_error(
         extent=extent,
         pin=None if under is None else _pin_error(coarse, *under),
         points=points if len(points) else None,
+        field_order=field_order,
     )
     return replace(found, at_check=_at_check(found.correction, fine, coarse))
 

@@ -9,9 +9,10 @@ import numpy as np
 
 from calib.study.artifacts import read_json, read_npz, write_json, write_npz
 from calib.study.config import Study
-from calib.study.mesh_error import FORCE_BEYOND, REACH, MeshError, left_share
+from calib.study.mesh_error import FORCE_BEYOND, REACH, MeshError
 from calib.study.mesh_parts import AtCheck, MeshSlopes, PinError
 from calib.study.sections import Hypothesis
+from calib.study.usual_meshes import field_order
 
 
 def load_mesh_error(out: Path, hypothesis: Hypothesis) -> MeshError:
@@ -41,6 +42,7 @@ def load_mesh_error(out: Path, hypothesis: Hypothesis) -> MeshError:
         at_check=AtCheck(stored["tangents"], stored["field_at_check"])
         if "tangents" in stored  # not in files before 2026-11-26
         else None,
+        field_order=field_order(hypothesis),
     )
 
 
@@ -57,7 +59,8 @@ def save_mesh_error(
         "fine_cells": study.check_cells(hypothesis),
         "travel": study.increments,
         "refinement": error.refinement,
-        "left_share": left_share(error.refinement),
+        "left_share": error.left.force,
+        "field_left_share": error.left.field,
         "ratios": error.ratios,
         "names": names,
         "with_derivatives": error.slopes is not None,

@@ -24,6 +24,7 @@ from calib.study.sections import Hypothesis
 from calib.study.train_stage import FIRST, design_runs, load_emulator
 from calib.study.training_runs import rows
 from calib.study.unknowns import design_box, parameters_of, prior_of
+from calib.study.usual_meshes import field_order
 from fe.campaign import CampaignFailed, CampaignPlan, load_campaign
 from fe.campaign_result import Campaign
 from fe.response import Array
@@ -166,4 +167,5 @@ def measured_mesh_error(
         hypothesis.name,
         extent,
         None if stiffer is None else (load_campaign(stiffer), study.mesh.check_stiffening),
+        field_order(hypothesis),
     )

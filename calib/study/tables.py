@@ -106,15 +106,20 @@ def mesh_table(errors: Mapping[str, Any]) -> Table:
         f"{name}: {_mesh(error['coarse_cells'])} against {_mesh(error['fine_cells'])}"
         for name, error in errors.items()
     )
-    shares = (f"{error['left_share']:.2f} ({name})" for name, error in errors.items())
+    shares = (
+        f"{error['left_share']:.2f} of forces, "
+        f"{error.get('field_left_share', error['left_share']):.2f} of fields ({name})"
+        for name, error in errors.items()
+    )
     pin, pin_note = _pin_words(first.get("pin"))
     return Table(
         f"Discretisation error of the emulator's runs: {', '.join(meshes)}{pin}",
         ("hypothesis", "measured at", *(f"{travel:g} mm" for travel in first["travel"])),
         tuple(rows),
         f"{_corrected(errors)} SD left: of the error "
-        f"that the likelihood still allows for, {', '.join(shares)} times the meshes' part (half "
-        "the grid convergence index of two meshes; of the force never less than that of the RMS "
+        f"that the likelihood still allows for, {'; '.join(shares)} times the meshes' part (half "
+        "the grid convergence index of two meshes, of order 1 for fields where anything is glued "
+        "and else 2; of the force never less than that of the RMS "
         "over the increments) and its spread over the points; of the field, the worst component, "
         "as a root mean square over the face, and a field has the same share again of the changes "
         "of each constant and of nuisances of the test that the difference would be mistaken for."

@@ -1,6 +1,7 @@
-"""Meshes of a block by how it is touched, for studies that name none.
+"""What the contact of a block asks of its meshes: which ones, and how fast their errors fall.
 
-Those that `calib init` writes; what meshes leave is in docs/verification.md, "Mesh".
+The meshes are for studies that name none, those that `calib init` writes; what they leave is in
+docs/verification.md, "Mesh".
 """
 
 from __future__ import annotations
@@ -24,13 +25,27 @@ class UsualMeshes(NamedTuple):
 STUCK = UsualMeshes((12, 5, 3), (20, 14, 5))
 """where anything is glued: its edges are singular; and under a round pin, whose rim these lines do
 not follow (rings do, where a study names them)"""
+GLUED_ORDER, SMOOTH_ORDER = 1.0, 2.0
+"""of the field's error in the size of the elements. Beside the edge of a glued face displacements
+go with a power of the distance between a half and one (Williams 1952), which no grid of one size
+resolves: on three meshes errors of stuck fields fall with order 1 or less, those of sliding ones
+with 2 (docs/verification.md, "Finer truths")"""
 RUBBING = UsualMeshes((12, 3, 3), (16, 8, 4))
 SLIDING = UsualMeshes((12, 4, 2), (18, 6, 4))
 
 
 def usual_meshes(hypothesis: Hypothesis, pin_shape: PinShape) -> UsualMeshes:
     """Those of the contact of pin and base."""
-    touching = (hypothesis.pin, hypothesis.base)
-    if "stick" in touching or pin_shape == "round":
+    if glued(hypothesis) or pin_shape == "round":
         return STUCK
-    return SLIDING if touching == ("slide", "slide") else RUBBING
+    return SLIDING if (hypothesis.pin, hypothesis.base) == ("slide", "slide") else RUBBING
+
+
+def glued(hypothesis: Hypothesis) -> bool:
+    """Whether pin or base hold the points that they touch."""
+    return "stick" in (hypothesis.pin, hypothesis.base)
+
+
+def field_order(hypothesis: Hypothesis) -> float:
+    """Order at which errors of the field fall with the size of the elements."""
+    return GLUED_ORDER if glued(hypothesis) else SMOOTH_ORDER
