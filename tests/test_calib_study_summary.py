@@ -33,7 +33,7 @@ def _provenance(**changes: object) -> dict[str, object]:
         "emulator": POINT,
         "fe": {name: 1.01 * value for name, value in POINT.items()},
         "difference_sd": dict.fromkeys(CONSTANTS, 0.1),
-        "difference_sd_x": [0.1, -0.3, 0.0],
+        "difference_sd_x": [0.1, -0.15, 0.0],
         "converged": True,
         "n_fe_solves": 3,
         "message": "converged after 3 direct simulations",
@@ -59,8 +59,22 @@ def _draws() -> dict[str, np.ndarray]:
 
 def test_programs_are_told_whether_the_maximum_is_verified() -> None:
     [found] = json.loads(to_json([_summary()]))
-    assert found["diagnostics"]["map"]["verified"] is False
-    assert found["diagnostics"]["map"]["difference_sd"] == 0.3
+    assert found["diagnostics"]["map"]["verified"] is True
+    assert found["diagnostics"]["map"]["difference_sd"] == 0.15
+    [found] = json.loads(to_json([_apart()]))
+    assert found["diagnostics"]["map"]["verified"] is False and found["passed"] is True
+
+
+def test_a_maximum_that_is_not_verified_is_told_below_the_tables() -> None:
+    said = format_table([_apart()])
+    assert "NOT VERIFIED  stuck: direct FE does not confirm the emulator's maximum within" in said
+    assert "they lie 0.3 SD apart" in said and "All diagnostics are within" not in said
+    assert "NOT VERIFIED" not in format_table([_summary()])
+
+
+def _apart() -> Summary:
+    [maximum] = (facts["map"] for facts in _provenance()["hypotheses"].values())
+    return _summary(map=maximum | {"difference_sd_x": [0.1, -0.3, 0.0]})
 
 
 def _summary(found: Convergence = GOOD, **changes: object) -> Summary:

@@ -18,6 +18,7 @@ from calib.study import verification
 from calib.study.artifacts import read_json, write_json
 from calib.study.context import Context, stream
 from calib.study.local_design import REFINEMENT, kept_box
+from calib.study.maxima_table import confirmation, is_verified
 from calib.study.mesh_error_file import load_mesh_error
 from calib.study.posterior_setup import emulator_posterior
 from calib.study.refine_outlook import refine_folder
@@ -86,6 +87,8 @@ def run(context: Context) -> list[Path]:
     }
     for name, facts in described.items():
         context.echo(f"  {name}: {facts['message']}")
+        if not is_verified(facts):
+            context.echo(f" {confirmation(name, facts)}")
     write_json(context.out / MAP, described)
     folders = [map_folder(context.out, hypothesis.name) for hypothesis in hypotheses]
     runs = [path for folder in folders if folder.exists() for path in manifest_files(folder)]

@@ -29,14 +29,18 @@ def is_verified(found: Mapping[str, Any]) -> bool:
 
 def confirmation(name: str, found: Mapping[str, Any]) -> str:
     """Whether direct FE confirms the emulator's maximum, as a sentence."""
-    difference = largest_difference(found)
-    if difference is None:
-        return f" {name}: not verified, since direct FE found no maximum."
-    if difference <= CONFIRMED_SD:
+    if is_verified(found):
         return f" {name}: direct FE confirms the emulator's maximum within {CONFIRMED_SD} SD."
+    return f" {name}: not verified, since {unconfirmed(largest_difference(found))}."
+
+
+def unconfirmed(difference: float | None) -> str:
+    """What keeps a maximum from being verified, by the largest difference of the two."""
+    if difference is None:
+        return "direct FE found no maximum"
     return (
-        f" {name}: not verified, since direct FE does not confirm the emulator's maximum within "
-        f"{CONFIRMED_SD} SD; they lie {difference:.2g} SD apart."
+        f"direct FE does not confirm the emulator's maximum within {CONFIRMED_SD} SD; they lie "
+        f"{difference:.2g} SD apart"
     )
 
 

@@ -20,6 +20,7 @@ from calib.study.artifacts import hash_of_file, plain, read_json
 from calib.study.config import Study
 from calib.study.context import Context, stream
 from calib.study.data_stage import StudyData, load_data
+from calib.study.early_runs import beyond_complete_runs
 from calib.study.local_design import LOCAL, kept_box
 from calib.study.mesh_error_file import load_mesh_error
 from calib.study.mesh_remarks import distance_sentence, errors_sentence
@@ -70,7 +71,7 @@ def provenance(out: Path, study: Study, data: StudyData) -> dict[str, object]:
             h.name: _hypothesis(
                 out, study, h, maps[h.name], diagnostics[h.name], data.dataset.field is not None
             )
-            | _judged(out, study, h, data.dataset, compared[h.name])
+            | _judged(out, study, h, data.dataset, compared[h.name], diagnostics[h.name])
             for h in study.hypotheses
         },
         "study_file": plain(study),
@@ -112,12 +113,20 @@ def _hypothesis(
 
 
 def _judged(
-    out: Path, study: Study, hypothesis: Hypothesis, dataset: Dataset, compared: dict[str, Any]
+    out: Path,
+    study: Study,
+    hypothesis: Hypothesis,
+    dataset: Dataset,
+    compared: dict[str, Any],
+    diagnostics: dict[str, Any],
 ) -> dict[str, object]:
     """How the forces fit, and what a reader should see; `compared` is of comparison.json."""
-    sampled = load_samples(out, hypothesis).result
+    stored = load_samples(out, hypothesis)
+    sampled, inputs = stored.result, slice(1, 1 + len(design_box(study, hypothesis)))
+    names = [name.removesuffix(" [MPa]") for name in stored.space.x_names[inputs]]
     ended = {"status": str(sampled.status), "message": sampled.message}
     remarks = [
+        *beyond_complete_runs(diagnostics, sampled.draws[:, inputs], names),
         *of_chains(ended, compared["quadrature"]),
         *pulled(compared.get("nuisances", ())),
         *few_samples(study, hypothesis, dataset),

@@ -22,7 +22,7 @@ from calib.inference.verdict import HOPELESS, NONE_EXPLAINS, POOR_FIT
 from calib.study.artifacts import of_another_run, read_json
 from calib.study.figure_style import INTERVAL, Array, hdi
 from calib.study.further_table import further_table
-from calib.study.maxima_table import is_verified, largest_difference
+from calib.study.maxima_table import is_verified, largest_difference, unconfirmed
 from calib.study.population_checks import SAMPLES
 from calib.study.population_summary import (
     PopulationSummary,
@@ -94,6 +94,11 @@ class Summary:
     def passed(self) -> bool:
         """Whether all diagnostics are within the limits of the study."""
         return not self.failures
+
+    @property
+    def verified(self) -> bool:
+        """Whether direct FE confirms the emulator's maximum."""
+        return bool(self.diagnostics["map"]["verified"])
 
     @property
     def contradicted(self) -> bool:
@@ -269,6 +274,11 @@ def _unconverged(
 def judgement_lines(summaries: Sequence[Summary]) -> list[str]:
     """Whether the numbers may be relied on: what failed, and what the forces contradict."""
     lines = [f"FAILED  {s.hypothesis}: {failure}" for s in summaries for failure in s.failures]
+    lines += [
+        f"NOT VERIFIED  {s.hypothesis}: {unconfirmed(s.diagnostics['map']['difference_sd'])}"
+        for s in summaries
+        if not s.verified and s.diagnostics["map"]["difference_sd"] is not None
+    ]
     wrong = [s for s in summaries if s.contradicted]
     lines += [
         f"CONTRADICTED  {s.hypothesis}: the forces lie outside what it can explain (predictive p = "
@@ -284,7 +294,7 @@ def judgement_lines(summaries: Sequence[Summary]) -> list[str]:
     ]  # fmt: skip
     if all(s.predictive_p is not None and s.predictive_p < HOPELESS for s in summaries):
         lines.append(NONE_EXPLAINS)
-    if all(summary.passed for summary in summaries):
+    if all(summary.passed and summary.verified for summary in summaries):
         lines.append("All diagnostics are within the limits of the study.")
     return lines
 

@@ -1,0 +1,58 @@
+"""A posterior beyond the runs that got through, and what those that did not say of it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from fe.response import Array
+
+SEEN = 0.02
+"""share of a posterior beyond the complete runs from which a reader is told"""
+
+
+def beyond_complete_runs(
+    diagnostics: Mapping[str, Any], draws: Array, names: Sequence[str]
+) -> list[str]:
+    """A sentence where runs ended early beyond the complete ones and the posterior lies there, too.
+
+    `diagnostics` are those of an emulator (`calib.study.judgement.judge`), `draws` (n, d) those of
+    its inputs, `names` what these are called. Leaving complete runs out judges an emulator between
+    them: beyond them it extrapolates, and its stated errors are those of a smooth continuation.
+    """
+    early = diagnostics["partial_runs"]
+    at = np.asarray(early["ratios"], dtype=np.float64).reshape(-1, len(names))
+    complete = np.asarray(diagnostics["runs"]["leave_one_out"]["ratios"], dtype=np.float64)
+    low, high = complete.min(axis=0), complete.max(axis=0)
+    outside = ((at < low) | (at > high)).any(axis=1)
+    share = float(np.mean(((draws < low) | (draws > high)).any(axis=1)))
+    if not outside.any() or share < SEEN:
+        return []
+    sides = [f"{name} below {end:.3g}" for name, end in _ends(names, low, at[outside] < low)]
+    sides += [f"{name} above {end:.3g}" for name, end in _ends(names, high, at[outside] > high)]
+    n = int(outside.sum())
+    runs = f"{n} run{'s' if n > 1 else ''}"
+    said = f"{share:.0%} of its posterior lies beyond the runs that got through ({', '.join(sides)}"
+    said += f"), where {runs} ended early and the emulator extrapolates"
+    off = [_largest(early["relative"][index]) for index in np.flatnonzero(outside)]
+    z = [_largest(early["standardised"][index]) for index in np.flatnonzero(outside)]
+    if any(off):
+        said += f": up to where they are good it is off by up to {max(off):.1%} of the force, "
+        said += f"{max(z):.2g} of its stated SDs"
+    return [f"{said}; other mesh.sampling, a lower last increment or narrower priors help"]
+
+
+def _ends(names: Sequence[str], ends: Array, beyond: Array) -> list[tuple[str, float]]:
+    """Inputs whose ends any of the runs (n, d) lies beyond."""
+    return [
+        (name, float(end))
+        for name, end, found in zip(names, ends, beyond.T, strict=True)
+        if found.any()
+    ]
+
+
+def _largest(values: Sequence[float | None]) -> float:
+    """Size of the largest that is known; 0 where none is."""
+    return max((abs(value) for value in values if value is not None), default=0.0)
