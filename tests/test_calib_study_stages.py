@@ -245,6 +245,18 @@ def test_another_sampler_reruns_sampling_but_no_simulation(thesis: Run, tmp_path
     assert any("changed: sampler" in line for line in lines)
 
 
+@pytest.mark.lasting
+def test_correlations_of_a_table_are_compared_anew_and_nothing_before(
+    thesis: Run, tmp_path: Path
+) -> None:
+    out = tmp_path / "copy"
+    shutil.copytree(thesis.out, out)
+    study = replace(thesis.study, noise=replace(thesis.study.noise, correlation_study=()))
+    context = _context(study, out, map_fn=_refuse)
+    assert run_stages(context, until="compare") == ("compare",)
+    assert json.loads((out / "comparison.json").read_text())["correlation_study"] == []
+
+
 def test_a_damaged_artifact_is_named_and_made_again(thesis: Run) -> None:
     before = (thesis.out / "predictive.json").read_bytes()
     (thesis.out / "predictive.json").write_text("{}")

@@ -18,6 +18,7 @@ from calib.inference.likelihood import Likelihood
 from calib.inference.prediction import expected_forces, predictive_forces
 from calib.inference.sampling import SamplingResult
 from fe.atomic_file import replacing
+from fe.progress_bar import Progress
 from fe.response import Array
 
 NAMES = {
@@ -48,6 +49,7 @@ def build_inference_data(
     dataset: Dataset,
     provenance: Mapping[str, object],
     rng: np.random.Generator,
+    progress: Progress | None = None,
 ) -> az.InferenceData:
     """Groups posterior, posterior_predictive, log_likelihood, observed_data.
 
@@ -77,7 +79,7 @@ def build_inference_data(
         attrs={"provenance": json.dumps(dict(provenance), sort_keys=True)},
         posterior=_posterior(x, coords, [given.space for given in hypotheses.values()]),
         posterior_predictive=_predictive(x, coords, likelihoods, rng),
-        log_likelihood=_log_likelihood(x, coords, likelihoods),
+        log_likelihood=_log_likelihood(x, coords, likelihoods, progress),
         observed_data=_observed(dataset),
     )
 
@@ -196,14 +198,23 @@ def _predictive(
 
 
 def _log_likelihood(
-    x: list[Array], coords: Mapping[str, object], likelihoods: list[Likelihood]
+    x: list[Array],
+    coords: Mapping[str, object],
+    likelihoods: list[Likelihood],
+    progress: Progress | None,
 ) -> xr.Dataset:
     """Conditional log density of each increment given the others (for leave-one-out)."""
-    pointwise = []
+    pointwise: list[Array] = []
+    n = x[0].shape[0] * x[0].shape[1]
     for likelihood, draws in zip(likelihoods, x, strict=True):
-        theta = theta_of(draws.reshape(-1, draws.shape[-1]))
-        parts = [likelihood.pointwise(theta[i : i + BATCH]) for i in range(0, len(theta), BATCH)]
+        theta, parts = theta_of(draws.reshape(-1, draws.shape[-1])), []
+        for start in range(0, n, BATCH):
+            if progress is not None:
+                progress(len(pointwise) * n + start, len(x) * n)
+            parts.append(likelihood.pointwise(theta[start : start + BATCH]))
         pointwise.append(np.concatenate(parts).reshape(*draws.shape[:2], -1))
+    if progress is not None:
+        progress(len(x) * n, len(x) * n)
     dims = ("hypothesis", "chain", "draw", "travel")
     note = {"units": "1", "long_name": "log density of an increment given all others"}
     name = "force" if likelihoods[0].field is None else "force_and_field"

@@ -31,7 +31,7 @@ def run(context: Context) -> list[Path]:
     """Compare the hypotheses and write comparison.json; returns its path."""
     study, data = context.study, load_data(context.out)
     posteriors = {h.name: emulator_posterior(context, h) for h in study.hypotheses}
-    quadratures = {name: integrate(posterior) for name, posterior in posteriors.items()}
+    quadratures = _integrals(context, posteriors)
     fits = {name: fit_of(name, posteriors[name], quadratures[name]) for name in posteriors}
     comparison = compare(list(fits.values()))
     weights = {name: np.exp(fit.log_evidence - _best(fits)) for name, fit in fits.items()}
@@ -68,6 +68,17 @@ def run(context: Context) -> list[Path]:
     }
     write_json(context.out / "comparison.json", facts)
     return [context.out / "comparison.json"]
+
+
+def _integrals(context: Context, posteriors: dict[str, Posterior]) -> dict[str, Quadrature]:
+    """Moments and evidence of each hypothesis, which takes minutes where sizes are unknown."""
+    found: dict[str, Quadrature] = {}
+    with progress_bar("integrals", "hypothesis", shown=context.show_progress) as progress:
+        for name, posterior in posteriors.items():
+            progress(len(found), len(posteriors))
+            found[name] = integrate(posterior)
+        progress(len(found), len(posteriors))
+    return found
 
 
 def _best(fits: dict[str, HypothesisFit]) -> float:

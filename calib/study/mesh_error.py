@@ -21,7 +21,15 @@ from calib.inference.tangent_errors import (
     tangents_at,
     with_nuisances,
 )
-from calib.study.mesh_parts import AtCheck, MeshSlopes, PinError, slopes_of, unknown_error
+from calib.study.mesh_parts import (
+    FINER,
+    SAMPLING,
+    AtCheck,
+    MeshSlopes,
+    PinError,
+    slopes_of,
+    unknown_error,
+)
 from calib.study.training_runs import rows
 from fe.campaign_result import Campaign
 from fe.response import Array
@@ -252,9 +260,9 @@ def mesh_error(
 
     Raises CampaignFailed when there is no such point.
     """
-    runs = {"finer mesh": fine, "sampling mesh": coarse}
+    runs = {FINER: fine, SAMPLING: coarse}
     if stiffer is not None:
-        runs["sampling mesh under a stiffer pin"] = stiffer[0]
+        runs[f"{SAMPLING} under a stiffer pin"] = stiffer[0]
     every = np.all([own.reached for own in runs.values()], axis=0)
     if not every.any():
         raise unknown_error(name, runs)

@@ -12,6 +12,13 @@ from fe.campaign_result import Campaign
 from fe.response import Array
 from surrogate import named_gradient
 
+FINER, SAMPLING = "finer mesh", "sampling mesh"
+REMEDIES = {
+    FINER: "change mesh.check, lower mesh.check_stiffening",
+    SAMPLING: "change mesh.sampling, narrow the priors of its unknowns",
+}
+"""against runs that stop, by what they are of; other runs are of the sampling mesh, too"""
+
 
 @dataclass(frozen=True)
 class PinError:
@@ -89,10 +96,10 @@ def unknown_error(name: str, runs: Mapping[str, Campaign]) -> CampaignFailed:
         key=lambda found: found[1].reached,
     )
     n = len(next(iter(runs.values())).theta)
+    remedy = REMEDIES.get(mesh, "change mesh.sampling, lower mesh.check_stiffening")
     return CampaignFailed(
         f"{name}: the {mesh} stopped at {worst.reached:.3g} mm ({worst.message}), so the "
-        "discretisation error is unknown; change mesh.check, lower mesh.check_stiffening or "
-        "lower the last increment",
+        f"discretisation error is unknown; {remedy} or lower the last increment",
         n_failed=n,
         n_done=n,
         n_total=n,

@@ -30,6 +30,7 @@ from calib.study.sample_stage import load_samples, samples_path
 from calib.study.sections import Hypothesis
 from calib.study.train_stage import emulator_path, load_diagnostics, load_emulator
 from calib.study.unknowns import design_box, prior_of
+from fe.progress_bar import progress_bar
 from surrogate import ScaledEmulator
 
 
@@ -44,9 +45,9 @@ def run(context: Context) -> list[Path]:
         for h in study.hypotheses
         for posterior in [emulator_posterior(context, h)]
     }
-    found = build_inference_data(
-        hypotheses, data.dataset, provenance(out, study, data), stream(study, "predictive")
-    )
+    stated, rng = provenance(out, study, data), stream(study, "predictive")
+    with progress_bar("densities", "draw", shown=context.show_progress) as progress:
+        found = build_inference_data(hypotheses, data.dataset, stated, rng, progress)
     save_inference_data(found, out / "posterior.nc")
     return [out / "posterior.nc"]
 

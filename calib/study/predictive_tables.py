@@ -35,8 +35,12 @@ def force_checks_table(found: Mapping[str, Any]) -> Table:
         tuple(rows),
         "off: the median prediction, from the measured mean. "
         "p: two-sided, of the measured mean among its replicates. The posterior was fitted to the "
-        "same forces, so p-values crowd towards 1 where all is well; small ones are news. "
-        "p left out: the same given the other forces alone, to which it was not fitted.",
+        "same forces, so p-values crowd towards 1 where all is well; small ones are news."
+        + (
+            " p left out: the same given the other forces alone, to which it was not fitted."
+            if "p left out" in columns
+            else ""
+        ),
     )
 
 

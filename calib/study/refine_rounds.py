@@ -73,11 +73,18 @@ def described(
         first += facts.n_added
         rounds.append(facts._asdict() | errors_at(emulator, new))
     told = rounds[0]
-    context.echo(
-        f"  {hypothesis.name}: at the posterior the first emulator was off by "
-        f"{100 * np.max(told['force_error']):.2g} % (RMS, worst increment), "
-        f"{told['rms_z']:.2g} of its stated SDs"
-    )
+    known = np.asarray(told["force_error"])[np.isfinite(told["force_error"])]
+    if known.size:
+        context.echo(
+            f"  {hypothesis.name}: at the posterior the first emulator was off by "
+            f"{100 * known.max():.2g} % (RMS, worst increment), "
+            f"{told['rms_z']:.2g} of its stated SDs"
+        )
+    if early := added.n_failed:
+        context.echo(
+            f"  {hypothesis.name}: {early} of the {len(added.theta)} runs added at the posterior "
+            "ended before the last increment"
+        )
     return {
         "ratios": loop.ratios,
         "local": loop.local,

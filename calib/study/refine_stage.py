@@ -165,8 +165,8 @@ def _stop_beyond_rate(context: Context, hypothesis: Hypothesis, loop: Loop) -> N
     if failed > rate * total:
         raise CampaignFailed(
             f"{hypothesis.name}: {failed} of {total} runs of design and refinement ended before "
-            f"the last increment, more than the {rate:.0%} allowed; narrow the priors of r and s, "
-            "change the sampling mesh or lower the last increment",
+            f"the last increment, more than the {rate:.0%} allowed; narrow the priors of its "
+            "unknowns, change the sampling mesh or lower the last increment",
             n_failed=failed,
             n_done=total,
             n_total=total,

@@ -66,7 +66,10 @@ def _sections(*names: str) -> Settings:
     """Inputs that are sections or keys of the study file."""
 
     def settings(context: Context) -> dict[str, object]:
-        return {name: plain(attrgetter(name)(context.study)) for name in names}
+        found = {name: plain(attrgetter(name)(context.study)) for name in names}
+        if "noise" in found:  # but for a table of the stage `compare` alone
+            found["noise"].pop("correlation_study")
+        return found
 
     return settings
 
@@ -219,7 +222,7 @@ STAGES = (
         "compare",
         "compare the hypotheses",
         ("data", "check", "refine", "sample", "map"),
-        _sections("noise", "prior", "hypotheses"),
+        _sections("noise", "noise.correlation_study", "prior", "hypotheses"),
         compare_stage.run,
     ),
     Stage(

@@ -75,8 +75,8 @@ def refuse_bad_emulators(context: Context) -> None:
     more = f" (and {len(failures) - 1} more)" if len(failures) > 1 else ""
     raise EmulatorRefused(
         f"{failures[0]}{more}: nothing is inferred from such an emulator; {figure} shows where it "
-        f"errs; raise {keys}, narrow the priors of r and s, or accept errors of force and field by "
-        "the limits in [emulator]"
+        f"errs; raise {keys}, narrow the priors of its unknowns, or accept errors of force and "
+        "field by the limits in [emulator]"
     )
 
 
