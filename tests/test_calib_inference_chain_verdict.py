@@ -19,6 +19,8 @@ def test_only_what_is_missing_is_named() -> None:
 
     assert said(fine) == ""
     assert said(np.cumsum(fine, axis=1)) == "; stopped at max_steps before 50 times were reached"
+    rules["n_autocorrelation"] = 10.0  # a burn-in of 5 times asks for 15 that are kept
+    assert said(np.cumsum(fine, axis=1)) == "; stopped at max_steps before 15 times were reached"
     apart = fine + 3.0 * np.arange(2.0)[:, None, None, None]
     assert said(apart).startswith("; stopped at max_steps before their R-hat of ")
     assert said(apart).endswith(" fell to 1.05")

@@ -14,6 +14,7 @@ from calib.study.assumptions import assumptions_table
 from calib.study.config import read_study
 from calib.study.data_stage import measured
 from tests.test_calib_study_config import AS_VIRTUAL, BASE, FORCES
+from tests.test_calib_study_population import ANY, STUDY, csv_of
 
 
 @pytest.fixture
@@ -74,3 +75,17 @@ def test_lengths_of_a_fields_mesh_error_are_told_where_there_is_a_field(study):
         return {name for name, _, _ in assumptions_table(study, used).rows}
 
     assert length in told(with_field(dataset, 0.0)) and length not in told(dataset)
+
+
+def test_what_is_assumed_of_samples_one_by_one_is_told(study: Study, tmp_path: Path) -> None:
+    plain = assumptions_table(study, measured(study).dataset).rows
+    assert not [name for name, _, _ in plain if "between samples," in name]
+    (tmp_path / "forces.csv").write_text(csv_of(ANY))
+    text = STUDY.replace("{ kappa = 0.3 }", "{ kappa = 0.3, s = 0.1 }\nfreedom = 4.0")
+    each = read_study(text.encode(), file="own.toml", folder=tmp_path)
+    told = assumptions_table(each, measured(each).dataset).rows
+    kind = "half Student-t of 4 degrees of freedom of size"
+    assert (f"SD of kappa between samples, relative, {kind}", "0.3", "-") in told
+    assert (f"SD of s between samples, {kind}", "0.1", "-") in told
+    assert ("zero of a sample's travel about that of all, SD", "0.015", "mm") in told
+    assert ("a sample's own forces, SD by the load cell", "0.01", "N") in told

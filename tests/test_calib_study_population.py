@@ -222,6 +222,8 @@ def refusal(text: str, folder: Path) -> str:
             "where errors have known sizes",
         ),
         ("[noise]", "[noise]\nforce_freedom = 4.0", "where errors of the forces are normal"),
+        # though eight samples at five travels have a measured covariance
+        ("load_cell_sd = 0.01", "load_cell_sd = 0.5", "less than the smallest SD between samples"),
     ],
 )
 def test_what_does_not_go_together_is_refused(

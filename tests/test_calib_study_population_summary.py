@@ -103,8 +103,17 @@ def test_a_sample_that_nothing_explains_and_a_narrow_prior_of_scatter_are_told(
     found: tuple[PopulationSummary, PopulationDraws],
 ) -> None:
     summary, _ = found
-    fine = replace(summary, fit_p=(0.5, 0.4, 0.03, 0.9, 0.2), beyond_prior=(), leaning=())
+    fine = replace(
+        summary,
+        fit_p=(0.5, 0.4, 0.03, 0.9, 0.2),
+        beyond_prior=(),
+        leaning=(),
+        sampling={"status": "converged", "message": ""},
+    )
     assert population_remarks(fine) == []
+    cut = {"status": "max_steps", "message": "kept 6 times; stopped at max_steps"}
+    [said] = population_remarks(replace(fine, sampling=cut))
+    assert said == f"the population's chains were stopped early: {cut['message']}"
     odd = replace(
         fine,
         fit_p=(0.5, 0.4, 1e-3, 0.9, 0.2),
@@ -120,6 +129,26 @@ def test_a_sample_that_nothing_explains_and_a_narrow_prior_of_scatter_are_told(
     assert any("S4 leans on the prior's kappa = 0.005 MPa: a" in line for line in lines)
     assert any("the scatter of kappa lies beyond what its prior expects" in line for line in lines)
     assert any("of S2 the forces count alone: no point of its field" in line for line in lines)
+
+
+def test_samples_that_lean_on_one_bound_are_told_in_one_sentence(
+    found: tuple[PopulationSummary, PopulationDraws],
+) -> None:
+    leaning = [("the population", "r = 0"), ("S1", "s = 0"), ("S2", "r = 0")]
+    summary = replace(found[0], leaning=tuple(leaning))
+    said = [line for line in population_remarks(summary) if "on the prior's" in line]
+    assert [line.partition(" on ")[0] for line in said] == [
+        "the population and S2 lean", "S1 leans",
+    ]  # fmt: skip
+    many = replace(summary, leaning=tuple((f"S{i}", "r = 0") for i in range(1, 9)))
+    [said_once] = [line for line in population_remarks(many) if "on the prior's" in line]
+    assert said_once.startswith("S1, S2, S3 and 5 more lean on the prior's r = 0: a convention")
+
+
+def test_a_sample_whose_chains_do_not_agree_fails(
+    found: tuple[PopulationSummary, PopulationDraws],
+) -> None:
+    assert any("population kappa of S" in failure for failure in found[0].failures)
 
 
 def test_bounds_that_samples_lean_on_are_named(

@@ -33,7 +33,9 @@ def what_is_missing(verdict: ChainVerdict, n_autocorrelation: float, max_r_hat: 
     """Why chains that were stopped at their longest are not enough, to follow their message."""
     if verdict.converged:
         return ""
-    lacking = f"{n_autocorrelation:g} times were reached"
+    # The burn-in may ask for more of a chain than the draws that are kept.
+    asked = max(n_autocorrelation, BURN_TIMES * (BURN_SHARE - 1))
+    lacking = f"{asked:g} times were reached"
     if np.isfinite(verdict.r_hat):  # told once they are long enough
         lacking = f"their R-hat of {verdict.r_hat:.3g} fell to {max_r_hat:g}"
     return f"; stopped at max_steps before {lacking}"

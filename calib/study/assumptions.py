@@ -18,6 +18,8 @@ from calib.study.tables import Table
 from calib.study.unknowns import ERRORS, INPUTS, given, inputs_of, law_of, off_centre
 from calib.study.usual_meshes import field_order
 
+BY_LOGARITHM = ("kappa", "bulk_ratio")
+"""parameters of which the logarithm scatters"""
 _STATED = ", stated by the data"
 
 
@@ -42,6 +44,7 @@ def assumptions_table(study: Study, dataset: Dataset) -> Table:
     rows += [
         *_hypothesis_rows(study),
         *_force_rows(study, dataset),
+        *_population_rows(study),
         (f"zero of the travel, SD{_STATED * (zero > noise.travel_zero_sd)}", f"{zero:g}", "mm"),
         *_nuisance_rows(study, dataset),
         *_prior_rows(study),
@@ -204,6 +207,28 @@ def _force_rows(study: Study, dataset: Dataset) -> list[tuple[str, str, str]]:
             f"{noise.sample_correlation:g}",
             "-",
         ),
+    ]
+
+
+def _population_rows(study: Study) -> list[tuple[str, str, str]]:
+    """What is assumed of the samples one by one, where they are."""
+    if (found := study.population) is None:
+        return []
+    free = found.freedom
+    half = "half-normal" if free is None else f"half Student-t of {free:g} degrees of freedom"
+    rows = [
+        (
+            f"SD of {name} between samples{', relative' * (name in BY_LOGARITHM)}, {half} of size",
+            f"{size:g}",
+            "-" if name in BY_LOGARITHM else _MEANINGS[name][1],
+        )
+        for name, size in found.scatter.items()
+    ]
+    return [
+        *rows,
+        ("SDs of different parameters between samples", "independent; other unknowns common", "-"),
+        ("a sample's own forces, SD by the load cell", f"{study.noise.load_cell_sd:g}", "N"),
+        ("zero of a sample's travel about that of all, SD", f"{found.travel_zero_sd:g}", "mm"),
     ]
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,6 +19,10 @@ ODD = 0.01
 """p-value over the number of samples below which constants do not explain a sample"""
 MOST_OF_PRIOR = 0.8
 """SD of a scatter over that of its prior above which the data hardly speak of it"""
+
+
+NAMED = 4
+"""of those who lean on one bound, at most"""
 
 
 @dataclass(frozen=True)
@@ -68,17 +72,20 @@ class PopulationSummary:
 
 
 def population_remarks(found: PopulationSummary) -> list[str]:
-    """What speaks against the population: odd samples, bounds of the prior, a narrow one."""
-    said = [
+    """What speaks against the population: short chains, odd samples, bounds, a narrow prior."""
+    said = []
+    if found.sampling.get("status", "converged") != "converged":
+        said.append(f"the population's chains were stopped early: {found.sampling['message']}")
+    said += [
         f"the forces or the field of {name} lie outside what any constants explain (fit p = "
         f"{p:.2g}); it draws what is common to all samples, and their scatter"
         for name, p in zip(found.sample_names, found.fit_p, strict=True)
         if p < ODD / len(found.sample_names)
     ]
     said += [
-        f"{name} leans on the prior's {bounds}: a convention of the prior, not a finding, and its "
-        "SD says little about distance"
-        for name, bounds in found.leaning
+        f"{_listed(names)} on the prior's {bounds}: a convention of the prior, not a finding, and "
+        "SDs say little about distance"
+        for bounds, names in _by_bounds(found.leaning).items()
     ]
     said += [
         f"the scatter of {name.removeprefix(SD)} lies beyond what its prior expects, which holds "
@@ -90,6 +97,23 @@ def population_remarks(found: PopulationSummary) -> list[str]:
         for name in found.without_field
     ]
     return said
+
+
+def _by_bounds(leaning: Sequence[tuple[str, str]]) -> dict[str, list[str]]:
+    """Who leans on the same bounds."""
+    found: dict[str, list[str]] = {}
+    for name, bounds in leaning:
+        found.setdefault(bounds, []).append(name)
+    return found
+
+
+def _listed(names: Sequence[str]) -> str:
+    """Names and a verb; of many the first three."""
+    if len(names) == 1:
+        return f"{names[0]} leans"
+    if len(names) > NAMED:
+        return f"{', '.join(names[: NAMED - 1])} and {len(names) - NAMED + 1} more lean"
+    return f"{', '.join(names[:-1])} and {names[-1]} lean"
 
 
 def population_path(out: Path, hypothesis: str) -> Path:
@@ -135,9 +159,23 @@ def load_population(path: Path) -> PopulationSummary:
         ),
         travel=tuple(float(d) for d in predictive["travel"].values),
         sampling=facts["sampling"],
-        failures=tuple(_failures(found, facts["limits"])),
+        failures=tuple(_failures(found | _worst_of_samples(posterior, facts), facts["limits"])),
         without_field=tuple(facts.get("without_field", ())),
     )
+
+
+def _worst_of_samples(posterior: Any, facts: Mapping[str, Any]) -> dict[str, Convergence]:
+    """Convergence of the worst samples, of each parameter that varies, by what it is called."""
+    found = {}
+    ensemble = posterior["ensemble"].values
+    for name in facts["varying"]:
+        draws = posterior[name + ONE].transpose("sample", "chain", "draw").values
+        each = [convergence_of(one, ensemble) for one in draws]
+        r_hat = [one.r_hat for one in each]
+        ess = [min(one.ess_bulk, one.ess_tail) for one in each]
+        for worst in (int(np.argmax(r_hat)), int(np.argmin(ess))):
+            found[f"{name} of {posterior['sample'].values[worst]}"] = each[worst]
+    return found
 
 
 def _spread(draws: Any) -> Spread:
