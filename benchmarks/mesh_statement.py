@@ -12,15 +12,13 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks import calibration_runs as runs
 from benchmarks.calibration_experiments import KAPPA
 from benchmarks.calibration_finer import finer_case, with_mesh_error
-from benchmarks.mesh_cases import CHECK_STIFFENING, MESH_CASES, PIN_SHARE, MeshCase
+from benchmarks.mesh_cases import MESH_CASES, PIN_SHARE
 from benchmarks.mesh_fit import Fitted, Linear, told
+from benchmarks.mesh_order import order_of
 from calib.inference import Likelihood
-from calib.study.block_cells import refinement
 from calib.study.mesh_error import ALL
-from fe.campaign_result import Campaign
 from fe.response import Array
 
 MIDDLE = float(np.sqrt(np.prod(KAPPA)))
@@ -49,33 +47,7 @@ def figures(store: Path, name: str, n: int) -> dict[str, Any]:
         found[stated] = told([fitted(*one) for one in each])
         print(f"{case} {stated}: {found[stated]}", flush=True)
     key = name.replace("-", "_")
-    return {f"mesh_statement_{key}": found, f"mesh_order_{key}": falling(store, case, truths)}
-
-
-def falling(store: Path, case: MeshCase, truths: Campaign) -> dict[str, Any]:
-    """How much less than the sampling mesh the check errs by, and the order that this shows.
-
-    Differences of fields under one pin, as a root mean square over truths, points and components:
-    of check mesh and truth over those of sampling and check mesh. The truth's pin gives way less:
-    its part is `PIN_SHARE` of what the check's leaves.
-    """
-    fine, coarse, stiffer = runs.checks(store, case, truths.theta[:, :2])
-    pin = (coarse.displacement - stiffer.displacement) / (CHECK_STIFFENING - 1.0)
-    at_check_pin = truths.displacement + PIN_SHARE * pin
-    seen = _size(stiffer.displacement - fine.displacement)
-    finer = refinement(case.truth_cells, case.check_cells)
-    return {
-        "ratio": (_size(fine.displacement - at_check_pin) / seen).tolist(),
-        "ratio_of_order": {
-            order: (1.0 - finer**-order) / (case.refinement**order - 1.0) for order in (1, 2)
-        },
-    }
-
-
-def _size(differences: Array) -> Array:
-    """(n_step,) root mean square of (n, n_step, n_point, 3)."""
-    size: Array = np.sqrt(np.mean(differences**2, axis=(0, 2, 3)))
-    return size
+    return {f"mesh_statement_{key}": found, f"mesh_order_{key}": order_of(store, case, truths)}
 
 
 def fitted(likelihood: Likelihood, ratios: Array, force: Array, field: Array) -> Fitted:

@@ -8,12 +8,13 @@ fresh-stuck-new and fresh (as the last two, other truths of the prior), wide-stu
 and init-stuck (by a check mesh of few layers, of more, and that of studies that name none), refined
 (with emulators refined as a study's are), mesh-stuck, mesh-stuck-new, mesh, mesh-wide-stuck,
 mesh-default-stuck and mesh-init-stuck (whether a mesh's stated error covers finer truths),
-mesh-places (where on the face it errs), mesh-directions (which direction of a mesh does),
-mesh-pairs (as mesh, on the runs kept by benchmarks.verify_fe), emcee (some of their posteriors by a
-chain), misspecified (truths of another law and contact, with and without a discrepancy), direct
-(posterior by FE at every node of a quadrature, and the two maxima), local (how many runs in the
-posterior's box its emulator needs), fixed (how many a design over the whole prior needs in place of
-that). FE runs and posteriors are kept in --store, so that an interrupted part goes on where it was.
+mesh-order (at which order that of a field with friction falls), mesh-places (where on the face it
+is), mesh-directions (which direction of a mesh errs), mesh-pairs (as mesh, on the runs kept by
+benchmarks.verify_fe), emcee (some of their posteriors by a chain), misspecified (truths of another
+law and contact, with and without a discrepancy), direct (posterior by FE at every node of a
+quadrature, and the two maxima), local (how many runs in the posterior's box its emulator needs),
+fixed (how many a design over the whole prior needs in place of that). FE runs and posteriors are
+kept in --store, so that an interrupted part goes on where it was.
 Each part replaces its own figures in FILE and leaves the others.
 """
 
@@ -39,6 +40,7 @@ from benchmarks import (
     fixed_runs,
     local_runs,
     mesh_directions,
+    mesh_order,
     mesh_pairs,
     mesh_places,
     mesh_statement,
@@ -65,6 +67,7 @@ PARTS: dict[str, Callable[[Path, int], dict[str, Any]]] = {
     "mesh-wide-stuck": lambda store, n: mesh_statement.figures(store, "wide-stuck", n),
     "mesh-default-stuck": lambda store, n: mesh_statement.figures(store, "default-stuck", n),
     "mesh-init-stuck": lambda store, n: mesh_statement.figures(store, "init-stuck", n),
+    "mesh-order": lambda store, n: mesh_order.rubbing(store),
     "mesh-places": lambda store, n: mesh_places.figures(store),
     "mesh-directions": lambda store, n: mesh_directions.figures(store),
     "mesh-pairs": lambda store, n: mesh_pairs.figures(),

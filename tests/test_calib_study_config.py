@@ -440,7 +440,7 @@ def test_a_study_without_meshes_has_those_of_its_contact(folder, pin, base, mesh
     )
     of_it = study.hypotheses[0]
     assert (study.sampling_cells(of_it), study.check_cells(of_it)) == meshes
-    assert field_order(of_it) == (1.0 if meshes is STUCK else 2.0)
+    assert field_order(of_it) == (2.0 if meshes is SLIDING else 1.0)
     assert all(
         check > 1.2 * cell for check, cell in zip(meshes.check, meshes.sampling, strict=True)
     )
@@ -451,7 +451,7 @@ def test_a_round_pin_without_meshes_has_those_of_glue_at_any_contact(folder) -> 
     text = text.replace("pin_fillet = 0.3", 'pin_fillet = 0.3\npin_shape = "round"')
     study = read_study(text.encode(), file="own.toml", folder=folder)
     assert all((study.sampling_cells(h), study.check_cells(h)) == STUCK for h in study.hypotheses)
-    assert [field_order(h) for h in study.hypotheses] == [1.0, 2.0]
+    assert [field_order(h) for h in study.hypotheses] == [1.0, 1.0]
 
 
 def test_meshes_that_are_too_close_to_those_of_the_contact_are_refused_by_name(folder) -> None:

@@ -78,12 +78,14 @@ def test_what_is_stated_of_a_mesh_holds_the_truth_of_a_finer_one(name: str) -> N
             assert share >= float(level) / 100 - 2.0 * error
 
 
-@pytest.mark.parametrize("name", ["finer_stuck_new", "wide_stuck", "default_stuck", "init_stuck"])
-def test_stuck_fields_fall_no_faster_than_at_the_order_that_is_stated(name: str) -> None:
-    """To 1.2 mm in the mean; at 1.4 mm they hardly fall at all."""
+@pytest.mark.parametrize(
+    "name", ["finer_stuck_new", "wide_stuck", "default_stuck", "init_stuck", "rubbing"]
+)
+def test_fields_of_what_sticks_or_rubs_fall_no_faster_than_at_first_order(name: str) -> None:
+    """To 1.2 mm in the mean; at 1.4 mm those of stuck blocks hardly fall at all."""
     found = FIGURES[f"mesh_order_{name}"]
     assert np.mean(found["ratio"][:4]) >= found["ratio_of_order"]["1"]
-    assert found["ratio"][4] > 0.5
+    assert name == "rubbing" or found["ratio"][4] > 0.5
 
 
 def test_with_a_discrepancy_a_wrong_model_still_covers_and_without_it_does_not() -> None:

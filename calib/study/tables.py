@@ -118,8 +118,8 @@ def mesh_table(errors: Mapping[str, Any]) -> Table:
         tuple(rows),
         f"{_corrected(errors)} SD left: of the error "
         f"that the likelihood still allows for, {'; '.join(shares)} times the meshes' part (half "
-        "the grid convergence index of two meshes, of order 1 for fields where anything is glued "
-        "and else 2; of the force never less than that of the RMS "
+        "the grid convergence index of two meshes, of order 1 for fields where anything sticks "
+        "or rubs and else 2; of the force never less than that of the RMS "
         "over the increments) and its spread over the points; of the field, the worst component, "
         "as a root mean square over the face, and a field has the same share again of the changes "
         "of each constant and of nuisances of the test that the difference would be mistaken for."

@@ -25,27 +25,27 @@ class UsualMeshes(NamedTuple):
 STUCK = UsualMeshes((12, 5, 3), (20, 14, 5))
 """where anything is glued: its edges are singular; and under a round pin, whose rim these lines do
 not follow (rings do, where a study names them)"""
-GLUED_ORDER, SMOOTH_ORDER = 1.0, 2.0
+ROUGH_ORDER, SMOOTH_ORDER = 1.0, 2.0
 """of the field's error in the size of the elements. Beside the edge of a glued face displacements
 go with a power of the distance between a half and one (Williams 1952), which no grid of one size
-resolves: on three meshes errors of stuck fields fall with order 1 or less, those of sliding ones
-with 2 (docs/verification.md, "Finer truths")"""
+resolves, and where a face rubs much of it sticks: on three meshes errors of both fall with order 1
+or less, those of sliding ones with some 2 (docs/verification.md, "Finer truths")"""
 RUBBING = UsualMeshes((12, 3, 3), (16, 8, 4))
 SLIDING = UsualMeshes((12, 4, 2), (18, 6, 4))
 
 
 def usual_meshes(hypothesis: Hypothesis, pin_shape: PinShape) -> UsualMeshes:
     """Those of the contact of pin and base."""
-    if glued(hypothesis) or pin_shape == "round":
+    if "stick" in (hypothesis.pin, hypothesis.base) or pin_shape == "round":
         return STUCK
-    return SLIDING if (hypothesis.pin, hypothesis.base) == ("slide", "slide") else RUBBING
+    return SLIDING if slides(hypothesis) else RUBBING
 
 
-def glued(hypothesis: Hypothesis) -> bool:
-    """Whether pin or base hold the points that they touch."""
-    return "stick" in (hypothesis.pin, hypothesis.base)
+def slides(hypothesis: Hypothesis) -> bool:
+    """Whether neither pin nor base hold what they touch."""
+    return (hypothesis.pin, hypothesis.base) == ("slide", "slide")
 
 
 def field_order(hypothesis: Hypothesis) -> float:
     """Order at which errors of the field fall with the size of the elements."""
-    return GLUED_ORDER if glued(hypothesis) else SMOOTH_ORDER
+    return SMOOTH_ORDER if slides(hypothesis) else ROUGH_ORDER
