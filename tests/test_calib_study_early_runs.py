@@ -49,9 +49,19 @@ def test_a_posterior_beyond_all_complete_runs_is_told_with_what_early_ones_say()
     assert beyond_complete_runs(found, draws(0.01), NAMES) == []
 
 
+def test_a_posterior_beyond_another_side_is_not_told() -> None:
+    found = diagnostics([(1.0, 2.9)], [[0.5]], [[9.0]])
+    elsewhere = np.column_stack([np.full(200, 0.5), np.where(np.arange(200) < 60, 2.3, 2.5)])
+    assert beyond_complete_runs(found, elsewhere, NAMES) == []
+    # nor a side that the failed run lies beyond, but no draw
+    [said] = beyond_complete_runs(found, draws(0.3), NAMES)
+    assert said.startswith("30% of its posterior") and "height" not in said
+
+
 def test_runs_that_are_good_nowhere_are_told_without_an_error() -> None:
     found = diagnostics([(0.3, 2.8)], [[np.nan, np.nan]], [[np.nan, np.nan]])
-    [said] = beyond_complete_runs(found, draws(0.5), NAMES)
+    tall = np.column_stack([np.full(200, 0.5), np.linspace(2.5, 2.7, 200)])
+    [said] = beyond_complete_runs(found, tall, NAMES)
     assert "(height above 2.6), where 1 run ended early and the emulator extrapolates;" in said
 
 

@@ -25,6 +25,7 @@ from calib.inference.tangent_errors import (
     tangents_at,
     with_nuisances,
 )
+from calib.study.assumptions import assumptions_table
 from calib.study.config import load_study
 from calib.study.mesh_error import FORCE_BEYOND, MeshError, left_share, mesh_error
 from calib.study.mesh_error_file import load_mesh_error, save_mesh_error
@@ -507,6 +508,26 @@ def test_a_pin_that_no_run_got_through_with_is_told() -> None:
     stopped = tuple(replace(run, reached=0.7, status=Status.STOPPED) for run in stiffer.responses)
     with pytest.raises(CampaignFailed, match=r"sampling mesh under a stiffer pin stopped at 0\.7"):
         mesh_error(fine, coarse, 1.5, "stuck", EXTENT, (replace(stiffer, responses=stopped), times))
+
+
+@pytest.mark.parametrize(("name", "order"), [("stuck", 1.0), ("sliding", 2.0)])
+def test_a_study_takes_the_order_of_its_contact_and_tells_both_shares(
+    name: str, order: float, tmp_path: Path
+) -> None:
+    study = load_study("thesis-forces")
+    [hypothesis] = [one for one in study.hypotheses if one.name == name]
+    error = mesh_error(*both(CHECKS), 1.6, name, EXTENT, field_order=order)
+    path, _ = save_mesh_error(tmp_path, hypothesis, study, error, ["r", "s"])
+    assert load_mesh_error(tmp_path, hypothesis).left == error.left
+    facts = json.loads(path.read_text())
+    assert facts["left_share"] == left_share(1.6)
+    assert facts["field_left_share"] == left_share(1.6, order)
+    said = f"{left_share(1.6):.2f} of forces, {left_share(1.6, order):.2f} of fields ({name})"
+    assert said in mesh_table({name: facts}).note
+    share = left_share(study.refinement(hypothesis), order)
+    row = "mesh error left after the correction, SD over the measured difference"
+    told = [value for label, value, _ in assumptions_table(study, dataset()).rows if label == row]
+    assert any(f"{share:.2f} of fields" in value for value in told)
 
 
 def test_the_table_of_meshes_tells_the_pins_part_at_each_point(tmp_path: Path) -> None:

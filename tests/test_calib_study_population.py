@@ -223,7 +223,7 @@ def refusal(text: str, folder: Path) -> str:
         ),
         ("[noise]", "[noise]\nforce_freedom = 4.0", "where errors of the forces are normal"),
         # though eight samples at five travels have a measured covariance
-        ("load_cell_sd = 0.01", "load_cell_sd = 0.5", "less than the smallest SD between samples"),
+        ("load_cell_sd = 0.01", "load_cell_sd = 0.8", "the smallest SD between 8 samples"),
     ],
 )
 def test_what_does_not_go_together_is_refused(

@@ -25,6 +25,7 @@ def _render(tmp_path: Path, **changes: object) -> str:
         "seed": 7,
         "synthetic": "",
         "failures": [],
+        "unverified": [],
         "verdict": ["Both contact hypotheses describe the forces."],
         "sections": [
             Section("Forces", ("Text & more",), (table,), (Picture(tmp_path / "a.png", "c"),))
@@ -49,6 +50,14 @@ def test_failures_replace_the_statement_that_all_is_well(tmp_path: Path) -> None
     good, bad = _render(tmp_path), _render(tmp_path, failures=["stuck C10: R-hat 1.2 > 1.01"])
     assert "All diagnostics are within" in good and "do not rely" not in good
     assert "All diagnostics are within" not in bad and "R-hat 1.2 &gt; 1.01" in bad
+
+
+def test_a_maximum_that_is_not_verified_takes_the_good_banner_away(tmp_path: Path) -> None:
+    html = _render(tmp_path, unverified=["stuck: they lie 0.3 SD apart"])
+    assert "<li>stuck: they lie 0.3 SD apart</li>" in html and "banner bad" in html
+    assert "All diagnostics are within" not in html
+    both = _render(tmp_path, failures=["R-hat"], unverified=["stuck: apart"])
+    assert "do not rely" in both and "<li>stuck: apart</li>" in both
 
 
 def test_synthetic_data_are_named_and_measured_data_are_not_called_so(tmp_path: Path) -> None:

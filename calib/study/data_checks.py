@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.stats import chi2
 
 from calib.study.data_sections import VIRTUAL
 from calib.study.data_source import measured_dataset
@@ -19,6 +21,8 @@ if TYPE_CHECKING:
     from calib.study.config import Study
 
 SAME_TRAVEL = 1e-6  # mm, within which an increment and a measured travel are the same
+CHANCE = 0.01
+"""of refusing noise of the load cell that is as stated"""
 OTHER_SIZE = 0.2
 """share by which a block may be of another size than that of the experiment, whose 2.5 mm may well
 have been 2.7"""
@@ -50,8 +54,9 @@ def check_against_data(study: Study) -> None:
             expected = "no values: the correlation of the forces is measured"
             found = list(study.noise.correlation_study)
             raise Contradiction("noise.correlation_study", found, expected)
-        if study.data.level != SAMPLES:  # their own forces have the noise of the load cell alone
-            return
+        if study.data.level == SAMPLES:
+            _check_each_sample(study, min(spread), measured.n_samples)
+        return
     check_load_cell(study, min(spread))
 
 
@@ -63,6 +68,20 @@ def check_load_cell(study: Study, least: float) -> None:
     if study.noise.load_cell_sd >= least:
         expected = f"less than the smallest SD between samples, {least:g} N in the data (if these "
         expected += "are in N), a part of it"
+        raise Contradiction("noise.load_cell_sd", study.noise.load_cell_sd, expected)
+
+
+def _check_each_sample(study: Study, least: float, n: int) -> None:
+    """Raise Contradiction for noise of one sample's force that their scatter makes unlikely.
+
+    `least` is the smallest SD [N] of n samples over the increments; noise alone is as small by
+    chance in `CHANCE` of all sets.
+    """
+    p = CHANCE / len(study.increments)
+    most = least * math.sqrt((n - 1) / float(chi2.ppf(p, n - 1)))
+    if study.noise.load_cell_sd > most:
+        expected = f"at most {most:.3g} N, of which the smallest SD between {n} samples, {least:g} "
+        expected += "N (if forces are in N), might be a part by chance"
         raise Contradiction("noise.load_cell_sd", study.noise.load_cell_sd, expected)
 
 

@@ -26,31 +26,27 @@ def beyond_complete_runs(
     at = np.asarray(early["ratios"], dtype=np.float64).reshape(-1, len(names))
     complete = np.asarray(diagnostics["runs"]["leave_one_out"]["ratios"], dtype=np.float64)
     low, high = complete.min(axis=0), complete.max(axis=0)
-    outside = ((at < low) | (at > high)).any(axis=1)
-    share = float(np.mean(((draws < low) | (draws > high)).any(axis=1)))
-    if not outside.any() or share < SEEN:
+    below, above = (at < low).any(axis=0), (at > high).any(axis=0)
+    beyond = np.concatenate([(draws < low) & below, (draws > high) & above], axis=1)
+    share, by_side = float(np.mean(beyond.any(axis=1))), np.atleast_1d(beyond.mean(axis=0))
+    if share < SEEN:
         return []
-    sides = [f"{name} below {end:.3g}" for name, end in _ends(names, low, at[outside] < low)]
-    sides += [f"{name} above {end:.3g}" for name, end in _ends(names, high, at[outside] > high)]
+    # A run beyond several sides need not have failed for all of them.
+    sides = by_side >= min(SEEN, by_side.max())
+    outside = (np.concatenate([at < low, at > high], axis=1) & sides).any(axis=1)
+    ends = [f"{name} below {end:.3g}" for name, end in zip(names, low, strict=True)]
+    ends += [f"{name} above {end:.3g}" for name, end in zip(names, high, strict=True)]
+    named = " or ".join(end for end, own in zip(ends, sides, strict=True) if own)
     n = int(outside.sum())
     runs = f"{n} run{'s' if n > 1 else ''}"
-    said = f"{share:.0%} of its posterior lies beyond the runs that got through ({', '.join(sides)}"
-    said += f"), where {runs} ended early and the emulator extrapolates"
+    said = f"{share:.0%} of its posterior lies beyond the runs that got through ({named}), "
+    said += f"where {runs} ended early and the emulator extrapolates"
     off = [_largest(early["relative"][index]) for index in np.flatnonzero(outside)]
     z = [_largest(early["standardised"][index]) for index in np.flatnonzero(outside)]
     if any(off):
         said += f": up to where they are good it is off by up to {max(off):.1%} of the force, "
         said += f"{max(z):.2g} of its stated SDs"
     return [f"{said}; other mesh.sampling, a lower last increment or narrower priors help"]
-
-
-def _ends(names: Sequence[str], ends: Array, beyond: Array) -> list[tuple[str, float]]:
-    """Inputs whose ends any of the runs (n, d) lies beyond."""
-    return [
-        (name, float(end))
-        for name, end, found in zip(names, ends, beyond.T, strict=True)
-        if found.any()
-    ]
 
 
 def _largest(values: Sequence[float | None]) -> float:

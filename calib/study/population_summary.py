@@ -22,7 +22,7 @@ MOST_OF_PRIOR = 0.8
 
 
 NAMED = 4
-"""of those who lean on one bound, at most"""
+"""samples that lean on one bound are named, at most"""
 
 
 @dataclass(frozen=True)
@@ -159,16 +159,18 @@ def load_population(path: Path) -> PopulationSummary:
         ),
         travel=tuple(float(d) for d in predictive["travel"].values),
         sampling=facts["sampling"],
-        failures=tuple(_failures(found | _worst_of_samples(posterior, facts), facts["limits"])),
+        failures=tuple(
+            _failures(found | worst_of_samples(posterior, facts["varying"]), facts["limits"])
+        ),
         without_field=tuple(facts.get("without_field", ())),
     )
 
 
-def _worst_of_samples(posterior: Any, facts: Mapping[str, Any]) -> dict[str, Convergence]:
+def worst_of_samples(posterior: Any, varying: Sequence[str]) -> dict[str, Convergence]:
     """Convergence of the worst samples, of each parameter that varies, by what it is called."""
     found = {}
     ensemble = posterior["ensemble"].values
-    for name in facts["varying"]:
+    for name in varying:
         draws = posterior[name + ONE].transpose("sample", "chain", "draw").values
         each = [convergence_of(one, ensemble) for one in draws]
         r_hat = [one.r_hat for one in each]

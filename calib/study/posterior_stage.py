@@ -57,6 +57,12 @@ def provenance(out: Path, study: Study, data: StudyData) -> dict[str, object]:
     maps = read_json(out / "map.json")
     compared = read_json(out / "comparison.json")["hypotheses"]
     diagnostics = load_diagnostics(out)
+    in_use = {
+        h.name: diagnostics[h.name]
+        if kept_box(out, h) is None
+        else load_diagnostics(out / LOCAL)[h.name]
+        for h in study.hypotheses
+    }
     sampler = study.sampler
     facts: dict[str, object] = {
         "study": study.name,
@@ -72,7 +78,7 @@ def provenance(out: Path, study: Study, data: StudyData) -> dict[str, object]:
             h.name: _hypothesis(
                 out, study, h, maps[h.name], diagnostics[h.name], data.dataset.field is not None
             )
-            | _judged(out, study, h, data.dataset, compared[h.name], diagnostics[h.name])
+            | _judged(out, study, h, data.dataset, compared[h.name], in_use[h.name])
             for h in study.hypotheses
         },
         "study_file": plain(study),

@@ -47,6 +47,7 @@ def render(
     seed: int,
     synthetic: str,
     failures: Sequence[str],
+    unverified: Sequence[str],
     verdict: Sequence[str],
     sections: Sequence[Section],
     study_text: str,
@@ -54,7 +55,8 @@ def render(
     """The report as HTML.
 
     `synthetic` is the sentence that names synthetic data, empty for measured ones; `failures` are
-    the diagnostics outside their limits, each one sentence.
+    the diagnostics outside their limits, `unverified` the maxima that direct FE does not confirm,
+    each one sentence.
     """
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("calib.study", "templates"),
@@ -69,6 +71,7 @@ def render(
         version=__version__,
         synthetic=synthetic,
         failures=list(failures),
+        unverified=list(unverified),
         verdict=list(verdict),
         sections=list(sections),
         study_text=study_text,

@@ -11,7 +11,7 @@ from calib.study.report import render
 from calib.study.report_figures import draw
 from calib.study.sample_stage import load_samples
 from calib.study.study_file import study_text
-from calib.study.summary import load_summary
+from calib.study.summary import load_summary, unverified
 
 
 def run(context: Context) -> list[Path]:
@@ -25,6 +25,7 @@ def run(context: Context) -> list[Path]:
         seed=study.seed,
         synthetic=synthetic_sentence(findings.data),
         failures=findings.failures,
+        unverified=unverified(findings.summaries),
         verdict=findings.comparison["verdict"],
         sections=sections(findings, pictures, study),
         study_text=study_text(study),

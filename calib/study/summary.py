@@ -271,14 +271,19 @@ def _unconverged(
             yield f"{name}: ESS ({label}) is {value:.0f}, below {limits['min_ess']:g}"
 
 
-def judgement_lines(summaries: Sequence[Summary]) -> list[str]:
-    """Whether the numbers may be relied on: what failed, and what the forces contradict."""
-    lines = [f"FAILED  {s.hypothesis}: {failure}" for s in summaries for failure in s.failures]
-    lines += [
-        f"NOT VERIFIED  {s.hypothesis}: {unconfirmed(s.diagnostics['map']['difference_sd'])}"
+def unverified(summaries: Sequence[Summary]) -> list[str]:
+    """Whose maximum direct FE does not confirm; where it found none, that is a failure."""
+    return [
+        f"{s.hypothesis}: {unconfirmed(s.diagnostics['map']['difference_sd'])}"
         for s in summaries
         if not s.verified and s.diagnostics["map"]["difference_sd"] is not None
     ]
+
+
+def judgement_lines(summaries: Sequence[Summary]) -> list[str]:
+    """Whether the numbers may be relied on: what failed, and what the forces contradict."""
+    lines = [f"FAILED  {s.hypothesis}: {failure}" for s in summaries for failure in s.failures]
+    lines += [f"NOT VERIFIED  {said}" for said in unverified(summaries)]
     wrong = [s for s in summaries if s.contradicted]
     lines += [
         f"CONTRADICTED  {s.hypothesis}: the forces lie outside what it can explain (predictive p = "
