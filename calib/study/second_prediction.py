@@ -107,7 +107,8 @@ def replicates(
 
     The stiffness of the tested samples moves answer and field together, and so does the zero of
     the travel; what is left of the mesh's error has the shape of the measured difference and the
-    SD of `calib.study.mesh_error.left_share`, at second order. Scale of the field and zero err alike at all levels.
+    SD of `calib.study.mesh_error.left_share`, at second order. Scale of the field and zero err
+    alike at all levels.
     """
     index = np.arange(N_REPLICATES) % len(predicted.answer)
     factor = np.linalg.cholesky(data.stiffness_covariance())
