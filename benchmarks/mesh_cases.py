@@ -14,7 +14,7 @@ from calib.study.usual_meshes import field_order
 CHECK_STIFFENING, TRUTH_STIFFENING = 4.0, 8.0
 """how many times less pins give way than that of the emulator's runs, as in studies"""
 PER_TRUTH = 20
-"""experiments, at least"""
+"""experiments that share the FE run of one truth, at least"""
 PIN_SHARE = (1.0 / CHECK_STIFFENING - 1.0 / TRUTH_STIFFENING) * CHECK_STIFFENING
 """of the way from the check's pin to a rigid one, to those of truths"""
 
@@ -100,6 +100,7 @@ MESH_CASES = {
     "default-stuck": MeshCase("stuck", (15, 10, 5), (16, 12, 6), 12, CELLS["stick"], seed=1000),
     "init-stuck": MeshCase("stuck", (20, 14, 5), (24, 17, 6), 12, CELLS["stick"], seed=1000),
 }
-"""by name; truths of the last five took no part in choosing what is stated of a mesh's error; the
+"""by name; truths of the last five took no part in choosing the lengths of what is stated of a
+mesh's error, those of wide-stuck and init-stuck did in choosing the order of stuck fields; the
 last three are of a check mesh of few layers, of one of more, and of that of `calib init`, at ratios
 of the one before them"""

@@ -28,9 +28,8 @@ MIDDLE = float(np.sqrt(np.prod(KAPPA)))
 def figures(store: Path, name: str, n: int) -> dict[str, Any]:
     """For a mesh and its finer truths, of `MESH_CASES`: errors of the constants in their SDs.
 
-    Of as many truths as n experiments have.
-
-    Under what studies state, and under the part of it that these truths show.
+    Under what studies state, and under the part of it that these truths show; of as many truths as
+    n experiments have. And at which order the field's error falls.
     """
     case = MESH_CASES[name].of(n)
     known, truths, _ = finer_case(store, case)
