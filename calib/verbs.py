@@ -6,9 +6,10 @@ Heavy modules are imported by the verb that needs them, so that `calib --help` a
 from __future__ import annotations
 
 import argparse
+import functools
 import shlex
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -18,8 +19,11 @@ from calib.folders import check_folder, check_writable, held_alone, make_folder
 if TYPE_CHECKING:
     from calib.study.summary import Summary
 
+Verb = Callable[[argparse.Namespace], int]
+
 FAILED = 1
 REPORT = "report.html"
+POSTERIOR = "posterior.nc"
 
 
 def _say(line: str) -> None:
@@ -106,9 +110,26 @@ def qc_verb(arguments: argparse.Namespace) -> int:
     return 0
 
 
+def _asks(verb: Verb) -> Verb:
+    """A verb that asks a finished study, and keeps runs out of its folder meanwhile.
+
+    One that ended before the answer would have it taken for an answer to its own posterior.
+    """
+
+    @functools.wraps(verb)
+    def alone(arguments: argparse.Namespace) -> int:
+        check_writable("RUN", arguments.folder)
+        if not (arguments.folder / POSTERIOR).is_file():
+            return verb(arguments)
+        with held_alone("RUN", arguments.folder):
+            return verb(arguments)
+
+    return alone
+
+
+@_asks
 def ask_verb(arguments: argparse.Namespace) -> int:
     """Ask a finished study."""
-    check_writable("RUN", arguments.folder)
     if arguments.question == "baseline":
         from calib.study.baseline import baseline
 
@@ -140,9 +161,9 @@ def _say_answer(folder: Path, lines: Sequence[str], paths: Sequence[Path]) -> No
         _say(f"wrote {path}")
 
 
+@_asks
 def direct_chain_verb(arguments: argparse.Namespace) -> int:
     """Sample a posterior by the FE model itself."""
-    check_writable("RUN", arguments.folder)
     from calib.study.direct_chain import direct_chain
 
     table, paths = direct_chain(
@@ -187,7 +208,7 @@ def summary_verb(arguments: argparse.Namespace) -> int:
     from calib.study.summary import format_table, load_summary
     from calib.study.summary_files import to_csv, to_json
 
-    path = arguments.path / "posterior.nc" if arguments.path.is_dir() else arguments.path
+    path = arguments.path / POSTERIOR if arguments.path.is_dir() else arguments.path
     if not path.is_file():
         raise ValueError(f"{path}: found no such file, expected the posterior of a finished study")
     summaries = load_summary(path)
@@ -295,9 +316,9 @@ def laboratory_verb(arguments: argparse.Namespace) -> int:
     return 0
 
 
+@_asks
 def validate_verb(arguments: argparse.Namespace) -> int:
     """Hold a finished study against a second test."""
-    check_writable("RUN", arguments.folder)
     from calib.study.second_test import load_second_test
     from calib.study.validate import validate
     from calib.study.validation_tables import validation_tables, verdicts
@@ -315,9 +336,9 @@ def validate_verb(arguments: argparse.Namespace) -> int:
     return 0 if all(one["passed"] for one in posteriors) else FAILED
 
 
+@_asks
 def design_next_verb(arguments: argparse.Namespace) -> int:
     """Rank what to measure next."""
-    check_writable("RUN", arguments.folder)
     from calib.study.design_next import design_next, gains_table
 
     found, paths = design_next(

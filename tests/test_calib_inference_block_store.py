@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import resource
 from pathlib import Path
 
 import numpy as np
@@ -34,3 +35,20 @@ def test_a_run_goes_on_from_the_block_before_a_damaged_one(tmp_path: Path, damag
     (tmp_path / "block_00001.h5").write_bytes(damage)
     assert len(store.load()) == 1
     assert [path.name for path in tmp_path.glob("*.h5")] == ["block_00000.h5"]
+
+
+@pytest.mark.parametrize("size", [100, 100_000])
+def test_a_full_disk_is_an_error_that_names_the_block(tmp_path: Path, size: int) -> None:
+    """HDF5 by itself raises another error, or crashes, as it closes what it could not write."""
+    store = BlockStore(tmp_path, "key")
+    store.keep(0, {"x": np.arange(10.0)})
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1000, hard))
+    try:
+        with pytest.raises(OSError, match="File too large") as error:
+            store.keep(1, {"x": np.arange(float(size))})
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert error.value.filename == str(tmp_path / "block_00001.h5")
+    assert len(store.load()) == 1
+    assert not list(tmp_path.glob(".*.tmp"))

@@ -15,15 +15,29 @@ import xarray as xr
 from calib.cli import FAILED, WRONG_INPUT, main
 from calib.data.dataset import Dataset, FieldData, SampleData
 from calib.data.dataset_file import save_dataset
+from calib.folders import held_alone
 from calib.inference.inference_data import load_inference_data, save_inference_data
+from calib.study import second_prediction
+from calib.study.answers import sampled
 from calib.study.block_cells import refinement
 from calib.study.mesh_error import left_share
-from calib.study.second_data import SecondData, Study, plate_model, second_data, solve, stated
-from calib.study.second_prediction import N_REPLICATES, Predicted, at_points, replicates
+from calib.study.sample_stage import samples_path
+from calib.study.second_data import (
+    Rubbers,
+    SecondData,
+    Study,
+    plate_model,
+    second_data,
+    solve,
+    stated,
+)
+from calib.study.second_prediction import N_REPLICATES, Predicted, predict, replicates
 from calib.study.second_test import SecondTest, load_second_test
 from calib.study.validate import answer_noise, field_noise, posterior_draws, validate
 from calib.study.validation_tables import OTHER
 from calib.toml_file import FileRefused
+from fe.response import Response, Status
+from fe.specimens.tensile import NotchedPlate, TensileModel
 
 STUDY = Study(bulk_ratio=200.0, correlation=0.7)
 TRUTH = np.array([0.008, 0.004, 0.0024])
@@ -39,7 +53,7 @@ source = "virtual"
 C10 = 0.008
 C01 = 0.004
 C11 = 0.0024
-cells = [4, 6, 1]
+cells = [4, 7, 1]
 n_samples = 10
 force_sd_share = 0.04
 field_noise_std = [0.01, 0.01, 0.02]
@@ -47,7 +61,7 @@ field_correlation_length = 1.0
 field_reference_share = 0.5
 [mesh]
 sampling = [2, 4, 1]
-check = [3, 5, 1]
+check = [3, 6, 1]
 [[constants]]
 name = "thesis"
 C10 = 0.02974
@@ -143,7 +157,7 @@ def test_a_measured_data_set_is_read_from_its_file(second_file: Path) -> None:
     made = second_data(test, folder, STUDY)
     assert made.synthetic and made.field is not None
     assert test.virtual is not None and made.correlation == STUDY.correlation
-    travel = solve(plate_model(test, (4, 6, 1), made.levels), stated(test.virtual, STUDY)).travel
+    travel = solve(plate_model(test, (4, 7, 1), made.levels), stated(test.virtual, STUDY)).travel
     # The noise of the mean of ten samples that differ by 4 %.
     assert made.answer == pytest.approx(travel, rel=0.04)
     field: FieldData = made.field
@@ -178,10 +192,11 @@ def test_what_is_left_of_the_mesh_error_moves_answer_and_field_together(second_f
     assert together == pytest.approx(1.0, abs=1e-4)
 
 
-def _measured(second_file: Path, dataset: Dataset) -> tuple[SecondTest, Path]:
+def _measured(second_file: Path, dataset: Dataset, grid: str = "") -> tuple[SecondTest, Path]:
     """A second test whose data are a file beside it."""
     save_dataset(second_file.parent / "plate.npz", dataset)
-    head, _, tail = SMALL.replace("levels = [0.2, 0.4, 0.6]", "").partition("[virtual]")
+    plain = SMALL.replace("levels = [0.2, 0.4, 0.6]", "").replace("field_grid = [4, 5]", grid)
+    head, _, tail = plain.partition("[virtual]")
     text = head.replace('"virtual"', '"plate.npz"') + "[mesh]" + tail.partition("[mesh]")[2]
     second_file.write_text(text)
     return load_second_test(second_file)
@@ -306,21 +321,133 @@ def test_noise_of_a_field_has_the_scatter_of_the_samples(
         assert field_noise(data, field, component) == pytest.approx(seen, rel=of_an_sd)
 
 
-def test_a_linear_field_is_carried_to_other_points_exactly() -> None:
-    rng = np.random.default_rng(2)
-    known, wanted = rng.random((60, 2)), 0.3 + 0.4 * rng.random((9, 2))
-    slope = rng.standard_normal((2, 2, 3))
-    values = np.einsum("nd,sdc->snc", known, slope)
-    expected = np.einsum("nd,sdc->snc", wanted, slope)
-    assert at_points(known, values, wanted) == pytest.approx(expected)
+def test_the_model_s_field_is_at_the_points_of_the_data(second_file: Path) -> None:
+    """By the shape functions: points on a line, corners, edges, one that rounding took off it."""
+    test, _ = load_second_test(second_file)
+    model = plate_model(test, (2, 4, 1), np.array([0.2, 0.4]))
+    wanted = np.array([[0.0, 0.0], [0.0, 15.0], [10.0, 15.0], [6.0, 0.0], [3.0, -5e-4]])
+    levels, answer = np.array([0.2, 0.4]), np.array([2.0, 4.0])
+    field = FieldData(wanted, np.ones((2, 5, 3)), np.full(3, 0.01), 1.0, 0.5)
+    data = SecondData("plate", True, "force", levels, answer, np.full(2, 0.1), 9, None, field, 0.7)
+    truth = Rubbers("mooney-rivlin-3", TRUTH[None], np.array([4.8]))
+    found = predict(test, data, truth).field
+    assert found is not None and found.shape == (1, 2, 5, 3)
+    whole = solve(replace(model, field_grid=((0.0, 0.0), (3.0, 0.0))), truth).displacement
+    assert found[0][:, [0, 4]] == pytest.approx(whole, abs=1e-12)
+    pulled = solve(model, truth).travel / 2.0  # by half at each end
+    assert found[0][:, [1, 2], 1] == pytest.approx(np.stack([pulled, pulled], 1), abs=1e-9)
+    assert found[0][:, 0][:, :2] == pytest.approx(np.zeros((2, 2)), abs=1e-12)
 
 
-def test_points_on_one_line_give_the_values_of_the_nearest() -> None:
-    known = np.column_stack([np.full(4, 2.0), np.arange(4.0)])
-    values = np.arange(4.0)[None, :, None] * np.ones((2, 1, 3))
-    found = at_points(known, values, np.array([[2.5, 1.1], [0.0, 2.9]]))
-    np.testing.assert_array_equal(found, np.array([1.0, 3.0])[None, :, None] * np.ones((2, 1, 3)))
-    assert at_points(known, values, known) is values
+def test_right_constants_hold_a_field_measured_between_the_points_of_any_grid(
+    second_file: Path,
+) -> None:
+    """What linear interpolation from 12 x 18 points got wrong by 2 % is off by rounding alone."""
+    test, _ = load_second_test(second_file)
+    rng = np.random.default_rng(3)
+    y = 15.0 * rng.random(40)
+    places = np.column_stack([rng.random(40) * NotchedPlate().half_width(y), y])
+    levels, truth = np.array([0.2, 0.4]), Rubbers("mooney-rivlin-3", TRUTH[None], np.array([4.8]))
+    made = solve(plate_model(test, test.mesh.sampling, levels, places), truth)
+    field = FieldData(places, made.displacement, np.full(3, 1e-6), 1.0, 0.5)
+    data = SecondData(
+        "plate", True, "force", levels, made.travel, np.full(2, 0.1), 9, None, field, 0.7
+    )
+    found = predict(test, data, truth).field
+    assert found is not None and found[0] == pytest.approx(made.displacement, abs=1e-12)
+
+
+def test_noise_of_a_field_has_the_patterns_in_which_samples_differ() -> None:
+    shape = np.zeros((2, 2, 5, 3))
+    shape[0, ..., 0], shape[1, ..., 0] = 0.3, 0.4
+    levels, answer, moved = np.array([2.0, 4.0]), np.array([4.0, 8.0]), np.zeros((2, 5, 3))
+    field = FieldData(np.ones((5, 2)), moved, np.full(3, 1e-9), 1.0, 0.5, patterns=shape)
+    data = SecondData("plate", True, "force", levels, answer, np.full(2, 0.1), 9, None, field, 0.7)
+    assert field_noise(data, field, 0) == pytest.approx(0.5)
+    assert field_noise(data, field, 1) == pytest.approx(1e-9)
+
+
+def test_more_draws_than_replicates_are_all_replicated(second_file: Path) -> None:
+    test, _ = load_second_test(second_file)
+    n = N_REPLICATES + 5
+    levels, answer = np.array([2.0, 4.0]), np.arange(1.0, n + 1.0)[:, None] * np.ones(2)
+    data = SecondData(
+        "plate", True, "travel", levels, np.ones(2), np.full(2, 1e-9), 9, None, None, 0.7
+    )
+    no_mesh = Predicted(np.zeros((1, 2)), None)
+    again = replicates(test, data, Predicted(answer, None), no_mesh, np.random.default_rng(4))
+    assert again.answer == pytest.approx(answer, rel=1e-6)
+
+
+def test_draws_left_out_and_components_that_were_not_measured_are_told(
+    tmp_path: Path,
+    second_file: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    travel, force = np.array([2.0, 4.0]), np.array([0.2, 0.4])
+    dataset = Dataset("measured", False, travel, force, 0.1 * force, 9)
+    _measured(second_file, dataset)
+    text = second_file.read_text().replace("draws = 4", "draws = 5")
+    second_file.write_text(text)
+    solved: list[int] = []
+
+    def one_fails(model: TensileModel, rubbers: Rubbers, index: int = 0) -> Response:
+        found = solve(model, rubbers, index)
+        solved.append(index)
+        if len(rubbers.bulk) == 5 and index == 3:
+            return replace(found, status=Status.STOPPED, message="it snaps")
+        return found
+
+    monkeypatch.setattr(second_prediction, "solve", one_fails)
+    main(["validate", str(_finished(tmp_path, right=1.0)), str(second_file)])
+    said = capsys.readouterr().out
+    assert "LOOK AT  1 of 5 draws could not be solved (it snaps)" in said
+    assert "LOOK AT  u_x, u_y: not measured, so the verdict is of the answer alone" in said
+
+
+def test_an_answer_keeps_other_runs_out_and_is_stamped_with_what_it_read(
+    tmp_path: Path, second_file: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A run that ended meanwhile would have it taken for an answer to the run's own posterior."""
+    out = _finished(tmp_path, right=1.0)
+    chains = samples_path(out, "right")
+    chains.write_bytes(b"old")
+    old = sampled(out, ["right"])
+
+    def busy(model: TensileModel, rubbers: Rubbers, index: int = 0) -> Response:
+        chains.write_bytes(b"new")
+        with pytest.raises(ValueError, match="another `calib` is at work"), held_alone("OUT", out):
+            pass
+        return solve(model, rubbers, index)
+
+    monkeypatch.setattr(second_prediction, "solve", busy)
+    assert main(["validate", str(out), str(second_file)]) == 0
+    found = json.loads((out / "validation" / "small" / "validation.json").read_text())
+    assert found["posterior"] == old != sampled(out, ["right"])
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (("check = [3, 6, 1]", "check = [2, 5, 1]"), "mesh.check: found .*1.3 times smaller"),
+        (("cells = [4, 7, 1]", "cells = [400, 60, 10]"), "virtual.cells: found .*at most"),
+        (("sampling = [2, 4, 1]", "sampling = [400, 60, 10]"), "mesh.sampling: found .*at most"),
+    ],
+)
+def test_meshes_that_say_nothing_or_are_a_slip_of_the_pen_are_refused(
+    second_file: Path, change: tuple[str, str], says: str
+) -> None:
+    second_file.write_text(SMALL.replace(*change))
+    with pytest.raises(FileRefused, match=says):
+        load_second_test(second_file)
+
+
+def test_a_grid_of_field_points_is_for_synthetic_tests_alone(second_file: Path) -> None:
+    levels = np.array([1.0, 2.0])
+    dataset = Dataset("measured", False, levels, levels, 0.1 * levels, 9)
+    with pytest.raises(FileRefused, match=r"field_grid: found .*at the points of the data"):
+        _measured(second_file, dataset, grid="field_grid = [4, 5]")
 
 
 @pytest.mark.parametrize(
@@ -329,8 +456,8 @@ def test_points_on_one_line_give_the_values_of_the_nearest() -> None:
         ("levels = [0.2, 0.4, 0.6]", "levels = [0.4, 0.2]", "increasing"),
         ("levels = [0.2, 0.4, 0.6]", "", "levels with data.source"),
         ('source = "virtual"', 'source = "plate.csv"', "npz"),
-        ("cells = [4, 6, 1]", "cells = [3, 5, 1]", "finer than mesh.check"),
-        ("check = [3, 5, 1]", "check = [2, 4, 1]", "finer"),
+        ("cells = [4, 7, 1]", "cells = [3, 5, 1]", "finer than mesh.check"),
+        ("check = [3, 6, 1]", "check = [2, 4, 1]", "finer"),
         ("[mesh]", "[plate]\nnotch_depth = 6.0\n[mesh]", "notch"),
         ("C10 = 0.02974", "C10 = -0.5", "positive"),
         ("C10 = 0.008\nC01 = 0.004", "C10 = 0.0\nC01 = 0.0", "more than 0 where C01 is 0"),

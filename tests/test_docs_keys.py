@@ -16,7 +16,13 @@ from calib.data.qc.experiment_file import Experiment
 from calib.data.readers import read_dic, read_machine
 from calib.dic_study.config import DicStudy, Images, Options, Region, Scale, Strains
 from calib.dic_study.stereo_config import Plates, Stereo, StereoStudy
-from calib.study.second_test import PlateSection, SecondMesh, SecondTest, load_second_test
+from calib.study.second_test import (
+    FIELD_GRID,
+    PlateSection,
+    SecondMesh,
+    SecondTest,
+    load_second_test,
+)
 from calib.study.sections import Noise
 from calib.toml_file import read_document
 
@@ -121,6 +127,7 @@ def test_the_second_test_is_read_and_its_defaults_are_those(tmp_path: Path) -> N
     assert (test.plate, test.mesh) == (PlateSection(), SecondMesh())
     plain = {field.name: field.default for field in dataclasses.fields(SecondTest)}
     assert all(getattr(test, key) == plain[key] for key in ("control", "draws", "judged"))
+    plain["field_grid"] = FIELD_GRID
     for key in ("max_error", "min_r2", "field_grid"):
         (value,) = re.findall(rf"`{key} = ([^`]+)`", text)
         assert json.loads(value) == (list(plain[key]) if key == "field_grid" else plain[key])

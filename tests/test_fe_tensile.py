@@ -111,6 +111,31 @@ def test_field_points_lie_on_the_front_face_and_are_moved_with_it():
     assert (u[..., 2] < 0.0).all(), "the plate gets thinner"
 
 
+def test_field_points_may_be_given_by_their_places_and_stay_there():
+    """So that their gradient by the width is that of what is seen at one place."""
+    grid = replace(MODEL, sensitivities=("width",), travel=(3.0,))
+    of_grid = grid([0.5, 0.1])
+    fixed = replace(grid, field_grid=tuple(map(tuple, MODEL.points().tolist())))
+    np.testing.assert_array_equal(fixed([0.5, 0.1]).displacement, of_grid.displacement)
+    within = replace(grid, field_grid=((1.3, 2.1), (4.1, 0.7), (7.7, 13.0)))  # of elements
+    step = 1e-4
+    wider, less = (
+        replace(within, specimen=replace(PLATE, width=PLATE.width + d), sensitivities=())
+        for d in (step, -step)
+    )
+    by = (wider([0.5, 0.1]).displacement - less([0.5, 0.1]).displacement) / (2.0 * step)
+    found = within([0.5, 0.1]).displacement_gradient[..., 0]
+    np.testing.assert_allclose(found, by, atol=2e-6)
+    edge = replace(fixed, field_grid=((10.0, 15.0), (6.0, 0.0), (0.0, 0.0)))
+    assert np.isfinite(edge([0.5, 0.1]).displacement_gradient).all(), "on the edges, too"
+
+
+@pytest.mark.parametrize("place", [(-0.1, 1.0), (7.0, 0.0), (1.0, 15.1), (1.0, -0.1)])
+def test_field_points_beside_the_face_are_refused(place):
+    with pytest.raises(ValueError, match="field_grid: expected points with x from 0 to half"):
+        replace(MODEL, field_grid=((1.0, 1.0), place))
+
+
 def test_the_notch_is_the_circle_asked_for():
     y = np.linspace(0.0, PLATE.length / 2, 50)
     half = PLATE.half_width(y)

@@ -6,6 +6,7 @@ unreadable. Here a block is one HDF5 file that appears whole or not at all.
 
 from __future__ import annotations
 
+import io
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -47,10 +48,13 @@ class BlockStore:
     def keep(self, index: int, block: Arrays) -> None:
         """Write block number `index`; raises OSError when the folder cannot be written."""
         self.folder.mkdir(parents=True, exist_ok=True)
-        with replacing(self._path(index)) as path, h5py.File(path, "w") as file:
+        content = io.BytesIO()  # HDF5 itself may crash on a full disk
+        with h5py.File(content, "w") as file:
             file.attrs["key"] = self.key
             for name, values in block.items():
                 file.create_dataset(name, data=values)
+        with replacing(self._path(index)) as path:
+            path.write_bytes(content.getbuffer())
 
     def _path(self, index: int) -> Path:
         return self.folder / f"block_{index:05d}.h5"

@@ -235,7 +235,11 @@ def _observed(dataset: Dataset) -> xr.Dataset:
 def save_inference_data(data: az.InferenceData, path: Path) -> None:
     """Write netCDF atomically: a reader sees the old file or the new one, never half of one."""
     with replacing(path) as temporary:
-        data.to_netcdf(str(temporary), engine="h5netcdf")
+        try:
+            data.to_netcdf(str(temporary), engine="h5netcdf")
+        except RuntimeError as error:  # of HDF5, as it closes what a full disk did not take
+            why = _reason(error).replace(str(temporary), path.name)
+            raise OSError(f"{path}: cannot be written: {why}") from error
 
 
 def _reason(error: Exception) -> str:

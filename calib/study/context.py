@@ -20,7 +20,7 @@ from calib.study.varied_block import VariedBlock
 from fe.executors import MapFn
 from fe.response import Array, Response
 from fe.specimens.block_pin import BlockPin, BlockPinModel, Contact
-from fe.specimens.block_pin_mesh import FieldGrid
+from fe.specimens.field_grid import FieldGrid
 
 
 class Simulate(Protocol):

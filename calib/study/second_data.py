@@ -15,7 +15,7 @@ from calib.study.second_test import NamedConstants, SecondTest, SecondTruth
 from fe.force_control import Control
 from fe.materials.material import material
 from fe.response import Array, Response, Status
-from fe.specimens.tensile import TensileModel
+from fe.specimens.tensile import NotchedPlate, TensileModel
 
 LAW = "mooney-rivlin-3"
 """of constants that a file of a second test states"""
@@ -114,17 +114,30 @@ class SecondData:
         return changed
 
 
-def plate_model(test: SecondTest, cells: tuple[int, int, int], levels: Array) -> TensileModel:
-    """Forward model of the plate on a mesh, at the levels; without sensitivities."""
+def plate_model(
+    test: SecondTest, cells: tuple[int, int, int], levels: Array, points: Array | None = None
+) -> TensileModel:
+    """Forward model of the plate on a mesh, at the levels; without sensitivities.
+
+    Its field is at `points` (n, 2) mm, or on the grid of a synthetic test.
+    """
     targets = tuple(float(level) for level in levels)
+    plate = test.plate.specimen()
     return TensileModel(
-        specimen=test.plate.specimen(),
+        specimen=plate,
         cells=cells,
         travel=targets if test.control == "travel" else (),
         force=targets if test.control == "force" else (),
-        field_grid=test.field_grid,
+        field_grid=test.grid if points is None else _onto(plate, points),
         sensitivities=(),
     )
+
+
+def _onto(plate: NotchedPlate, points: Array) -> tuple[tuple[float, float], ...]:
+    """The points (n, 2) mm, those that rounding took off the quarter of the face on its edge."""
+    y = np.clip(points[:, 1], 0.0, plate.length / 2.0)
+    x = np.clip(points[:, 0], 0.0, plate.half_width(y))
+    return tuple(zip(x.tolist(), y.tolist(), strict=True))
 
 
 def solve(model: TensileModel, rubbers: Rubbers, index: int = 0) -> Response:
@@ -184,10 +197,7 @@ def second_data(test: SecondTest, folder: Path, study: Study) -> SecondData:
 
 
 def _check_places(path: Path, test: SecondTest, points: Array) -> None:
-    """Raise ValueError for points (n, 2) [mm] that are not on the quarter of the plate's front.
-
-    A prediction there would be that of the nearest point on it, on the wrong side of a mirror.
-    """
+    """Raise ValueError for points (n, 2) [mm] that are not on the quarter of the plate's front."""
     plate = test.plate.specimen()
     beyond = points - np.column_stack(
         [plate.half_width(points[:, 1]), np.full(len(points), plate.length / 2.0)]

@@ -6,17 +6,17 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.interpolate import LinearNDInterpolator, NearestNDInterpolator
 
 from calib.inference.field_noise import field_covariance
-from calib.study.block_cells import refinement
+from calib.study.block_cells import Cells, refinement
 from calib.study.mesh_error import left_share
 from calib.study.second_data import Rubbers, SecondData, answer_of, plate_model, solve
 from calib.study.second_test import SecondTest
 from fe.response import Array, Response, Status
+from fe.specimens.tensile import TensileModel
 
 N_REPLICATES = 480
-"""of the measurement, shared evenly among the draws"""
+"""of the measurement, shared evenly among the draws; as many as these where they are more"""
 MAX_FAILED = 0.2
 """share of the draws that may fail to be solved"""
 
@@ -31,6 +31,8 @@ class Predicted:
     """(n, n_step, n_point, 3) mm at the points of the data; None where these have no field"""
     n_failed: int = 0
     """draws that could not be solved, left out"""
+    why_failed: str = ""
+    """what happened to the first of them"""
 
 
 @dataclass(frozen=True)
@@ -55,7 +57,7 @@ def predict(
 
     Raises ValueError when more than `MAX_FAILED` of them cannot be solved.
     """
-    model = plate_model(test, test.mesh.sampling, data.levels)
+    model = _model(test, test.mesh.sampling, data)
     found = []
     for index in range(len(rubbers.constants)):
         found.append(solve(model, rubbers, index))
@@ -63,13 +65,13 @@ def predict(
             progress(index + 1)
     good = [response for response in found if response.status is Status.CONVERGED]
     n_failed = len(found) - len(good)
+    reason = next((r.message for r in found if r.status is not Status.CONVERGED), "")
     if n_failed > MAX_FAILED * len(found):
-        reason = next(r.message for r in found if r.status is not Status.CONVERGED)
         raise ValueError(
             f"draws: {n_failed} of {len(found)} predictions could not be solved ({reason}), "
             f"expected at most {MAX_FAILED:.0%}; ask for less load"
         )
-    return _collected(data, good, model.points(), n_failed)
+    return replace(_collected(data, good), n_failed=n_failed, why_failed=reason)
 
 
 def mesh_difference(test: SecondTest, data: SecondData, rubbers: Rubbers) -> Predicted:
@@ -78,11 +80,10 @@ def mesh_difference(test: SecondTest, data: SecondData, rubbers: Rubbers) -> Pre
     Raises ValueError when the finer mesh cannot be solved.
     """
     coarse = predict(test, data, rubbers)
-    model = plate_model(test, test.mesh.check, data.levels)
-    response = solve(model, rubbers)
+    response = solve(_model(test, test.mesh.check, data), rubbers)
     if response.status is not Status.CONVERGED:
         raise ValueError(f"mesh.check: the finer mesh cannot be solved: {response.message}")
-    fine = _collected(data, [response], model.points(), 0)
+    fine = _collected(data, [response])
     if fine.field is None or coarse.field is None:
         return Predicted(fine.answer - coarse.answer, None)
     return Predicted(fine.answer - coarse.answer, fine.field - coarse.field)
@@ -110,7 +111,7 @@ def replicates(
     SD of `calib.study.mesh_error.left_share`, at second order. Scale of the field and zero err
     alike at all levels.
     """
-    index = np.arange(N_REPLICATES) % len(predicted.answer)
+    index = np.arange(max(N_REPLICATES, len(predicted.answer))) % len(predicted.answer)
     factor = np.linalg.cholesky(data.stiffness_covariance())
     single = rng.standard_normal((index.size, data.levels.size)) @ factor.T
     mean = rng.standard_normal(single.shape) @ factor.T / np.sqrt(data.n_samples)
@@ -138,29 +139,13 @@ def _by_travel(data: SecondData, values: Array) -> Array:
     return np.stack([data.by_travel(each) for each in values])
 
 
-def _collected(data: SecondData, found: list[Response], points: Array, n_failed: int) -> Predicted:
+def _model(test: SecondTest, cells: Cells, data: SecondData) -> TensileModel:
+    """Of the plate at the levels and the points of the data."""
+    return plate_model(test, cells, data.levels, None if data.field is None else data.field.points)
+
+
+def _collected(data: SecondData, found: list[Response]) -> Predicted:
     answer = np.array([answer_of(response, data.control) for response in found])
     if data.field is None:
-        return Predicted(answer, None, n_failed)
-    fields = [at_points(points, each.displacement, data.field.points) for each in found]
-    return Predicted(answer, np.array(fields), n_failed)
-
-
-def at_points(known: Array, values: Array, wanted: Array) -> Array:
-    """(n_step, m, 3) values (n_step, n, 3) at known (n, 2), linearly at wanted (m, 2), all in mm.
-
-    The thesis maps so, too (section 5.6). Beyond the outermost known points, and where these are
-    on one line, the nearest one's.
-    """
-    if known.shape == wanted.shape and np.allclose(known, wanted, atol=1e-9):
-        return values
-    flat = np.moveaxis(values, 1, 0).reshape(len(known), -1)
-    if np.linalg.matrix_rank(known - known[0], tol=1e-9) < 2:  # no triangles among them
-        inside = np.full((len(wanted), flat.shape[1]), np.nan)
-    else:
-        inside = LinearNDInterpolator(known, flat)(wanted)
-    outside = np.isnan(inside).any(axis=1)
-    if outside.any():
-        inside[outside] = NearestNDInterpolator(known, flat)(wanted[outside])
-    found: Array = np.moveaxis(inside.reshape(len(wanted), values.shape[0], 3), 0, 1)
-    return found
+        return Predicted(answer, None)
+    return Predicted(answer, np.array([each.displacement for each in found]))

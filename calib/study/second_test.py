@@ -9,6 +9,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
+from calib.study.block_cells import check_size, shows_error
 from calib.study.sections import (
     LARGEST,
     SMALLEST,
@@ -28,6 +29,8 @@ from calib.toml_file.strict import STRICT
 from fe.specimens.tensile import NotchedPlate
 
 KIND = "file of a second test"
+FIELD_GRID = (12, 18)
+"""numbers of field points of a synthetic test that states none"""
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
@@ -113,7 +116,9 @@ class SecondMesh:
     """three numbers of elements (x, y, z) of the one run that measures the error of the mesh"""
 
     def __post_init__(self) -> None:
-        if not is_finer(self.check, self.sampling):
+        for key in ("sampling", "check"):
+            check_size(key, getattr(self, key))
+        if not shows_error(self.check, self.sampling):
             raise Contradiction("check", self.check, finer_than(self.sampling))
 
 
@@ -165,8 +170,9 @@ class SecondTest:
     """a section [plate]"""
     mesh: SecondMesh = SecondMesh()
     """a section [mesh]"""
-    field_grid: tuple[Count, Count] = (12, 18)
-    """numbers of field points across half the width and along half the length"""
+    field_grid: tuple[Count, Count] | None = None
+    """numbers of field points across half the width and along half the length, 12 and 18 without
+    it; with data.source = "virtual" only"""
     constants: tuple[NamedConstants, ...] = ()
     """any number of sections [[constants]]"""
 
@@ -178,17 +184,27 @@ class SecondTest:
         if is_virtual != bool(self.levels):
             expected = "levels with data.source = 'virtual'; those of a file are in it"
             raise Contradiction("levels", list(self.levels), expected)
+        if self.field_grid is not None and not is_virtual:
+            expected = "none: the model's field is at the points of the data"
+            raise Contradiction("field_grid", list(self.field_grid), expected)
         if any(b <= a for a, b in zip(self.levels, self.levels[1:], strict=False)):
             raise Contradiction("levels", list(self.levels), "increasing numbers")
         if len(self.levels) == 1:
             raise Contradiction("levels", list(self.levels), "two or more")
-        if self.virtual is not None and not is_finer(self.virtual.cells, self.mesh.check):
-            expected = f"a mesh finer than mesh.check {list(self.mesh.check)}"
-            raise Contradiction("virtual.cells", self.virtual.cells, expected)
+        if self.virtual is not None:
+            check_size("virtual.cells", self.virtual.cells)
+            if not is_finer(self.virtual.cells, self.mesh.check):
+                expected = f"a mesh finer than mesh.check {list(self.mesh.check)}"
+                raise Contradiction("virtual.cells", self.virtual.cells, expected)
         names = [given.name for given in self.constants]
         for index, name in enumerate(names):
             if name in names[:index]:
                 raise Contradiction(f"constants.{index}.name", name, "a name of its own")
+
+    @property
+    def grid(self) -> tuple[int, int]:
+        """Numbers of field points of a synthetic test."""
+        return FIELD_GRID if self.field_grid is None else self.field_grid
 
 
 def embedded_tests() -> tuple[str, ...]:

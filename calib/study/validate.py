@@ -46,6 +46,7 @@ def validate(
     (friction, heights, errors) belongs to the first test and is averaged over by the draws.
     """
     draws, study = posterior_draws(out, test)
+    asked_of = sampled(out, study.hypotheses)  # now: another run may be carried out meanwhile
     for index, given in enumerate(test.constants):
         if given.name in study.hypotheses:
             raise ValueError(
@@ -62,7 +63,7 @@ def validate(
         with progress_bar(f"predict {name}", "solve", shown=show_progress) as progress:
             found[name], picture = _against(test, data, name, rubbers, order, progress)
         shown.append(picture)
-    facts = _facts(test, data, found) | {"posterior": sampled(out, study.hypotheses)}
+    facts = _facts(test, data, found) | {"posterior": asked_of}
     facts["of_another_material"] = data.synthetic and not study.synthetic
     target = out / VALIDATIONS / test.name
     write_json(target / "validation.json", facts)
@@ -164,13 +165,16 @@ def answer_noise(data: SecondData) -> float:
 
 
 def field_noise(data: SecondData, field: FieldData, component: int) -> float:
-    """The same of a component of its field, mm, with the field's own noise and scale."""
+    """The same of a component of its field, mm, with the field's noise, scale and patterns."""
     u = field.displacement[..., component]
+    patterns = 0.0
+    if field.patterns is not None:
+        patterns = float(np.mean(np.sum(field.patterns[..., component] ** 2, axis=0)))
     scale = np.mean((field.scale_sd * u) ** 2)
     zero = np.mean((data.travel_zero_sd * data.by_travel(u)) ** 2)
     stiffness = data.stiffness_sd[:, None] * data.softened(u)
     scatter = np.mean(stiffness**2) / data.n_samples
-    return float(np.hypot(field.noise_std[component], np.sqrt(scale + zero + scatter)))
+    return float(np.hypot(field.noise_std[component], np.sqrt(scale + zero + scatter + patterns)))
 
 
 def _facts_of(
@@ -190,6 +194,8 @@ def _facts_of(
         "passed": all(judged[name].passes(requirement) for name in asked),
         "n_draws": len(predicted.answer),
         "n_failed": predicted.n_failed,
+        "why_failed": predicted.why_failed,
+        "not_measured": [name for name in test.judged if name not in judged],
         "mesh_difference": difference.answer[0] / data.answer,
     }
 

@@ -30,9 +30,27 @@ def verdicts(found: Mapping[str, Any]) -> list[str]:
             for q in one["judged"]
         )
         lines.append(f"{word}  {name}: {off}")
+        lines += _left_out(one)
         lines += [line for q in one["judged"] for line in _near(one, q, found["requirement"])]
     if found.get("of_another_material"):
         lines.append(OTHER)
+    return lines
+
+
+def _left_out(prediction: Mapping[str, Any]) -> list[str]:
+    """What the verdict is not of; files of before 0.3 say nothing of it."""
+    lines = []
+    absent = [f"u_{name}" for name in prediction.get("not_measured", [])]
+    if absent:
+        what = ", ".join(absent)
+        lines.append(f"LOOK AT  {what}: not measured, so the verdict is of the answer alone")
+    failed = prediction.get("n_failed", 0)
+    if failed:
+        lines.append(
+            f"LOOK AT  {failed} of {failed + prediction['n_draws']} draws could not be solved "
+            f"({prediction.get('why_failed', '')}) and are left out: the verdict is of the others, "
+            "which need not be a fair sample of the posterior"
+        )
     return lines
 
 

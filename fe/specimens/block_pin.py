@@ -36,7 +36,6 @@ from fe.specimens.block_pin_field import field_motion
 from fe.specimens.block_pin_geometry import BlockPin, Contact, Interface, Symmetry
 from fe.specimens.block_pin_mesh import (
     Discretisation,
-    FieldGrid,
     block_mesh,
     check_field_grid,
     contact_faces,
@@ -52,6 +51,7 @@ from fe.specimens.block_pin_part import (
     modelled_part,
 )
 from fe.specimens.checks import check_bulk_ratio, check_counts, check_kinds, check_travel
+from fe.specimens.field_grid import FieldGrid
 from fe.specimens.ring_mesh import Cells, Rings, check_rings
 from fe.specimens.turned_bar import edge_crosses_elements
 from fe.specimens.under_pin import pressed_of, problem_of

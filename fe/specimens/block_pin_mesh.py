@@ -12,7 +12,6 @@ from fe.contact import Faces
 from fe.discretisation import Pattern, elements, faces, pattern
 from fe.field_motion import FieldProbe, field_probe
 from fe.pin_surface import RigidPin, under_flat
-from fe.positive_numbers import as_numbers
 from fe.specimens.block_lines import (
     Manner,
     along_bar,
@@ -23,7 +22,7 @@ from fe.specimens.block_lines import (
     seen_from_axis,
 )
 from fe.specimens.block_pin_geometry import BlockPin, Contact, Symmetry
-from fe.specimens.checks import check_counts
+from fe.specimens.field_grid import FieldGrid, own_points
 from fe.specimens.ring_mesh import Cells, Rings, ring_mesh
 from fe.specimens.turned_bar import bar_mesh
 from fe.weak_form import Elements
@@ -45,19 +44,11 @@ class Discretisation:
     """what the field points see of nodal values"""
 
 
-FieldGrid = tuple[int, int] | tuple[tuple[float, float], ...]
-"""numbers of field points along x and y of half the front face, or their own x, y in mm"""
-
-
 def check_field_grid(grid: FieldGrid, specimen: BlockPin, symmetry: Symmetry) -> None:
     """Raise ValueError for impossible numbers, and for points beside the modelled part's face."""
-    found = as_numbers(grid)
-    if found is not None and found.ndim == 1:
-        check_counts("field_grid", grid, (1, 1))
+    found = own_points(grid)
+    if found is None:
         return
-    if found is None or found.ndim != 2 or found.shape[1] != 2 or not np.isfinite(found).all():
-        what = repr(grid) if found is None else f"shape {found.shape}"
-        raise ValueError(f"field_grid: expected points (x, y) in mm, or two counts, found {what}")
     half = specimen.width / 2.0
     low = np.array([0.0 if symmetry == "quarter" else -half, 0.0])
     beside = np.any((found < low) | (found > [half, specimen.height]), axis=1)

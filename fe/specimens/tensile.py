@@ -24,6 +24,7 @@ from fe.force_control import check_targets
 from fe.newton import NewtonOptions
 from fe.parameters import check_asked
 from fe.specimens.checks import check_bulk_ratio, check_counts, check_kinds, check_lengths
+from fe.specimens.field_grid import FieldGrid, own_points
 from fe.steps import StepOptions
 
 Array = npt.NDArray[np.float64]
@@ -80,16 +81,17 @@ class TensileModel:
     clamp against the other (mm, increasing) at which the response is asked, or `force` the forces
     (N, increasing); `bulk_ratio` the bulk modulus over mu = 2 kappa for calls with ratios;
     `field_grid` the numbers of field points across half the width and along half the length of the
-    front face.  `sensitivities` names the parameters of the response's gradients
-    (`parameter_names` lists all there are), by default those that it is a function of.  Field
-    points keep their fractions of the width and length; gradients are those of what is seen there.
+    front face, or their own x, y in mm.  `sensitivities` names the parameters of the response's
+    gradients (`parameter_names` lists all there are), by default those that it is a function of.
+    Field points of a number keep their fractions of the width and length, those of their own x, y
+    stay where they are; gradients are those of what is seen there.
     """
 
     specimen: NotchedPlate
     cells: tuple[int, int, int]
     travel: tuple[float, ...] = ()
     bulk_ratio: float = 200.0
-    field_grid: tuple[int, int] = (12, 18)
+    field_grid: FieldGrid = (12, 18)
     steps: StepOptions = field(default_factory=lambda: StepOptions(0.5, 3.0, 0.01))
     newton: NewtonOptions = field(default_factory=lambda: NewtonOptions(1e-8, max_move=1.0))
     force: tuple[float, ...] = ()
@@ -98,17 +100,34 @@ class TensileModel:
     def __post_init__(self) -> None:
         check_kinds(self, specimen=NotchedPlate, steps=StepOptions, newton=NewtonOptions)
         check_counts("cells", self.cells, (1, 2, 1))
-        check_counts("field_grid", self.field_grid, (1, 1))
+        self._check_own_points()
         check_targets(self.travel, self.force)
         check_asked(self.sensitivities)
         check_bulk_ratio(self.bulk_ratio)
 
     def points(self) -> Array:
         """(n_point, 2) reference x, y of the field points on the front face, mm."""
-        nx, ny = self.field_grid
+        given = own_points(self.field_grid)
+        if given is not None:
+            return given
+        nx, ny = (int(n) for n in np.asarray(self.field_grid))
         across, along = np.meshgrid((np.arange(nx) + 0.5) / nx, (np.arange(ny) + 0.5) / ny)
         y = along.ravel() * self.specimen.length / 2.0
         return np.stack([across.ravel() * self.specimen.half_width(y), y], axis=1)
+
+    def _check_own_points(self) -> None:
+        """Raise ValueError for points beside the front face of the eighth."""
+        found = own_points(self.field_grid)
+        if found is None:
+            return
+        x, y = found.T
+        beside = (x < 0.0) | (y < 0.0) | (y > self.specimen.length / 2.0)
+        beside |= x > self.specimen.half_width(y)
+        if beside.any():
+            raise ValueError(
+                f"field_grid: expected points with x from 0 to half the width there and y from 0 "
+                f"to {self.specimen.length / 2.0:g} mm, found {found[beside][0].tolist()}"
+            )
 
     parameter_names = driven_response.parameter_names
     __call__ = driven_response.respond_to_ratios
@@ -132,9 +151,12 @@ class TensileModel:
 
     def shape(self, specimen: NotchedPlate) -> Shape:
         """What moves with the dimensions, at those of `specimen`."""
-        model = replace(self, specimen=specimen)
+        given = own_points(self.field_grid)
+        # a point on the edge may be beside the face of another specimen
+        grid = self.field_grid if given is None else (1, 1)
+        model = replace(self, specimen=specimen, field_grid=grid)
         basis = Basis(model.mesh(), ElementHex2(), intorder=1)
-        return free_shape(basis.doflocs.T, model._on_front())
+        return free_shape(basis.doflocs.T, model._on_front(given))
 
     def discretise(self) -> DrivenSpecimen:
         """Tables of the eighth's mesh, constraints, motion of the clamp and field points."""
@@ -152,9 +174,9 @@ class TensileModel:
             symmetry=SYMMETRY_FACTOR,
         )
 
-    def _on_front(self) -> Array:
-        """(n_point, 3) field points, mm."""
-        points = self.points()
+    def _on_front(self, given: Array | None = None) -> Array:
+        """(n_point, 3) field points, mm, or those that are `given` (n_point, 2)."""
+        points = self.points() if given is None else given
         return np.column_stack([points, np.full(len(points), self.specimen.thickness / 2.0)])
 
     @property
