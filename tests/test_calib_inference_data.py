@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from functools import cache
 from pathlib import Path
 
@@ -177,3 +179,30 @@ def test_hypotheses_with_different_ensembles_are_refused() -> None:
     runs = {str(i): HypothesisSamples(LIKELIHOOD, result) for i, result in enumerate(results)}
     with pytest.raises(ValueError, match="must agree"):
         build_inference_data(runs, thesis_forces(), {}, np.random.default_rng(0))
+
+
+FULL_DISK = """
+import resource, sys
+from pathlib import Path
+import arviz as az, numpy as np, xarray as xr
+from calib.inference.inference_data import save_inference_data
+draws = xr.Dataset({"x": (("chain", "draw"), np.random.default_rng(1).random((2, 50_000)))})
+data = az.InferenceData(attrs={"provenance": "{}"}, posterior=draws)
+resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, resource.getrlimit(resource.RLIMIT_FSIZE)[1]))
+try:
+    save_inference_data(data, Path(sys.argv[1]))
+except OSError as error:
+    print(error, flush=True)
+"""
+
+
+def test_a_full_disk_is_told_and_leaves_the_posterior_before(tmp_path: Path) -> None:
+    """In a process of its own: HDF5 may crash it as it ends, when all has been said."""
+    path = tmp_path / "posterior.nc"
+    path.write_bytes(b"before")
+    said = subprocess.run(
+        [sys.executable, "-c", FULL_DISK, str(path)], capture_output=True, text=True, check=False
+    ).stdout
+    assert said.startswith(f"{path}: cannot be written, expected a disk with room for it")
+    assert path.read_bytes() == b"before"
+    assert [each.name for each in tmp_path.iterdir()] == ["posterior.nc"]

@@ -233,13 +233,19 @@ def _observed(dataset: Dataset) -> xr.Dataset:
 
 
 def save_inference_data(data: az.InferenceData, path: Path) -> None:
-    """Write netCDF atomically: a reader sees the old file or the new one, never half of one."""
+    """Write netCDF atomically: a reader sees the old file or the new one, never half of one.
+
+    Raises OSError naming `path` where it cannot be written. After a full disk HDF5 may crash the
+    process as that ends; the old file is left.
+    """
     with replacing(path) as temporary:
         try:
             data.to_netcdf(str(temporary), engine="h5netcdf")
         except RuntimeError as error:  # of HDF5, as it closes what a full disk did not take
             why = _reason(error).replace(str(temporary), path.name)
-            raise OSError(f"{path}: cannot be written: {why}") from error
+            raise OSError(
+                f"{path}: cannot be written, expected a disk with room for it (HDF5: {why})"
+            ) from error
 
 
 def _reason(error: Exception) -> str:

@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
-from calib.study.block_cells import check_size, shows_error
+from calib.study.block_cells import check_size, finer_than, is_finer, shows_error
 from calib.study.sections import (
     LARGEST,
     SMALLEST,
@@ -21,8 +21,6 @@ from calib.study.sections import (
     NotNegative,
     Positive,
     check_stiffness,
-    finer_than,
-    is_finer,
 )
 from calib.toml_file import Contradiction, FileRefused, read_document, read_file
 from calib.toml_file.strict import STRICT

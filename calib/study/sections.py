@@ -21,7 +21,6 @@ from calib.study.block_cells import (
     as_found,
     check_size,
     finer_than,
-    is_finer,
     shows_error,
 )
 from calib.study.data_sections import (
@@ -46,8 +45,6 @@ __all__ = [
     "ParameterPrior",
     "Population",
     "Prior",
-    "finer_than",
-    "is_finer",
 ]
 
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]*$", max_length=60)]

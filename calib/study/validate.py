@@ -46,7 +46,7 @@ def validate(
     (friction, heights, errors) belongs to the first test and is averaged over by the draws.
     """
     draws, study = posterior_draws(out, test)
-    asked_of = sampled(out, study.hypotheses)  # now: another run may be carried out meanwhile
+    asked_of = sampled(out, study.hypotheses)  # now: without locks a run may end meanwhile
     for index, given in enumerate(test.constants):
         if given.name in study.hypotheses:
             raise ValueError(

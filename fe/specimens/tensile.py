@@ -8,7 +8,7 @@ x = 0, y = 0, z = 0); the camera looks at the front face z = thickness / 2.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
@@ -73,6 +73,57 @@ class NotchedPlate:
         return self.width / 2.0 - np.where(y < self.notch_reach, np.maximum(cut, 0.0), 0.0)
 
 
+def check_field_grid(grid: FieldGrid, plate: NotchedPlate) -> None:
+    """Raise ValueError for impossible numbers, and for points beside the front face's quarter."""
+    found = own_points(grid)
+    if found is None:
+        return
+    x, y = found.T
+    half = plate.length / 2.0
+    beside = (x < 0.0) | (y < 0.0) | (y > half) | (x > plate.half_width(y))
+    if beside.any():
+        raise ValueError(
+            f"field_grid: expected points with x from 0 to half the width there and y from 0 to "
+            f"{half:g} mm, found {found[beside][0].tolist()}"
+        )
+
+
+def front_points(plate: NotchedPlate, grid: FieldGrid) -> Array:
+    """(n_point, 2) reference x, y of the field points on the quarter of the front face, mm.
+
+    `grid` are their numbers across half the width and along half the length, at the centres of
+    equal shares; or it is the points themselves, which stay where they are when the plate changes.
+    """
+    given = own_points(grid)
+    if given is not None:
+        return given
+    nx, ny = (int(n) for n in np.asarray(grid))
+    across, along = np.meshgrid((np.arange(nx) + 0.5) / nx, (np.arange(ny) + 0.5) / ny)
+    y = along.ravel() * plate.length / 2.0
+    return np.stack([across.ravel() * plate.half_width(y), y], axis=1)
+
+
+def _seen_places(plate: NotchedPlate, grid: FieldGrid) -> Array:
+    """(n_point, 3) the field points in space, mm."""
+    points = front_points(plate, grid)
+    return np.column_stack([points, np.full(len(points), plate.thickness / 2.0)])
+
+
+def plate_mesh(plate: NotchedPlate, cells: tuple[int, int, int]) -> MeshHex:
+    """Hexahedra (numbers along x, y, z) of an eighth: half of those along y beside the notch."""
+    nx, ny, nz = cells
+    beside = max(1, round(ny / 2))
+    reach, end = plate.notch_reach, plate.length / 2.0
+    lines = np.concatenate(
+        [np.linspace(0.0, reach, beside + 1), np.linspace(reach, end, ny - beside + 1)[1:]]
+    )
+    depth = np.linspace(0.0, plate.thickness / 2.0, nz + 1)
+    unit = MeshHex.init_tensor(np.linspace(0.0, 1.0, nx + 1), lines, depth)
+    p = unit.p.copy()
+    p[0] *= plate.half_width(p[1])
+    return MeshHex(p, unit.t)
+
+
 @dataclass(frozen=True)
 class TensileModel:
     """Simulation of the plate as a function of (r, s) or of any material; picklable, one thread.
@@ -100,34 +151,14 @@ class TensileModel:
     def __post_init__(self) -> None:
         check_kinds(self, specimen=NotchedPlate, steps=StepOptions, newton=NewtonOptions)
         check_counts("cells", self.cells, (1, 2, 1))
-        self._check_own_points()
+        check_field_grid(self.field_grid, self.specimen)
         check_targets(self.travel, self.force)
         check_asked(self.sensitivities)
         check_bulk_ratio(self.bulk_ratio)
 
     def points(self) -> Array:
         """(n_point, 2) reference x, y of the field points on the front face, mm."""
-        given = own_points(self.field_grid)
-        if given is not None:
-            return given
-        nx, ny = (int(n) for n in np.asarray(self.field_grid))
-        across, along = np.meshgrid((np.arange(nx) + 0.5) / nx, (np.arange(ny) + 0.5) / ny)
-        y = along.ravel() * self.specimen.length / 2.0
-        return np.stack([across.ravel() * self.specimen.half_width(y), y], axis=1)
-
-    def _check_own_points(self) -> None:
-        """Raise ValueError for points beside the front face of the eighth."""
-        found = own_points(self.field_grid)
-        if found is None:
-            return
-        x, y = found.T
-        beside = (x < 0.0) | (y < 0.0) | (y > self.specimen.length / 2.0)
-        beside |= x > self.specimen.half_width(y)
-        if beside.any():
-            raise ValueError(
-                f"field_grid: expected points with x from 0 to half the width there and y from 0 "
-                f"to {self.specimen.length / 2.0:g} mm, found {found[beside][0].tolist()}"
-            )
+        return front_points(self.specimen, self.field_grid)
 
     parameter_names = driven_response.parameter_names
     __call__ = driven_response.respond_to_ratios
@@ -137,26 +168,12 @@ class TensileModel:
 
     def mesh(self) -> MeshHex:
         """Hexahedra of the eighth: half of those along y lie beside the notch."""
-        nx, ny, nz = self.cells
-        beside = max(1, round(ny / 2))
-        reach, end = self.specimen.notch_reach, self.specimen.length / 2.0
-        lines = np.concatenate(
-            [np.linspace(0.0, reach, beside + 1), np.linspace(reach, end, ny - beside + 1)[1:]]
-        )
-        depth = np.linspace(0.0, self.specimen.thickness / 2.0, nz + 1)
-        unit = MeshHex.init_tensor(np.linspace(0.0, 1.0, nx + 1), lines, depth)
-        p = unit.p.copy()
-        p[0] *= self.specimen.half_width(p[1])
-        return MeshHex(p, unit.t)
+        return plate_mesh(self.specimen, self.cells)
 
     def shape(self, specimen: NotchedPlate) -> Shape:
         """What moves with the dimensions, at those of `specimen`."""
-        given = own_points(self.field_grid)
-        # a point on the edge may be beside the face of another specimen
-        grid = self.field_grid if given is None else (1, 1)
-        model = replace(self, specimen=specimen, field_grid=grid)
-        basis = Basis(model.mesh(), ElementHex2(), intorder=1)
-        return free_shape(basis.doflocs.T, model._on_front(given))
+        basis = Basis(plate_mesh(specimen, self.cells), ElementHex2(), intorder=1)
+        return free_shape(basis.doflocs.T, _seen_places(specimen, self.field_grid))
 
     def discretise(self) -> DrivenSpecimen:
         """Tables of the eighth's mesh, constraints, motion of the clamp and field points."""
@@ -170,14 +187,9 @@ class TensileModel:
         return DrivenSpecimen(
             problem=DrivenProblem(table, unknowns(table.nodes, equations(fixed)), motion),
             points=self.points(),
-            probe=field_probe(basis, self._on_front()),
+            probe=field_probe(basis, _seen_places(self.specimen, self.field_grid)),
             symmetry=SYMMETRY_FACTOR,
         )
-
-    def _on_front(self, given: Array | None = None) -> Array:
-        """(n_point, 3) field points, mm, or those that are `given` (n_point, 2)."""
-        points = self.points() if given is None else given
-        return np.column_stack([points, np.full(len(points), self.specimen.thickness / 2.0)])
 
     @property
     def schedule(self) -> Schedule:
