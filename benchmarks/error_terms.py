@@ -33,6 +33,7 @@ CASES: dict[str, tuple[NoiseSettings, dict[str, tuple[float, float]]]] = {
     "factor of the field's noise": (NoiseSettings(), NOISE),
     "discrepancy of the field": (NoiseSettings(), DISCREPANCY),
     "both": (NoiseSettings(), NOISE | DISCREPANCY),
+    "all of these": (NUISANCES, {"force_noise": (0.3, 3.0)} | NOISE | DISCREPANCY),
 }
 
 

@@ -8,10 +8,11 @@ from functools import cached_property
 import numpy as np
 
 from calib.inference.field_noise import FieldCovariance
-from calib.inference.field_scales import FieldScales, FieldSizes, TabledField, tabled
+from calib.inference.field_scales import FieldScales, FieldSizes
 from calib.inference.forward import FieldBasis, Prediction
 from calib.inference.gaussian import LOG_2PI, scaled_gram_and_logdet
 from calib.inference.shared_error import AlongError
+from calib.inference.tabled_field import TabledField, tabled
 from fe.response import Array
 
 

@@ -128,17 +128,19 @@ class FieldCovariance:
         return self.white_of(self.rotated(fields))
 
     def rotated(self, fields: Array) -> Array:
-        """(q, n_point, 3, n_step) fields (q, n_step, n_point, 3) in the blocks' own directions.
+        """(n_point, 3, n_step, q) fields (q, n_step, n_point, 3) in the blocks' own directions.
 
         These depend on the correlations over the points alone, not on sizes.
         """
-        rotated: Array = np.einsum("qipc->qpci", self._rotate(fields, self.vectors.T))
+        q, n_step, n_point, n_component = fields.shape
+        flat = fields.transpose(2, 3, 1, 0).reshape(n_point, n_component * n_step * q)
+        rotated: Array = (self.vectors.T @ flat).reshape(n_point, n_component, n_step, q)
         return rotated
 
     def white_of(self, rotated: Array) -> Array:
         """(q, n_obs) what `rotated` gave, in units of the block noise, uncorrelated."""
-        white: Array = np.einsum("pcij,qpcj->qpci", self._inverse_factors, rotated)
-        return white.reshape(len(rotated), self.step.shape[0] * self.floor_values.size * 3)
+        white: Array = np.matmul(self._inverse_factors, rotated)
+        return white.reshape(self.step.shape[0] * self.floor_values.size * 3, rotated.shape[3]).T
 
     @staticmethod
     def _rotate(fields: Array, matrix: Array) -> Array:

@@ -7,7 +7,8 @@ import numpy as np
 from calib.data.dataset import FieldData
 from calib.inference.discrepancy import discrepancy_patterns, size_of
 from calib.inference.field_noise import FieldCovariance
-from calib.inference.field_scales import FieldScales, Range, rigid_patterns
+from calib.inference.field_scales import FieldScales, rigid_patterns
+from calib.inference.field_table import Range
 from calib.inference.noise import NoiseSettings
 from fe.response import Array
 
