@@ -39,6 +39,7 @@ def propose(
     *,
     force_noise: float = 0.01,
     field_noise: float = 0.01,
+    apart: float = 0.0,
 ) -> Array:
     """(n, d) points for new runs that lower the emulator's variance most where the posterior is.
 
@@ -47,10 +48,13 @@ def propose(
     weights over `field_noise` [mm] squared: what matters against measurement noise. Of a few
     hundred draws each point is the one whose run, derivatives included, takes most of the mean
     variance over draws away. It is then counted as made, so a batch spreads by itself. Draws at
-    which the emulator has a run already are none of them.
+    which the emulator has a run already are none of them, and no two points lie within `apart` of
+    each other, a share of the emulator's bounds in every input: there are fewer where draws do.
     Raises ValueError for a sample of another shape or with draws that are not finite, fewer
     distinct draws than points, n < 1, or a noise that is not above 0.
     """
+    if not 0.0 <= apart < np.inf:
+        raise ValueError(f"apart: expected a finite share of at least 0, found {apart}")
     for name, noise in (("force_noise", force_noise), ("field_noise", field_noise)):
         if not 0.0 < noise < np.inf:
             raise ValueError(f"{name}: expected a finite number above 0, found {noise}")
@@ -68,10 +72,12 @@ def propose(
         weight = _field_weight(emulator, field_noise)
         gains.append(Gain.of(emulator.field.processes, candidates, places, weight))
     chosen: list[int] = []
-    for _ in range(n):
+    free = np.ones(len(candidates), dtype=bool)
+    within = apart * np.ptp(emulator.bounds, axis=1)
+    while len(chosen) < n and free.any():
         score = np.sum([gain.total for gain in gains], axis=0)
-        score[chosen] = -np.inf
-        chosen.append(int(np.argmax(score)))
+        chosen.append(int(np.argmax(np.where(free, score, -np.inf))))
+        free &= (np.abs(candidates - candidates[chosen[-1]]) > within).any(axis=1)
         gains = [gain.given(chosen[-1]) for gain in gains]
     points: Array = candidates[chosen]
     return points

@@ -49,6 +49,14 @@ def test_a_normal_leans_when_its_bound_is_within_two_sds(distance: float, leans:
     assert [(entry.parameter, entry.side) for entry in found] == [("r", "high")] * leans
 
 
+def test_two_narrow_ranges_lean_on_no_bound_that_is_far_in_their_own_sds() -> None:
+    """Five SDs from the bounds each, though a quarter of the SD of both would reach them."""
+    rng = np.random.default_rng(12)
+    draws = _draws()
+    draws[:, 1] = rng.choice([0.1, 0.9], N) + 0.02 * rng.standard_normal(N)
+    assert at_bound(draws, BOUNDS) == ()
+
+
 def test_a_bound_of_kappa_is_given_in_mpa() -> None:
     draws = _draws()
     draws[:, 0] = np.random.default_rng(11).uniform(*BOUNDS[0], N)

@@ -95,6 +95,14 @@ def test_how_well_forces_fit_is_said_by_degrees(p_value: float, word: str) -> No
     assert f"The forces {word} stuck (predictive p = {p_value:.3g})" in verdict
 
 
+def test_a_factor_that_the_fit_makes_is_not_called_one_of_the_prior() -> None:
+    """Both fit well; all but 0.1 of the ln factor of 3.0 is of the best fits."""
+    found = compare([fit("stuck", -3.0, 0.5, -2.9), fit("sliding", 0.0, 0.5, 0.0)])
+    assert "only through the prior" not in found.verdict and "equally well" not in found.verdict
+    assert "prefer sliding to stuck by a Bayes factor of 20.1" in found.verdict
+    assert "18.2 by the best fit, and 1.11 as stuck fits over a smaller share" in found.verdict
+
+
 def test_a_large_bayes_factor_at_equal_fit_is_no_support_by_the_data() -> None:
     equal = compare([fit("stuck", -6.47, 0.11, 8.52), fit("sliding", 0.19, 0.17, 8.69)])
     assert "support" not in equal.verdict

@@ -160,7 +160,11 @@ def test_failing_solves_shrink_the_step_and_never_raise() -> None:
     assert result.status in (MapStatus.BLOCKED, MapStatus.MAX_SOLVES)
     assert result.direct is not None
     assert result.direct.x[1] <= edge
-    assert np.array_equal(result.maximum, result.direct.x)  # nothing is foretold
+    assert np.array_equal(result.maximum, result.direct.x)
+    # What could not be solved counts against the emulator: the maximum beyond is foretold.
+    expected = (free - start.x) / SD
+    assert result.foretold_sd[1] == pytest.approx(expected[1], abs=0.3 * expected[1])
+    assert result.foretold_sd[1] > result.difference_sd[1]
     exact = post.with_forward(DirectWithErrors(direct, post.likelihood.forward))
     assert result.direct.log_prob >= float(exact.log_prob(start.x[None])[0])
 

@@ -25,6 +25,7 @@ from calib.inference.knowledge import (
     Knowledge,
     PartKnowledge,
     constants_of,
+    moved,
     warnings_of,
 )
 from calib.inference.leave_out import Scores
@@ -288,8 +289,10 @@ def part(name: Part, sd: list[float], correlation: float = 0.0) -> PartKnowledge
         name,
         moments,
         np.array(sd) / PRIOR_SD,
+        np.zeros(3),
         spectrum(np.linalg.inv(covariance), PRIOR_SD),
         constants_of(moments, SPACE),
+        np.zeros(4),
     )
 
 
@@ -354,6 +357,40 @@ def test_words_say_what_is_the_prior_and_what_is_known_as_a_sum() -> None:
     assert "r = C01 / (C10 + C01) is the prior: the data leave 97 % of its SD." in text
     assert "No value of r within the prior's bounds is refused" in text
     assert "No value of s" not in text
+
+
+def test_what_the_data_move_is_not_called_the_prior_though_its_sd_stays() -> None:
+    """Two ranges near the ends of a uniform prior are as wide as it is."""
+    rng = np.random.default_rng(4)
+    prior = Moments(rng.random((20_000, 1)), np.full(20_000, 1 / 20_000))
+    nodes = np.array([[0.19], [0.2], [0.21], [0.79], [0.8], [0.81]])
+    ranges = Moments(nodes, np.array([0.25, 0.5, 0.25, 0.25, 0.5, 0.25]) / 2.0)
+    assert ranges.sd / prior.sd == pytest.approx(1.04, abs=0.02)
+    [apart] = moved(prior, ranges)
+    # Of the posterior seven sixteenths lie below 0.21, half of what is there among them.
+    assert apart == pytest.approx(7 / 16 - 0.21, abs=0.01)
+    even = Moments(np.linspace(0.0, 1.0, 12)[:, None], np.full(12, 1 / 12))
+    assert moved(prior, even)[0] < 0.06
+    whole = part("force", [0.02, 0.28, 0.01])
+    other = replace(whole, moved=np.array([0.5, 0.23, 0.5]))
+    text = " ".join(known(other).warnings)
+    assert "r = C01 / (C10 + C01) is moved by the data, not narrowed" in text
+    assert "is the prior" not in text
+    alone = replace(other, contraction=np.array([0.1, 1.0, 0.1]))
+    assert "alone says nothing" not in " ".join(known(alone, other).warnings)
+
+
+def test_words_say_that_a_profile_leaves_separate_ranges() -> None:
+    whole = part("force", [0.02, 0.28, 0.01])
+    values = np.linspace(0.0, 1.0, 41)
+    peaks = np.maximum(-0.5 * ((values - 0.1) / 0.1) ** 2, -0.5 * ((values - 0.9) / 0.1) ** 2)
+    found = Profile(values, peaks)
+    assert np.ravel(found.intervals) == pytest.approx([0.0, 0.296, 0.704, 1.0], abs=0.003)
+    assert found.interval == (0.0, 1.0)
+    flat = Profile(values, np.zeros(41))
+    text = " ".join(warnings_of(SPACE, PRIOR_SD, (whole,), (flat, found, flat)))
+    assert "The data leave separate ranges of r: 0 to 0.296; 0.704 to 1." in text
+    assert "No value of r within" not in text and "No value of s within" in text
 
 
 def test_words_say_which_pair_is_known_only_together_and_what_a_part_is_blind_to() -> None:

@@ -34,6 +34,7 @@ def _provenance(**changes: object) -> dict[str, object]:
         "fe": {name: 1.01 * value for name, value in POINT.items()},
         "difference_sd": dict.fromkeys(CONSTANTS, 0.1),
         "difference_sd_x": [0.1, -0.15, 0.0],
+        "foretold_sd_x": [0.1, -0.15, 0.0],
         "converged": True,
         "n_fe_solves": 3,
         "message": "converged after 3 direct simulations",
@@ -74,7 +75,7 @@ def test_a_maximum_that_is_not_verified_is_told_below_the_tables() -> None:
 
 def _apart() -> Summary:
     [maximum] = (facts["map"] for facts in _provenance()["hypotheses"].values())
-    return _summary(map=maximum | {"difference_sd_x": [0.1, -0.3, 0.0]})
+    return _summary(map=maximum | {"foretold_sd_x": [0.1, -0.3, 0.0]})
 
 
 def _summary(found: Convergence = GOOD, **changes: object) -> Summary:
@@ -127,6 +128,7 @@ def test_a_search_without_a_solve_fails_and_leaves_gaps_not_numbers() -> None:
         "fe": None,
         "difference_sd": None,
         "difference_sd_x": [None, None, None],
+        "foretold_sd_x": [None, None, None],
         "converged": False,
         "n_fe_solves": 12,
         "message": "no direct simulation succeeded in 12",

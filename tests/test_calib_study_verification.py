@@ -85,6 +85,7 @@ def facts(difference: list[float | None], at: list[float]) -> dict[str, object]:
     """A hypothesis' part of map.json: the FE maximum is at x = (ln kappa, *at)."""
     return {
         "difference_sd_x": difference,
+        "foretold_sd_x": difference,
         "fe_x": [-4.0, *at],
         "solved_at": [at, [at[0] + 0.001, at[1]], [at[0] + 0.1, at[1]], [0.4, 0.2]],
         "n_fe_solves": 4,

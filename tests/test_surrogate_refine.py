@@ -53,6 +53,16 @@ def test_proposals_are_draws_of_the_sample_each_once_and_reproducible() -> None:
     assert all((_sample() == point).all(axis=1).any() for point in points)
 
 
+def test_proposals_keep_the_distance_asked_for_and_are_fewer_where_draws_do_not() -> None:
+    near = _sample(spread=0.02)
+    points = propose(_emulator(), near, 5, np.random.default_rng(1), apart=0.01)
+    off = np.abs(points[:, None] - points).max(axis=2)
+    assert len(points) == 5 and (off[~np.eye(5, dtype=bool)] > 0.01).all()
+    assert len(propose(_emulator(), near, 5, np.random.default_rng(1), apart=0.5)) == 1
+    with pytest.raises(ValueError, match="apart: expected a finite share of at least 0, found -1"):
+        propose(_emulator(), near, 2, np.random.default_rng(1), apart=-1.0)
+
+
 @pytest.mark.parametrize("with_slopes", [False, True])
 def test_the_variance_a_run_takes_is_that_between_emulators_without_and_with_it(
     with_slopes: bool,

@@ -62,9 +62,10 @@ def at_bound(
     Where the law's constants have the priors, `constants` (k, 2) are their bounds, MPa, and count
     in place of those of kappa and the ratios, which are none that the prior states.
 
-    The marginal density is taken in strips of a quarter of the posterior SD, counted from the
-    bound: the posterior leans on the bound when the first strip holds more than exp(-2) times
-    what the fullest one holds. A bound further out than all draws has an empty first strip.
+    The marginal density is taken in strips of a quarter of the posterior SD, or of that of the half
+    of the draws next to the bound where a narrow part of a wide posterior is there. They are
+    counted from the bound: the posterior leans on it when the first strip holds more than exp(-2)
+    times what the fullest one holds. A bound further out than all draws has an empty first strip.
     """
     space = space or Space()
     found: list[AtBound] = []
@@ -84,14 +85,20 @@ def at_bound(
 
 def _leans(values: Array, ends: Array) -> Iterator[tuple[int, str, float]]:
     """Ends (2,) by number and name on which values (n,) lean, with the density there."""
-    width = STRIP * float(values.std())
     for i, side, distance in ((0, "low", values - ends[0]), (1, "high", ends[1] - values)):
+        width = STRIP * min(float(values.std()), _own_sd(distance))
         # A posterior without width lies in one strip; it leans if that is the first.
         strips = np.floor(distance / max(width, np.finfo(float).tiny))
         counts = np.unique(strips, return_counts=True)[1]
         ratio = float(np.sum(strips <= 0) / counts.max())
         if ratio > SMALL:
             yield i, side, ratio
+
+
+def _own_sd(distance: Array) -> float:
+    """SD of the half of the draws that is nearest, by the quantiles that hold 68 % of it."""
+    near = np.quantile(distance, (0.08, 0.42))
+    return 0.5 * float(near[1] - near[0])
 
 
 def leaning_sentence(hypothesis: str, found: tuple[AtBound, ...]) -> str:

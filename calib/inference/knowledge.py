@@ -17,10 +17,15 @@ from fe.response import Array
 
 IS_PRIOR = 0.8
 """posterior SD over prior SD above which a parameter is said to be the prior"""
+SAME = 0.15
+"""largest difference of cumulative distributions up to which it is: data that leave two ranges at
+the ends of a prior do not narrow it, and yet are no prior"""
 KNOWN = 0.3
 """the same ratio below which it is said to be known"""
 SUM_ONLY = 3.0
 """how many times better than its terms a sum is known when it is said to be known as a sum only"""
+LEVELS = (0.01, 0.05, 0.16, 0.3, 0.5, 0.7, 0.84, 0.95, 0.99)
+"""of the quantiles of a marginal at which its profile is looked at"""
 N_PRIOR = 20_000
 N_NODES = 30
 MEANING = {
@@ -51,9 +56,13 @@ class PartKnowledge:
     moments: Moments
     contraction: Array
     """(d,) posterior SD over prior SD of each coordinate"""
+    moved: Array
+    """(d,) largest difference of the cumulative distributions of prior and posterior"""
     spectrum: Spectrum
     """of the Fisher information at the mean of the posterior given all data"""
     constants: Constants
+    constants_moved: Array
+    """(n_constant + 1,) as `moved`"""
 
 
 @dataclass(frozen=True)
@@ -114,7 +123,7 @@ def knowledge(
     sampled = posterior if sampled is None else sampled
     space = posterior.prior.space
     drawn = posterior.prior.sample(rng, N_PRIOR)
-    prior_sd = drawn.std(axis=0)
+    prior_sd, before = drawn.std(axis=0), Moments(drawn, np.full(N_PRIOR, 1.0 / N_PRIOR))
     whole = moments_of(sampled)
     centre = whole.mean
     parts = []
@@ -127,14 +136,16 @@ def knowledge(
                 part,
                 moments,
                 moments.sd / prior_sd,
+                moved(before, moments),
                 spectrum(information, prior_sd),
                 constants_of(moments, space),
+                moved(_in_constants(before, space), _in_constants(moments, space)),
             )
         )
     profiles = tuple(
         _profile(posterior, sampled, index, whole, n_profile) for index in range(space.size)
     )
-    prior_constants = constants_of(Moments(drawn, np.full(N_PRIOR, 1.0 / N_PRIOR)), space)
+    prior_constants = constants_of(before, space)
     of_constants = prior_constants.sd if posterior.prior.of else None
     said = warnings_of(space, prior_sd, tuple(parts), profiles, of_constants)
     return Knowledge(
@@ -154,10 +165,17 @@ def _profile(
     posterior: Posterior, sampled: Posterior, index: int, whole: Moments, n_profile: int
 ) -> Profile:
     """Of a coordinate given all data, by what is known further out where it reaches beyond."""
-    found = profile_likelihood(sampled, index, whole.mean, whole.sd, n_profile)
+    likely = _quantiles(whole.x[:, index], whole.weights)
+    found = profile_likelihood(sampled, index, whole.mean, whole.sd, n_profile, likely)
     if sampled is posterior or not any(found.open_ends):
         return found
-    return profile_likelihood(posterior, index, whole.mean, whole.sd, n_profile)
+    return profile_likelihood(posterior, index, whole.mean, whole.sd, n_profile, likely)
+
+
+def _quantiles(values: Array, weights: Array) -> Array:
+    """Where a marginal lies, be it in one piece or in two: quantiles at `LEVELS`."""
+    places, below = _cumulative(values, weights)
+    return np.interp(LEVELS, below, places)
 
 
 def constants_of(moments: Moments, space: Space) -> Constants:
@@ -165,6 +183,37 @@ def constants_of(moments: Moments, space: Space) -> Constants:
     values = space.constants(theta_of(moments.x))
     mean = moments.weights @ values
     return Constants(mean, np.sqrt(moments.weights @ (values - mean) ** 2))
+
+
+def _in_constants(moments: Moments, space: Space) -> Moments:
+    """The same points as the law's constants and mu."""
+    return Moments(space.constants(theta_of(moments.x)), moments.weights)
+
+
+def moved(before: Moments, after: Moments) -> Array:
+    """(d,) largest difference of two cumulative distributions of each column."""
+    columns = zip(before.x.T, after.x.T, strict=True)
+    return np.array([_apart(a, before.weights, b, after.weights) for a, b in columns])
+
+
+def _apart(first: Array, weights: Array, second: Array, others: Array) -> float:
+    """Of one quantity; between points, which may be few, distributions go straight."""
+    at = np.unique(np.concatenate([first, second]))
+    return float(np.max(np.abs(_below(at, first, weights) - _below(at, second, others))))
+
+
+def _below(at: Array, values: Array, weights: Array) -> Array:
+    """Share of weighted values below each place."""
+    places, below = _cumulative(values, weights)
+    found: Array = np.interp(at, places, below, left=0.0, right=1.0)
+    return found
+
+
+def _cumulative(values: Array, weights: Array) -> tuple[Array, Array]:
+    """Places of weighted values, and the share below each, half of that at it."""
+    places, which = np.unique(values, return_inverse=True)
+    own = np.bincount(which, weights / weights.sum())
+    return places, np.cumsum(own) - 0.5 * own
 
 
 def _labels(space: Space) -> tuple[str, ...]:
@@ -187,39 +236,53 @@ def warnings_of(
     meaning = MEANING if "C01" in space.law.constants else MEANING | {"kappa": STIFFNESS}
     said = [_constants_sentence(whole.moments, space)]
     said += [
-        f"{meaning.get(name, name)} is the prior: the data leave {100 * ratio:.0f} % of its SD."
-        for name, ratio in _contractions(whole, space, of_constants)
+        _prior_sentence(meaning.get(name, name), ratio, apart)
+        for name, ratio, apart in _contractions(whole, space, of_constants)
         if ratio > IS_PRIOR
     ]
     said += _combinations(_labels(space), whole)
-    for name, profile in zip(names, profiles, strict=True):
+    for name, label, profile in zip(names, _labels(space), profiles, strict=True):
         ends = profile.open_ends
-        if all(ends):
+        ranges = [f"{low:.3g} to {high:.3g}" for low, high in profile.intervals]
+        if len(ranges) > 1:
+            said.append(f"The data leave separate ranges of {label}: {'; '.join(ranges)}.")
+        if all(ends) and len(ranges) == 1:
             said.append(f"No value of {name} within the prior's bounds is refused by the data.")
+        elif all(ends):
+            said.append(f"The data set no limit to {name} before the prior's bounds.")
         elif any(ends):
             side = "lower" if ends[0] else "upper"
             said.append(f"The data set no limit to {name} before the prior's {side} bound.")
     for entry in parts[:-1]:
         blind = [
             meaning.get(name, name)
-            for name, ratio in _contractions(entry, space, of_constants)
-            if ratio > 0.95
+            for name, ratio, apart in _contractions(entry, space, of_constants)
+            if ratio > 0.95 and apart < SAME
         ]
         if blind:
             said.append(f"The {entry.part} alone says nothing of {'; '.join(blind)}.")
     return tuple(said)
 
 
+def _prior_sentence(name: str, ratio: float, apart: float) -> str:
+    """Of what the data do not narrow, whether they say nothing or move it."""
+    left = f"the data leave {100 * ratio:.0f} % of its SD"
+    if apart < SAME:
+        return f"{name} is the prior: {left}."
+    return f"{name} is moved by the data, not narrowed: {left}."
+
+
 def _contractions(
     part: PartKnowledge, space: Space, of_constants: Array | None
-) -> list[tuple[str, float]]:
-    """Name and posterior SD over prior SD of what the prior is stated of."""
+) -> list[tuple[str, float, float]]:
+    """Of what the prior is stated of: name, posterior SD over prior SD, and how far it moved."""
+    coordinates = zip(space.names, part.contraction.tolist(), part.moved.tolist(), strict=True)
     if of_constants is None:
-        return list(zip(space.names, part.contraction.tolist(), strict=True))
+        return list(coordinates)
     n = len(of_constants) - 1  # the last is mu, which the others make
-    ratios = (part.constants.sd / of_constants)[:n].tolist()
-    found = list(zip(space.law.constants[:n], ratios, strict=True))
-    return found + list(zip(space.names[n:], part.contraction[n:].tolist(), strict=True))
+    ratios, apart = (part.constants.sd / of_constants)[:n], part.constants_moved[:n]
+    found = zip(space.law.constants[:n], ratios.tolist(), apart.tolist(), strict=True)
+    return [*found, *list(coordinates)[n:]]
 
 
 def _constants_sentence(moments: Moments, space: Space) -> str:

@@ -79,6 +79,9 @@ class MapResult:
     foretell where the search converged, at most a gain of 0.01 from it; else that of `direct`"""
     difference_sd: Array
     """(n,) (maximum - emulator) in posterior SDs; NaN without a direct maximum"""
+    foretold_sd: Array
+    """(n,) the same of the maximum foretold at `direct`, within 4 posterior SDs of it, wherever the
+    search ended: one that was stopped at the emulator's maximum does not confirm it by that"""
     sd: Array
     """(n,) posterior SD of x used as the unit"""
     n_solves: int
@@ -138,16 +141,19 @@ def refine_map(
     search = _Search(posterior, direct, sd, max_solves, progress)
     status = search.run(start.x)
     point = None
-    difference = np.full(sd.size, np.nan)
+    difference = foretold = np.full(sd.size, np.nan)
     if search.x is not None and search.maximum is not None:
         gradient = projected_gradient(search.model.log_prob, search.x, posterior.prior.bounds, sd)
         point = MapPoint(search.x, search.value, gradient)
-        difference = (search.maximum - start.x) / sd
+        difference = foretold = (search.maximum - start.x) / sd
+        if status is not MapStatus.CONVERGED:
+            foretold = (search.foretold() - start.x) / sd
     return MapResult(
         emulator=start,
         direct=point,
         maximum=search.maximum,
         difference_sd=difference,
+        foretold_sd=foretold,
         sd=sd,
         n_solves=search.solves,
         status=status,
@@ -228,6 +234,11 @@ class _Search:
                 radius = self._step(candidate, promised, length, radius)
             self.maximum = candidate if status is MapStatus.CONVERGED else self.x
         return status
+
+    def foretold(self) -> Array:
+        """(n,) maximum of the corrected posterior about the best point that was solved."""
+        assert self.x is not None
+        return self._best_within(self.x, LARGEST_RADIUS)[0]
 
     def _first(self, start: Array) -> MapStatus | None:
         """Solve at the start, or failing that ever closer to the middle of the box."""

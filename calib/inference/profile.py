@@ -40,12 +40,26 @@ class Profile:
         return fall
 
     @property
-    def interval(self) -> tuple[float, float]:
+    def intervals(self) -> tuple[tuple[float, float], ...]:
         """Values that a likelihood-ratio test at 5 % does not refuse; ends between grid points."""
         limit = 0.5 * chi2.ppf(LEVEL, 1)
-        kept = np.flatnonzero(self.drop <= limit)
-        low, high = int(kept[0]), int(kept[-1])
-        return self._crossing(low, low - 1, limit), self._crossing(high, high + 1, limit)
+        # Where the prior has nothing, nothing is refused.
+        possible = np.flatnonzero(np.isfinite(self.drop))
+        kept = np.flatnonzero(self.drop[possible] <= limit)
+        runs = np.split(possible[kept], np.flatnonzero(np.diff(kept) > 1) + 1)
+        return tuple(
+            (
+                self._crossing(int(run[0]), int(run[0]) - 1, limit),
+                self._crossing(int(run[-1]), int(run[-1]) + 1, limit),
+            )
+            for run in runs
+        )
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """The first to the last of them, what is refused between included."""
+        found = self.intervals
+        return found[0][0], found[-1][1]
 
     @property
     def open_ends(self) -> tuple[bool, bool]:
@@ -66,9 +80,14 @@ class Profile:
 
 
 def profile_likelihood(
-    posterior: Posterior, index: int, best: Array, sd: Array, n: int = 21
+    posterior: Posterior,
+    index: int,
+    best: Array,
+    sd: Array,
+    n: int = 21,
+    likely: Array | None = None,
 ) -> Profile:
-    """Profile of coordinate `index` on an even grid over the prior's box.
+    """Profile of coordinate `index` on an even grid over the prior's box, and where it is `likely`.
 
     `best` (d,) is where the search starts (a maximum or mean), `sd` (d,) its scale. The grid is
     walked outwards from it in both directions, each value starting from its neighbour's end and
@@ -79,7 +98,7 @@ def profile_likelihood(
     # Finer where the posterior is, which may be narrow in its box.
     near = best[index] + sd[index] * np.linspace(-4.0, 4.0, 17)
     inside = (near > bounds[index, 0]) & (near < bounds[index, 1])
-    values = np.unique(np.concatenate([values, near[inside]]))
+    values = np.unique(np.concatenate([values, near[inside], [] if likely is None else likely]))
     first = int(np.argmin(np.abs(values - best[index])))
     drawn = posterior.prior.sample(np.random.default_rng(0), N_DRAWN)
     found: dict[float, float] = {}

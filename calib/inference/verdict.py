@@ -118,6 +118,14 @@ def _against(leader: HypothesisFit, rival: HypothesisFit) -> str:
             f"The data support {leader.name} over {rival.name} "
             f"by a Bayes factor of {factor} ({told})."
         )
+    of_prior = value - gain
+    if gain > 0.0 and of_prior <= STRONG:
+        return (
+            f"The data prefer {leader.name} to {rival.name} by a Bayes factor of {factor} "
+            f"({told}): {bayes_factor(gain)} by the best fit, and {bayes_factor(of_prior)} as "
+            f"{rival.name} fits over a smaller share of the prior's box, which another box would "
+            "change."
+        )
     fit = "fit {} and {} equally well" if gain >= -STRONG else "fit {1} better than {0}"
     return (
         f"The data {fit.format(leader.name, rival.name)} ({told}); the evidence "

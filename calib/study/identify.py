@@ -82,6 +82,7 @@ def facts(known: Knowledge) -> dict[str, Any]:
                 "value": profile.values,
                 "log_likelihood": profile.log_likelihood,
                 "interval": profile.interval,
+                "intervals": profile.intervals,
                 "open_ends": profile.open_ends,
             }
             for name, profile in zip(known.names, known.profiles, strict=True)

@@ -127,6 +127,7 @@ def describe(result: MapResult, samples: StoredSamples) -> dict[str, object]:
         "fe_x": None if result.direct is None else result.direct.x,
         "maximum_x": result.maximum,
         "difference_sd_x": result.difference_sd,
+        "foretold_sd_x": result.foretold_sd,
         "log_prob_emulator": result.emulator.log_prob,
         "log_prob_fe": None if result.direct is None else result.direct.log_prob,
         "projected_gradient_fe": None if result.direct is None else result.direct.gradient,

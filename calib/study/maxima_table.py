@@ -16,9 +16,13 @@ CONFIRMED_SD = 0.2
 
 
 def largest_difference(found: Mapping[str, Any]) -> float | None:
-    """Of the two maxima over all unknowns, posterior SDs; None without one by direct FE."""
-    known = [abs(value) for value in found["difference_sd_x"] if value is not None]
-    return max(known) if known and len(known) == len(found["difference_sd_x"]) else None
+    """Of the two maxima over all unknowns, posterior SDs; None without one by direct FE.
+
+    Where the search by direct FE was stopped, the maximum is the one that it foretells.
+    """
+    apart = found["foretold_sd_x"]
+    known = [abs(value) for value in apart if value is not None]
+    return max(known) if known and len(known) == len(apart) else None
 
 
 def is_verified(found: Mapping[str, Any]) -> bool:
@@ -71,7 +75,8 @@ def map_table(maps: Mapping[str, Any]) -> Table:
         "included. Where a search converged, the maximum by direct FE is the one that its values "
         "and the slopes used foretell at the best point solved. Direct FE has the mesh of the "
         "emulator's runs, so the difference holds no discretisation error. A search that did not "
-        "converge leaves its best point, not a maximum. "
+        "converge leaves its best point, not a maximum, and confirms the emulator's by what values "
+        "and slopes foretell within 4 SD of that point. "
         + " ".join(f"{name}: {found['message']}." for name, found in maps.items())
         + "".join(confirmation(name, found) for name, found in maps.items())
         + "".join(

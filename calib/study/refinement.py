@@ -47,7 +47,10 @@ class Outlook:
     """by the errors that it states, and those at runs left out"""
 
     def proposals(self, n: int, runs: Array, noise: Noise, rng: np.random.Generator) -> Array:
-        """(n, d) points for new runs, apart from the `runs` (k, d) so far; fewer or none left."""
+        """(n, d) points for new runs, apart from the `runs` (k, d) so far and from each other.
+
+        Fewer or none where draws are not.
+        """
         ratios, extent = self._inputs, np.ptp(self.emulator.bounds, axis=1)
         distance = np.abs(ratios[:, None] - runs) / extent
         ratios = ratios[(distance.max(axis=2) > APART).all(axis=1)]
@@ -55,10 +58,15 @@ class Outlook:
         if not spans_inputs(ratios):
             return np.zeros((0, ratios.shape[1]))
         force_noise = float(np.sqrt(np.mean(noise.force**2)))
-        if noise.field is None:  # the emulated field then does not enter the likelihood
-            return propose(self.emulator, ratios, n, rng, force_noise=force_noise, field_noise=1e6)
         return propose(
-            self.emulator, ratios, n, rng, force_noise=force_noise, field_noise=noise.field
+            self.emulator,
+            ratios,
+            n,
+            rng,
+            force_noise=force_noise,
+            # Where there is none, the emulated field does not enter the likelihood.
+            field_noise=1e6 if noise.field is None else noise.field,
+            apart=APART,
         )
 
     @property
