@@ -99,7 +99,9 @@ def check_targets(travel: tuple[float, ...], force: tuple[float, ...]) -> None:
     for name, values in (("travel", travel), ("force", force)):
         numbers = as_numbers(values)
         if not isinstance(values, tuple) or numbers is None or numbers.ndim != 1:
-            raise ValueError(f"{name}: expected a tuple of numbers, found {values!r}")
+            raise ValueError(
+                f"{name}: expected a tuple of numbers, such as (0.5, 1.0), found {values!r}"
+            )
     if travel and force:
         raise ValueError(
             f"force: expected travels or forces, found travel={travel} and force={force}"

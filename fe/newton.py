@@ -34,7 +34,10 @@ class NewtonOptions:
     """Tolerances of the equilibrium iteration."""
 
     tolerance: float = 1e-5
-    """residual norm relative to the norm of the contact forces"""
+    """residual norm relative to the norm of the contact forces; below 1e-11 rounding may keep it
+    from being met. Where something rubs, what is left open differs from one response to the next:
+    differences of responses need 1e-9, for parameters that they hardly depend on above all. The
+    gradients of a response are no differences and need no less than this"""
     max_iterations: int = 100
     """generous: a snap of a node row past the fillet takes 30-60"""
     memory: int = 5
@@ -178,7 +181,10 @@ def equilibrate(
         here = u, p, assembly
         moved = _descend(potential, along, here, travel, memory, recent, negative, options, whole)
         if isinstance(moved, str):
-            return Equilibrium(u, p, assembly, settled, "" if settled else moved, iteration)
+            share = norm / max(assembly.force_scale, np.finfo(float).tiny)
+            stuck = f"{moved} (residual {share:.1e} of the contact forces, "
+            stuck += f"tolerance {options.tolerance:g})"
+            return Equilibrium(u, p, assembly, settled, "" if settled else stuck, iteration)
         u, p, assembly = moved
     return Equilibrium(
         u, p, assembly, False, "the iteration did not settle", options.max_iterations

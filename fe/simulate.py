@@ -60,6 +60,11 @@ def simulate(
 def _material(
     law: str, theta: Mapping[str, float] | npt.ArrayLike, volumetric: Volumetric
 ) -> Material:
+    if isinstance(law, Material):
+        raise ValueError(
+            f"law: expected a name, such as {law.law.name!r}, whose constants are theta, found a "
+            "whole Material, which specimen.respond(material) takes"
+        )
     if not isinstance(law, str) or law not in LAWS:
         raise ValueError(f"law: expected one of {', '.join(LAWS)}, found {law!r}")
     names = (*LAWS[law].constant_names, "bulk")

@@ -130,6 +130,12 @@ def test_front_face_moves_out_sideways_and_down_under_the_pin():
     assert response.displacement[-1, :, 0].max() > 0.2
 
 
+def test_a_tolerance_below_rounding_is_told_with_what_is_left():
+    response = model("slide", "slide", newton=NewtonOptions(tolerance=1e-14))(np.array([0.3, 0.05]))
+    assert response.status is Status.STOPPED
+    assert "of the contact forces, tolerance 1e-14)" in response.message
+
+
 def test_a_march_that_cannot_go_on_says_how_far_it_got():
     m = model("slide", "slide", newton=NewtonOptions(max_iterations=1))
     response = m(np.array([0.3, 0.05]))

@@ -159,6 +159,11 @@ def test_results_stored_without_labels_are_read_as_those_of_ratios(tmp_path):
     ("law", "theta", "message"),
     [
         ("gent", (1.0, 2.0), "law: expected one of neo-hookean"),
+        (
+            fe.material("yeoh", (1, 0, 0), 9.0),
+            (1, 0, 0, 9.0),
+            "law: expected a name, such as 'yeoh'",
+        ),
         ("yeoh", (1.0, 2.0), r"theta: expected 4 numbers \(C10, C20, C30, bulk\)"),
         ("neo-hookean", {"C10": 1.0, "K": 2.0}, "theta: expected C10, bulk, found C10, K"),
         ("neo-hookean", (1.0, np.inf), "material: expected a finite bulk modulus"),

@@ -85,7 +85,8 @@ class CylinderModel:
     """length over which friction builds up in a step, mm"""
     penalty: PenaltyLaw | None = None
     """of the side that rolls over, stiffness and ramp; by default one that gives way by the same
-    share of the height whatever this is: 500 / mm and 0.2 mm at 30 mm"""
+    share of the height whatever this is: 500 / mm and 0.2 mm at 30 mm. Gradients in the height are
+    of one that stays, as a given one does"""
     steps: StepOptions = field(default_factory=lambda: StepOptions(0.25, 1.0, 0.005))
     newton: NewtonOptions = field(default_factory=lambda: NewtonOptions(1e-8, max_move=1.0))
     force: tuple[float, ...] = ()
