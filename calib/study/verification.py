@@ -136,8 +136,7 @@ def add_round(context: Context, base: str, refinement: Path, trained_at: dict[st
     for name, each in facts.items():
         if len(each["added"]):
             context.echo(
-                f"  {name}: not verified, the maxima lie {each['difference_sd']:.2g} SD apart; "
-                f"{len(each['added'])} of the runs there train the emulator anew "
+                f"  {name}: {len(each['added'])} of the runs there train the emulator anew "
                 f"(round {len(rounds) + 1} of at most {limit})"
             )
     kept = {"base": base, "refinement": hash_of_file(refinement), "rounds": [*rounds, facts]}
