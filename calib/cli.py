@@ -7,11 +7,13 @@ from __future__ import annotations
 
 import argparse
 import os
+import signal
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TypeAlias
 
+from calib.interrupts import interrupts_kept
 from calib.verbs import (
     FAILED,
     ask_verb,
@@ -42,11 +44,19 @@ _ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Carry out one command line (that of the process when None) and return its exit code."""
+    code = _carried_out(argv)
+    if argv is None:  # nothing is left that a Ctrl-C could stop
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+    return code
+
+
+def _carried_out(argv: Sequence[str] | None) -> int:
     arguments = _parser().parse_args(argv)
     for name in _ONE_THREAD:
         os.environ[name] = "1"
     try:
-        code: int = arguments.verb(arguments)
+        with interrupts_kept():
+            code: int = arguments.verb(arguments)
         sys.stdout.flush()
         return code
     except KeyboardInterrupt:
@@ -67,6 +77,8 @@ def _sentence(error: ValueError | OSError) -> str:
     """What was wrong, in one sentence."""
     if not isinstance(error, OSError) or error.strerror is None or error.filename is None:
         return str(error)
+    if isinstance(error, FileExistsError | NotADirectoryError):
+        return f"{error.filename}: found a file, expected a folder or nothing"
     return f"{error.filename}: {error.strerror}; expected a place that can be read and written"
 
 

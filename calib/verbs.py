@@ -149,7 +149,7 @@ def ask_verb(arguments: argparse.Namespace) -> int:
 
 def _say_answer(folder: Path, lines: Sequence[str], paths: Sequence[Path]) -> None:
     """Print what a finished study was asked, and draw its report, where it has one, with it."""
-    for line in lines:
+    for line in [*lines, *_failures(folder)]:
         _say(line)
     written = list(paths)
     if (folder / REPORT).is_file():
@@ -159,6 +159,20 @@ def _say_answer(folder: Path, lines: Sequence[str], paths: Sequence[Path]) -> No
         written += report_again(finished(folder))
     for path in written:
         _say(f"wrote {path}")
+
+
+def _failures(folder: Path) -> list[str]:
+    """What failed in the study that was asked, as its answers are of that posterior."""
+    from calib.study.summary import load_summary
+
+    path = folder / POSTERIOR
+    if not path.is_file():
+        return []
+    return [
+        f"LOOK AT  {summary.hypothesis}, whose posterior this is of: {failure}"
+        for summary in load_summary(path)
+        for failure in summary.failures
+    ]
 
 
 @_asks

@@ -14,6 +14,13 @@ Progress = Callable[[int, int], None]
 """called with (done, total) after each piece of work"""
 
 
+class _Bar(tqdm):  # type: ignore[type-arg]
+    """A bar without a thread that watches it: that thread would be given a Ctrl-C which is blocked
+    while workers start."""
+
+    monitor_interval = 0
+
+
 @contextmanager
 def progress_bar(
     label: str, unit: str, *, shown: bool = True, leave: bool = True
@@ -29,7 +36,7 @@ def progress_bar(
         """Move the bar to `done` of `total` pieces."""
         nonlocal bar
         if bar is None:
-            bar = tqdm(
+            bar = _Bar(
                 total=total,
                 initial=done,
                 desc=label,

@@ -6,9 +6,9 @@ from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
-from scipy.stats import qmc
 
 from surrogate.latin_hypercube import latin_hypercube
+from surrogate.sobol import sobol_points
 
 Array = npt.NDArray[np.float64]
 Sequence = Literal["sobol", "latin"]
@@ -80,10 +80,8 @@ def unit_design(
 def _inside(n: int, d: int, seed: int, sequence: Sequence) -> Array:
     if sequence == "latin":
         return latin_hypercube(n, d, seed)
-    sobol = qmc.Sobol(d, scramble=True, seed=np.random.default_rng(seed))
     # A whole power of two, cut: the same sequence without a warning about its balance.
-    points: Array = sobol.random_base2(int(n - 1).bit_length())[:n]
-    return points
+    return sobol_points(d, int(n - 1).bit_length(), seed)[:n]
 
 
 def _corners(bounds: Array, n_corners: int | None, n: int) -> Array:

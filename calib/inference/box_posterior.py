@@ -10,6 +10,7 @@ import numpy as np
 from scipy.special import expit, log_expit, logit, logsumexp
 from scipy.stats import multivariate_t
 
+from calib.inference.ensemble import ensemble_sampler
 from fe.response import Array
 
 TAIL = 5
@@ -58,8 +59,7 @@ def sample_box(
     if not np.isfinite(start).any():
         raise ValueError("log_likelihood: finite at none of 4000 prior draws, expected some")
     best = np.argsort(-start, kind="stable")[:n_walkers]
-    moves = [(emcee.moves.DEMove(), 0.7), (emcee.moves.StretchMove(), 0.3)]
-    sampler = emcee.EnsembleSampler(n_walkers, low.size, target, moves=moves, vectorize=True)
+    sampler = ensemble_sampler(n_walkers, low.size, target)
     legacy = np.random.RandomState(np.random.MT19937(rng.integers(2**63)))
     state = emcee.State(logit((prior[best] - low) / (high - low)), random_state=legacy.get_state())
     sampler.run_mcmc(state, n_steps, skip_initial_state_check=True)

@@ -59,6 +59,8 @@ def nested(
     # bound of the prior have corners; random walks in more.
     how = {"sample": "unif", "bootstrap": 0, "enlarge": 2.0} if d <= FEW else {"sample": "rwalk"}
     sampler = NestedSampler(value, transform, d, nlive=n_live, rstate=rng, **how)
+    # Not by its wrappers, which print a traceback at a Ctrl-C.
+    sampler.loglikelihood.loglikelihood, sampler.prior_transform = value, transform
     sampler.run_nested(dlogz=dlogz, print_progress=False)
     found = sampler.results
     # Draws of a prior that was cut are of what is inside, see `Prior.within`; those of an uncut one

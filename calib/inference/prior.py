@@ -7,12 +7,12 @@ from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
-from scipy.stats import qmc
 
 from calib.inference.coordinates import Space, Unknown, theta_of
 from calib.inference.laws import DEFAULT_LAW, LawCoordinates
 from calib.inference.marginal import Marginal
 from fe.response import Array
+from surrogate.sobol import sobol_points
 
 __all__ = ["Extra", "Marginal", "Prior", "hull_of"]
 
@@ -177,7 +177,7 @@ class Prior:
 
         By 2^16 points of a Sobol sequence, to some 1e-4.
         """
-        share = np.mean(self._in_box(self._x_of_constants(_sobol(len(self.of)))))
+        share = np.mean(self._in_box(self._x_of_constants(sobol_points(len(self.of), 16, 0))))
         if not share > 1e-3:
             raise ValueError(
                 f"of: expected priors of the constants of which more than 0.1 % lies in the box of "
@@ -262,8 +262,3 @@ def hull_of(constants: tuple[Marginal, ...]) -> tuple[Marginal, ...]:
     # A hair wider, so that rounding throws no corner out.
     wide = [(a - 1e-12 * (b - a), b + 1e-12 * (b - a)) for a, b in box]
     return tuple(Marginal("uniform", a, b) for a, b in wide)
-
-
-def _sobol(d: int) -> Array:
-    points: Array = qmc.Sobol(d, scramble=True, seed=np.random.default_rng(0)).random_base2(16)
-    return points

@@ -14,6 +14,7 @@ from scipy.special import expit, log_expit, logit
 from calib.inference.block_store import BlockStore
 from calib.inference.chain_store import Block, block_of, run_key
 from calib.inference.chain_verdict import BURN_SHARE, ChainVerdict, judge, what_is_missing
+from calib.inference.ensemble import ensemble_sampler
 from calib.inference.posterior import Density, Posterior
 from fe.response import Array
 
@@ -151,7 +152,8 @@ def sample_posterior(
     """
     children = rng.spawn(settings.n_ensembles)
     box = Box(posterior)
-    samplers = [_sampler(box, settings.n_walkers) for _ in children]
+    d = box.posterior.prior.space.size
+    samplers = [ensemble_sampler(settings.n_walkers, d, box.log_prob) for _ in children]
     # position and random state of each ensemble
     states = [_start(box, settings.n_walkers, child) for child in children]
     kept, blocks = None, list[Block]()
@@ -195,17 +197,6 @@ def _judged(blocks: list[Block], settings: SamplerSettings, box: Box) -> ChainVe
 def _joined(blocks: list[Block], name: str) -> Array:
     """(n_ensemble, n_step, ...) of all blocks."""
     return np.concatenate([getattr(block, name) for block in blocks], axis=1)
-
-
-def _sampler(box: Box, n_walkers: int) -> emcee.EnsembleSampler:
-    # Differential evolution crosses narrow ridges (kappa against r, s) faster than the stretch
-    # move, which changes scale along bounds. emcee's snooker move is left out: its acceptance
-    # takes half the power of the distance ratio that detailed balance needs (ter Braak & Vrugt
-    # 2008: d - 1) and biases the spread (docs/inference.md; emcee 3.1.6).
-    moves = [(emcee.moves.DEMove(), 0.7), (emcee.moves.StretchMove(), 0.3)]
-    return emcee.EnsembleSampler(
-        n_walkers, box.posterior.prior.space.size, box.log_prob, moves=moves, vectorize=True
-    )
 
 
 def _start(box: Box, n_walkers: int, child: np.random.Generator) -> emcee.State:
