@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from calib.study.refinement import APART
 from surrogate import Emulator, TrainingSet, predicted_shift, propose, sobol_design
 from surrogate.gp import Array
 
@@ -112,11 +113,11 @@ def _fit(problem: Problem, x: Array) -> Emulator:
 
 
 Place = Callable[[Emulator, Array, Array, np.random.Generator], Array]
-"""(N_ADDED, 2) next runs of an emulator, a posterior sample, the runs so far and a generator"""
+"""(N_ADDED or fewer, 2) next runs of an emulator, a posterior sample, runs so far, a generator"""
 
 
 def _proposed(emulator: Emulator, sample: Array, _: Array, rng: np.random.Generator) -> Array:
-    return propose(emulator, sample, N_ADDED, rng, force_noise=NOISE)
+    return propose(emulator, sample, N_ADDED, rng, force_noise=NOISE, apart=APART)
 
 
 def _next_of_design(_: Emulator, __: Array, x: Array, ___: np.random.Generator) -> Array:
