@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TypeAlias
 
+from calib.disk_full import DiskFullError
 from calib.interrupts import interrupts_kept
 from calib.verbs import (
     FAILED,
@@ -70,6 +71,10 @@ def _carried_out(argv: Sequence[str] | None) -> int:
         if arguments.traceback:
             raise
         print(f"calib: {_sentence(error)}", file=sys.stderr)
+        if isinstance(error, DiskFullError) and argv is None:
+            sys.stdout.flush()
+            sys.stderr.flush()
+            os._exit(WRONG_INPUT)
         return WRONG_INPUT
 
 

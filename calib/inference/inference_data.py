@@ -13,6 +13,7 @@ import numpy as np
 import xarray as xr
 
 from calib.data.dataset import Dataset
+from calib.disk_full import DiskFullError
 from calib.inference.coordinates import Space, theta_of
 from calib.inference.likelihood import Likelihood
 from calib.inference.prediction import expected_forces, predictive_forces
@@ -235,15 +236,15 @@ def _observed(dataset: Dataset) -> xr.Dataset:
 def save_inference_data(data: az.InferenceData, path: Path) -> None:
     """Write netCDF atomically: a reader sees the old file or the new one, never half of one.
 
-    Raises OSError naming `path` where it cannot be written. After a full disk HDF5 may crash the
-    process as that ends; the old file is left.
+    Raises OSError naming `path` where it cannot be written, `DiskFullError` of a full disk; the old file
+    is left.
     """
     with replacing(path) as temporary:
         try:
             data.to_netcdf(str(temporary), engine="h5netcdf")
         except RuntimeError as error:  # of HDF5, as it closes what a full disk did not take
             why = _reason(error).replace(str(temporary), path.name)
-            raise OSError(
+            raise DiskFullError(
                 f"{path}: cannot be written, expected a disk with room for it (HDF5: {why})"
             ) from error
 
