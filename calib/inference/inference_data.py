@@ -236,8 +236,8 @@ def _observed(dataset: Dataset) -> xr.Dataset:
 def save_inference_data(data: az.InferenceData, path: Path) -> None:
     """Write netCDF atomically: a reader sees the old file or the new one, never half of one.
 
-    Raises OSError naming `path` where it cannot be written, `DiskFullError` of a full disk; the old file
-    is left.
+    Raises OSError naming `path` where it cannot be written, `DiskFullError` of a full disk; the old
+    file is left.
     """
     with replacing(path) as temporary:
         try:
