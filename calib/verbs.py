@@ -168,9 +168,13 @@ def _failures(folder: Path) -> list[str]:
     path = folder / POSTERIOR
     if not path.is_file():
         return []
+    try:
+        summaries = load_summary(path)
+    except ValueError as error:
+        return [f"LOOK AT  whether the study's diagnostics held cannot be read: {error}"]
     return [
         f"LOOK AT  {summary.hypothesis}, whose posterior this is of: {failure}"
-        for summary in load_summary(path)
+        for summary in summaries
         for failure in summary.failures
     ]
 

@@ -49,11 +49,13 @@ def test_a_normal_leans_when_its_bound_is_within_two_sds(distance: float, leans:
     assert [(entry.parameter, entry.side) for entry in found] == [("r", "high")] * leans
 
 
-def test_two_narrow_ranges_lean_on_no_bound_that_is_far_in_their_own_sds() -> None:
+@pytest.mark.parametrize("share", [0.2, 0.3, 0.4, 0.5])
+def test_two_narrow_ranges_lean_on_no_bound_that_is_far_in_their_own_sds(share: float) -> None:
     """Five SDs from the bounds each, though a quarter of the SD of both would reach them."""
     rng = np.random.default_rng(12)
     draws = _draws()
-    draws[:, 1] = rng.choice([0.1, 0.9], N) + 0.02 * rng.standard_normal(N)
+    places = rng.choice([0.1, 0.9], N, p=[share, 1.0 - share])
+    draws[:, 1] = places + 0.02 * rng.standard_normal(N)
     assert at_bound(draws, BOUNDS) == ()
 
 

@@ -103,6 +103,11 @@ def test_a_factor_that_the_fit_makes_is_not_called_one_of_the_prior() -> None:
     assert "18.2 by the best fit, and 1.11 as stuck fits over a smaller share" in found.verdict
 
 
+def test_a_factor_that_the_prior_makes_is_said_to_be_its_however_small() -> None:
+    found = compare([fit("stuck", -3.0, 0.5, -0.1), fit("sliding", 0.05, 0.5, 0.0)])
+    assert "equally well" in found.verdict and "only through the prior" in found.verdict
+
+
 def test_a_large_bayes_factor_at_equal_fit_is_no_support_by_the_data() -> None:
     equal = compare([fit("stuck", -6.47, 0.11, 8.52), fit("sliding", 0.19, 0.17, 8.69)])
     assert "support" not in equal.verdict

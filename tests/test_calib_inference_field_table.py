@@ -61,7 +61,7 @@ def test_products_are_met_everywhere_within_the_bounds() -> None:
         n = len(edges)
         (noise, share)[index][10 : 10 + n] = np.exp(edges)
     for found, b, a in zip(known.at(noise, share), noise, share, strict=True):
-        assert off(found, b, a) < 1e-8
+        assert off(found, b, a) < 1e-9
 
 
 @pytest.mark.parametrize("which", ["noise", "share"])
@@ -72,6 +72,11 @@ def test_a_size_that_is_known_is_one(which: str) -> None:
     found = known.at(*((size, one) if which == "noise" else (one, size)))
     for row, value in zip(found, size, strict=True):
         assert off(row, *((value, 0.0) if which == "noise" else (1.0, value))) < 1e-8
+
+
+def test_bounds_that_are_equal_are_one_size() -> None:
+    found = table((0.7, 0.7), SHARE).at(np.array([0.7]), np.array([0.1]))
+    assert off(found[0], 0.7, 0.1) < 1e-8
 
 
 def test_what_is_found_does_not_depend_on_what_was_asked_before() -> None:

@@ -2,8 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
+import pytest
 from test_calib_inference_nuisances import BOUNDS, NOISE, THETA, build
+
+from calib.inference.field_scales import FieldSizes
+from calib.inference.forward import FieldBasis, Prediction
 
 NAMES = ("field_noise", "discrepancy")
 
@@ -30,3 +36,23 @@ def test_a_batch_of_any_length_has_the_densities_of_its_rows() -> None:
     single = np.concatenate([like.log_prob(row[None]) for row in theta[some]])
     np.testing.assert_allclose(together[some], single, rtol=1e-10)
     assert like.log_prob(theta[:0]).shape == (0,)
+
+
+@pytest.mark.parametrize("apart", [1e-3, 1e-6, 1e-10, 0.0])
+def test_modes_that_are_nearly_one_leave_the_density_right(apart: float) -> None:
+    """Held to the direct covariance; the weights of such modes would be large and cancel."""
+    rng = np.random.default_rng(5)
+    like = build(NOISE, {name: BOUNDS[name] for name in NAMES}, 0.0).field
+    assert like is not None and like.basis.modes is not None
+    modes = like.basis.modes[:3].copy()
+    size = np.sqrt(np.mean(modes[0] ** 2))
+    modes[1] = 0.7 * modes[0] + apart * size * rng.standard_normal(modes[0].shape)
+    like = like.with_basis(replace(like.basis, modes=modes))
+    weights = rng.standard_normal((4, 3))
+    sizes = FieldSizes(np.array([0.3, 1.0, 2.0, 3.9]), np.array([0.002, 0.01, 0.1, 0.29]))
+    found = like.along(Prediction(np.ones((4, 5)), None, weights), None, sizes)
+    whole = FieldBasis(like.basis.offset, None, like.basis.truncation)
+    fields = (like.basis.fields(weights) - like.basis.offset).reshape(4, -1)
+    expected = like.with_basis(whole).along(Prediction(np.ones((4, 5)), None, fields), None, sizes)
+    np.testing.assert_allclose(found.value, expected.value, rtol=1e-9)
+    np.testing.assert_allclose(found.slope, expected.slope, rtol=1e-7, atol=1e-6)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import signal
 import sys
 import time
 from pathlib import Path
@@ -33,7 +34,10 @@ class Ends:
         raise self.error
 
 
-def test_an_interrupt_that_is_ignored_comes_again() -> None:
+def test_an_interrupt_that_is_ignored_comes_again(request: pytest.FixtureRequest) -> None:
+    # Processes of pytest-xdist ignore the signal.
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    request.addfinalizer(lambda: signal.signal(signal.SIGINT, before))
     with pytest.raises(KeyboardInterrupt), interrupts_kept():
         Ends(KeyboardInterrupt)
         time.sleep(10.0)

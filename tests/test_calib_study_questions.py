@@ -387,6 +387,11 @@ def test_words_say_that_a_profile_leaves_separate_ranges() -> None:
     found = Profile(values, peaks)
     assert np.ravel(found.intervals) == pytest.approx([0.0, 0.296, 0.704, 1.0], abs=0.003)
     assert found.interval == (0.0, 1.0)
+    # A search that failed at one point, and one that is rough at the limit, leave one range.
+    failed = np.where(np.isclose(values, 0.5), -5.0, -12.5 * (values - 0.5) ** 2)
+    assert len(Profile(values, failed).intervals) == 1
+    rough = np.where(np.arange(41) % 2, -1.93, -1.91) * (values > 0.1)
+    assert len(Profile(values, rough).intervals) == 1
     flat = Profile(values, np.zeros(41))
     text = " ".join(warnings_of(SPACE, PRIOR_SD, (whole,), (flat, found, flat)))
     assert "The data leave separate ranges of r: 0 to 0.296; 0.704 to 1." in text

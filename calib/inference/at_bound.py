@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.stats import norm
 
 from calib.inference.coordinates import Space, theta_of
 from fe.response import Array
@@ -62,10 +63,11 @@ def at_bound(
     Where the law's constants have the priors, `constants` (k, 2) are their bounds, MPa, and count
     in place of those of kappa and the ratios, which are none that the prior states.
 
-    The marginal density is taken in strips of a quarter of the posterior SD, or of that of the half
-    of the draws next to the bound where a narrow part of a wide posterior is there. They are
-    counted from the bound: the posterior leans on it when the first strip holds more than exp(-2)
-    times what the fullest one holds. A bound further out than all draws has an empty first strip.
+    The marginal density is taken in strips of a quarter of the posterior SD, counted from the
+    bound: the posterior leans on the bound when the first strip holds more than exp(-2) times
+    what the fullest one holds, also in strips of the smaller SD of the draws next to the bound: a
+    narrow part of a wide posterior may be there, away from it. A bound further out than all draws
+    has an empty first strip.
     """
     space = space or Space()
     found: list[AtBound] = []
@@ -86,19 +88,27 @@ def at_bound(
 def _leans(values: Array, ends: Array) -> Iterator[tuple[int, str, float]]:
     """Ends (2,) by number and name on which values (n,) lean, with the density there."""
     for i, side, distance in ((0, "low", values - ends[0]), (1, "high", ends[1] - values)):
-        width = STRIP * min(float(values.std()), _own_sd(distance))
-        # A posterior without width lies in one strip; it leans if that is the first.
-        strips = np.floor(distance / max(width, np.finfo(float).tiny))
-        counts = np.unique(strips, return_counts=True)[1]
-        ratio = float(np.sum(strips <= 0) / counts.max())
-        if ratio > SMALL:
+        sd = float(values.std())
+        ratio = _density_at(distance, STRIP * sd)
+        if ratio > SMALL and _density_at(distance, STRIP * min(sd, _own_sd(distance))) > SMALL:
             yield i, side, ratio
 
 
+def _density_at(distance: Array, width: float) -> float:
+    """Density over its maximum in the strip next to the bound, of a width."""
+    # A posterior without width lies in one strip; it leans if that is the first.
+    strips = np.floor(distance / max(width, np.finfo(float).tiny))
+    counts = np.unique(strips, return_counts=True)[1]
+    return float(np.sum(strips <= 0) / counts.max())
+
+
 def _own_sd(distance: Array) -> float:
-    """SD of the half of the draws that is nearest, by the quantiles that hold 68 % of it."""
-    near = np.quantile(distance, (0.08, 0.42))
-    return 0.5 * float(near[1] - near[0])
+    """Least SD of the nearest half, quarter and eighth of the draws, as of parts of a normal."""
+    found = []
+    for share in (0.5, 0.25, 0.125):
+        ends = share * np.array([0.16, 0.84])
+        found.append(np.ptp(np.quantile(distance, ends)) / np.ptp(norm.ppf(ends)))
+    return float(min(found))
 
 
 def leaning_sentence(hypothesis: str, found: tuple[AtBound, ...]) -> str:

@@ -162,7 +162,7 @@ def _compressed(values: Array, counts: tuple[int, int], n_obs: int) -> Tile:
     own = np.sqrt(values[:, :-1].max(axis=0)[rows == columns])
     size = np.append(np.maximum(own[rows] * own[columns], np.finfo(float).tiny), n_obs)
     left, strength, right = np.linalg.svd(values / size, full_matrices=False)
-    kept = strength > 10.0**-DIGITS * strength[0]
+    kept = strength > 10.0**-DIGITS / np.sqrt(values.size) * strength[0]
     grid = left[:, kept].reshape(*counts, -1)
     grid = np.einsum("in,nkv->ikv", _to_coefficients(counts[0]), grid)
     grid = np.einsum("jk,ikv->ijv", _to_coefficients(counts[1]), grid)
@@ -175,7 +175,7 @@ def _edges(bounds: Range | None) -> Array:
     if bounds is None:
         return np.zeros(2)
     low, high = np.log(bounds)
-    return np.linspace(low, high, int(np.ceil((high - low) / WIDEST)) + 1)
+    return np.linspace(low, high, max(int(np.ceil((high - low) / WIDEST)), 1) + 1)
 
 
 def _count(edges: Array) -> int:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from scipy.stats import chi2
@@ -13,6 +14,8 @@ from calib.inference.posterior import Posterior
 from fe.response import Array
 
 LEVEL = 0.95
+CLEARLY = 0.5
+"""ln likelihood below the limit at which values between two ranges are refused"""
 N_DRAWN = 2048
 """draws of the prior among which a start is sought where the neighbour's end is none"""
 NEAR = 4.0
@@ -41,12 +44,21 @@ class Profile:
 
     @property
     def intervals(self) -> tuple[tuple[float, float], ...]:
-        """Values that a likelihood-ratio test at 5 % does not refuse; ends between grid points."""
+        """Values that a likelihood-ratio test at 5 % does not refuse; ends between grid points.
+
+        Two ranges where neighbouring points between are clearly refused: at a single one the search
+        may have failed.
+        """
         limit = 0.5 * chi2.ppf(LEVEL, 1)
         # Where the prior has nothing, nothing is refused.
         possible = np.flatnonzero(np.isfinite(self.drop))
-        kept = np.flatnonzero(self.drop[possible] <= limit)
-        runs = np.split(possible[kept], np.flatnonzero(np.diff(kept) > 1) + 1)
+        drop = self.drop[possible]
+        kept = np.flatnonzero(drop <= limit)
+        apart = [
+            np.count_nonzero(drop[first:last] > limit + CLEARLY) > 1
+            for first, last in pairwise(kept.tolist())
+        ]
+        runs = np.split(possible[kept], np.flatnonzero(apart) + 1)
         return tuple(
             (
                 self._crossing(int(run[0]), int(run[0]) - 1, limit),

@@ -18,6 +18,8 @@ from fe.response import Array
 SAME = 1e-10
 """share of the largest change by a shared error below which a direction of it is left out"""
 
+LEAST = 1e-3
+"""share of a direction of the modes, each of length 1, in the largest below which it is not met"""
 AT_ONCE = 2**19
 """products of all parameter vectors at once: more leave the cache"""
 
@@ -116,10 +118,9 @@ def tabled(
         patterns=covariance.patterns[:0],
     )
     white = blocks.white_of(blocks.rotated(np.concatenate([modes, changes, difference[None]])))
-    within = np.asarray(np.linalg.lstsq(white[:k].T, white[k:].T, rcond=None)[0].T)
-    near, within = within[-1], within[:-1]
+    near, within = _within(white[:k], white[k:])
     left, size, _ = np.linalg.svd(white[k:-1] - within @ white[:k], full_matrices=False)
-    kept = size > SAME * np.linalg.norm(white[k:-1], axis=1).max()
+    kept = size > SAME * np.linalg.norm(white[k:-1], axis=1).max(initial=0.0)
     along = left[:, kept]
     rest = np.tensordot(along.T / size[kept, None], changes - np.tensordot(within, modes, 1), 1)
     fields = np.concatenate([modes, (difference - np.tensordot(near, modes, 1))[None], rest])
@@ -130,3 +131,15 @@ def tabled(
         coordinates.reshape(q, k + 1, len(fields)),
         difference.size,
     )
+
+
+def _within(modes: Array, fields: Array) -> tuple[Array, Array]:
+    """(k,) weights of the modes that come near the last field, and (n, k) of those near the others.
+
+    Of modes that are nearly sums of others by small weights all the same: large ones that cancel
+    would take the products' rounding with them. What is not met then is left to further fields.
+    """
+    own = np.maximum(np.linalg.norm(modes, axis=1), np.finfo(float).tiny)
+    found = np.linalg.lstsq((modes / own[:, None]).T, fields.T, rcond=LEAST)[0] / own[:, None]
+    weights = np.asarray(found.T, dtype=np.float64)
+    return weights[-1], weights[:-1]

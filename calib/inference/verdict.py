@@ -119,7 +119,7 @@ def _against(leader: HypothesisFit, rival: HypothesisFit) -> str:
             f"by a Bayes factor of {factor} ({told})."
         )
     of_prior = value - gain
-    if gain > 0.0 and of_prior <= STRONG:
+    if of_prior <= min(gain, STRONG):
         return (
             f"The data prefer {leader.name} to {rival.name} by a Bayes factor of {factor} "
             f"({told}): {bayes_factor(gain)} by the best fit, and {bayes_factor(of_prior)} as "
