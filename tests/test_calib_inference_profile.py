@@ -7,7 +7,7 @@ from typing import cast
 
 import numpy as np
 import pytest
-from scipy.stats import chi2
+from scipy.stats import chi2, norm
 
 from calib.inference import Marginal, Posterior, Prior
 from calib.inference.likelihood import Likelihood
@@ -88,22 +88,40 @@ def test_slopes_next_to_a_wall_are_those_of_the_side_that_is_possible() -> None:
 class TwoModes:
     """Equally good at two places of (r, s)."""
 
+    modes: tuple[tuple[float, float], ...] = ((0.4, 0.1), (0.5, 0.4))
+    sd: float = 0.03
+
     def log_prob(self, theta: Array) -> Array:
         """(m,) at theta (m, 3)"""
-        modes = [(0.4, 0.1), (0.5, 0.4)]
-        each = [-0.5 * np.sum(((theta[:, 1:] - mode) / 0.03) ** 2, axis=1) for mode in modes]
+        each = [-0.5 * np.sum(((theta[:, 1:] - m) / self.sd) ** 2, axis=1) for m in self.modes]
         return np.logaddexp(*each) - 0.5 * (np.log(theta[:, 0] / 0.02) / 0.05) ** 2
 
 
+THREE = Prior(
+    Marginal("log_uniform", 0.002, 0.2),
+    Marginal("uniform", 0.0, 1.0),
+    Marginal("uniform", 0.0, 0.5),
+)
+
+
 def test_a_profile_has_the_second_mode_too() -> None:
-    prior = Prior(
-        Marginal("log_uniform", 0.002, 0.2),
-        Marginal("uniform", 0.0, 1.0),
-        Marginal("uniform", 0.0, 0.5),
-    )
-    posterior = Posterior(prior, cast("Likelihood", TwoModes()))
+    posterior = Posterior(THREE, cast("Likelihood", TwoModes()))
     best, sd = np.array([np.log(0.02), 0.4, 0.1]), np.array([0.05, 0.03, 0.03])
     low, high = profile_likelihood(posterior, 1, best, sd).interval
     reach = 0.03 * np.sqrt(2.0 * LIMIT)
     # The far end is between values 0.05 apart, on a straight line.
     assert (low, high) == pytest.approx((0.4 - reach, 0.5 + reach), abs=5e-3)
+
+
+def test_a_profile_has_narrow_modes_where_the_posterior_is_told_to_be() -> None:
+    """Between the values of the even grid, and far from the mean."""
+    modes = TwoModes(((0.123, 0.1), (0.871, 0.4)), 0.004)
+    posterior = Posterior(THREE, cast("Likelihood", modes))
+    best, sd = np.array([np.log(0.02), 0.497, 0.25]), np.array([0.05, 0.374, 0.15])
+    away = 0.004 * norm.ppf([0.02, 0.1, 0.32, 0.6, 0.98])
+    likely = np.concatenate([0.123 + away, 0.871 + away])
+    found = profile_likelihood(posterior, 1, best, sd, likely=likely)
+    reach = 0.004 * np.sqrt(2.0 * LIMIT)
+    ends = [0.123 - reach, 0.123 + reach, 0.871 - reach, 0.871 + reach]
+    assert len(found.intervals) == 2
+    assert np.ravel(found.intervals) == pytest.approx(ends, abs=0.002)
