@@ -17,6 +17,7 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 from scipy.linalg import cho_factor, cho_solve
 
 from calib.inference.field_noise import FieldCovariance
@@ -87,11 +88,7 @@ class FieldTable:
         b^2 times the upper triangle of the products, and ln |Sigma| - 2 n_obs ln b.
         """
         found = np.empty((len(noise), self.s * (self.s + 1) // 2 + 1))
-        places = [
-            _tile_of(np.log(size), edges)
-            for size, edges in zip((noise, discrepancy), self._edges, strict=True)
-        ]
-        n = len(self._edges[1]) - 1
+        places, n = self._places(noise, discrepancy), len(self._edges[1]) - 1
         of = places[0][0] * n + places[1][0]
         for tile in np.unique(of):
             rows = np.flatnonzero(of == tile)
@@ -102,6 +99,19 @@ class FieldTable:
             functions, shares = self._tile(int(tile) // n, int(tile) % n)
             found[rows] = (basis @ functions) @ shares
         return found
+
+    def tiles(self, noise: Array, discrepancy: Array) -> npt.NDArray[np.int64]:
+        """(m,) numbers of the tiles that hold the sizes (m,) each."""
+        places = self._places(noise, discrepancy)
+        numbers: npt.NDArray[np.int64] = places[0][0] * (len(self._edges[1]) - 1) + places[1][0]
+        return numbers
+
+    def _places(
+        self, noise: Array, discrepancy: Array
+    ) -> list[tuple[npt.NDArray[np.int64], Array]]:
+        """For either size the tile's number (m,) and the place within (m,)."""
+        pairs = zip((noise, discrepancy), self._edges, strict=True)
+        return [_tile_of(np.log(size), edges) for size, edges in pairs]
 
     def _tile(self, i: int, j: int) -> Tile:
         if (i, j) not in self._tiles:
@@ -193,7 +203,7 @@ def _nodes(edges: Array, tile: int) -> Array:
     return sizes
 
 
-def _tile_of(log_size: Array, edges: Array) -> tuple[Array, Array]:
+def _tile_of(log_size: Array, edges: Array) -> tuple[npt.NDArray[np.int64], Array]:
     """Number of the tile of each logarithm, and its place within, in [-1, 1]."""
     n, width = len(edges) - 1, float(edges[1] - edges[0])
     if width == 0.0:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -91,6 +92,11 @@ class Knowledge:
         return self.parts[-1]
 
 
+def n_pieces(posterior: Posterior) -> int:
+    """Pieces of work of `knowledge`: parts of the data, and profiles."""
+    return len(parts_of(posterior)) + posterior.prior.space.size
+
+
 def moments_of(posterior: Posterior) -> Moments:
     """By quadrature, or by importance sampling where there are many unknowns."""
     quadrature = integrate(posterior, N_NODES)
@@ -114,13 +120,16 @@ def knowledge(
     rng: np.random.Generator,
     n_profile: int = 21,
     sampled: Posterior | None = None,
+    told: Callable[[], None] | None = None,
 ) -> Knowledge:
     """All that is asked of identifiability, for every part of the data.
+
+    `told` is called after each of `n_pieces`.
 
     `sampled`, where there is another one, is the posterior of all data where these alone leave
     it: by a forward model that is better there, but not known where parts of the data reach.
     """
-    sampled = posterior if sampled is None else sampled
+    sampled, tell = posterior if sampled is None else sampled, told or (lambda: None)
     space = posterior.prior.space
     drawn = posterior.prior.sample(rng, N_PRIOR)
     prior_sd, before = drawn.std(axis=0), Moments(drawn, np.full(N_PRIOR, 1.0 / N_PRIOR))
@@ -142,12 +151,14 @@ def knowledge(
                 moved(_in_constants(before, space), _in_constants(moments, space)),
             )
         )
-    profiles = tuple(
-        _profile(posterior, sampled, index, whole, n_profile) for index in range(space.size)
-    )
+        tell()
+    profiles = []
+    for index in range(space.size):
+        profiles.append(_profile(posterior, sampled, index, whole, n_profile))
+        tell()
     prior_constants = constants_of(before, space)
     of_constants = prior_constants.sd if posterior.prior.of else None
-    said = warnings_of(space, prior_sd, tuple(parts), profiles, of_constants)
+    said = warnings_of(space, prior_sd, tuple(parts), tuple(profiles), of_constants)
     return Knowledge(
         _labels(space),
         tuple(unknown.x_unit for unknown in space.unknowns),
@@ -156,7 +167,7 @@ def knowledge(
         space.law.units,
         prior_constants,
         tuple(parts),
-        profiles,
+        tuple(profiles),
         said,
     )
 

@@ -59,16 +59,20 @@ class TabledField:
 
         As `ProjectedField.along`, whose products are constant.
         """
-        parts = []
-        for start in range(0, max(len(weights), 1), self.rows):
-            rows = slice(start, start + self.rows)
+        m, parts = len(weights), []
+        order = np.arange(m)
+        if m > self.rows:  # those of one tile together, so that it is read once
+            order = np.argsort(self.table.tiles(*self._sizes(sizes, m)), kind="stable")
+        for start in range(0, max(m, 1), self.rows):
+            rows = order[start : start + self.rows]
             own = FieldSizes(*(None if size is None else size[rows] for size in sizes))
             seen = None if variance is None else variance[rows]
             parts.append(self._along(weights[rows], seen, own))
+        back = np.argsort(order)
         return AlongError(
-            np.concatenate([part.value for part in parts]),
-            np.concatenate([part.slope for part in parts], axis=-1),
-            np.concatenate([part.curvature for part in parts], axis=-1),
+            np.concatenate([part.value for part in parts])[back],
+            np.concatenate([part.slope for part in parts], axis=-1)[..., back],
+            np.concatenate([part.curvature for part in parts], axis=-1)[..., back],
         )
 
     def _along(self, weights: Array, variance: Array | None, sizes: FieldSizes) -> AlongError:
@@ -92,11 +96,19 @@ class TabledField:
         value = -0.5 * (gram[0, 0] + logdet + self.n_obs * LOG_2PI)
         return AlongError(value, gram[0, 1:], gram[1:, 1:])
 
+    @staticmethod
+    def _sizes(sizes: FieldSizes, m: int) -> tuple[Array, Array]:
+        """Noise and discrepancy (m,), 1 where one is known."""
+        one = np.ones(m)
+        return (
+            one if sizes.noise is None else sizes.noise,
+            one if sizes.discrepancy is None else sizes.discrepancy,
+        )
+
     def _at(self, sizes: FieldSizes, m: int) -> tuple[Array, Array]:
         """Products (m, s, s) and ln |Sigma| (m,) at the sizes."""
-        one = np.ones(m)
-        noise = one if sizes.noise is None else sizes.noise
-        found = self.table.at(noise, one if sizes.discrepancy is None else sizes.discrepancy)
+        noise, discrepancy = self._sizes(sizes, m)
+        found = self.table.at(noise, discrepancy)
         products = found[:, self._places] / (noise**2)[:, None, None]
         return products, found[:, -1] + 2.0 * self.n_obs * np.log(noise)
 

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import itertools
+import sys
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from calib.inference.knowledge import Constants, Knowledge, knowledge
+from calib.inference.knowledge import Constants, Knowledge, knowledge, n_pieces
 from calib.inference.profile import LEVEL
 from calib.study.answers import keep_answer
 from calib.study.artifacts import write_json
@@ -18,7 +20,7 @@ from calib.study.identify_figure import identify_figure
 from calib.study.local_design import kept_box
 from calib.study.posterior_setup import emulator_posterior
 from calib.study.tables import Table, number
-from fe.progress_bar import told_one_by_one
+from fe.progress_bar import progress_bar
 
 FILE = "identify.json"
 FIGURE = "identify.png"
@@ -33,14 +35,19 @@ def identify(out: Path) -> tuple[list[str], list[Path]]:
     """
     context = finished(out)
     by_name = posteriors(context)
-    found = {
-        h.name: knowledge(
-            by_name[h.name],
-            stream(context.study, f"identify {h.name}"),
-            sampled=None if kept_box(out, h) is None else emulator_posterior(context, h),
-        )
-        for h in told_one_by_one("identify", context.study.hypotheses)
-    }
+    total = sum(n_pieces(posterior) for posterior in by_name.values())
+    done = itertools.count(1)
+    with progress_bar("identify", "part", shown=sys.stderr.isatty()) as report:
+        report(0, total)
+        found = {
+            h.name: knowledge(
+                by_name[h.name],
+                stream(context.study, f"identify {h.name}"),
+                sampled=None if kept_box(out, h) is None else emulator_posterior(context, h),
+                told=lambda: report(next(done), total),
+            )
+            for h in context.study.hypotheses
+        }
     write_json(out / FILE, {name: facts(known) for name, known in found.items()})
     save_png(identify_figure(found), out / "figures" / FIGURE)
     told = [table for name, known in found.items() for table in tables(name, known)]
