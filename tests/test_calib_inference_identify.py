@@ -28,7 +28,7 @@ from calib.inference.fisher import (
     observed_information,
     spectrum,
 )
-from calib.inference.knowledge import _percent, knowledge
+from calib.inference.knowledge import _percent, knowledge, n_pieces
 from calib.inference.likelihood import Likelihood
 from calib.inference.nested import nested
 from calib.inference.profile import Profile, profile_likelihood
@@ -289,7 +289,10 @@ def test_a_profile_that_leaves_the_box_of_what_was_sampled_is_the_wide_ones() ->
     moments = integrate(BOTH)
     box = np.array([[moments.mean[1] - 0.5 * moments.sd[1], 1.0], [0.0, 0.5]])
     cut = replace(BOTH, prior=PRIOR.within(box))
-    found = knowledge(BOTH, np.random.default_rng(3), 9, cut).profiles[1]
+    pieces: list[int] = []
+    known = knowledge(BOTH, np.random.default_rng(3), 9, cut, lambda: pieces.append(1))
+    assert len(pieces) == n_pieces(BOTH) == 6  # three parts of the data, three profiles
+    found = known.profiles[1]
     assert found.values[0] == 0.0 and not found.open_ends[0]
 
 
