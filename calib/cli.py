@@ -71,7 +71,7 @@ def _carried_out(argv: Sequence[str] | None) -> int:
         if arguments.traceback:
             raise
         print(f"calib: {_sentence(error)}", file=sys.stderr)
-        if isinstance(error, DiskFullError) and argv is None:
+        if isinstance(error, DiskFullError) and argv is None:  # HDF5 would crash at the end
             sys.stdout.flush()
             sys.stderr.flush()
             os._exit(WRONG_INPUT)
@@ -82,8 +82,10 @@ def _sentence(error: ValueError | OSError) -> str:
     """What was wrong, in one sentence."""
     if not isinstance(error, OSError) or error.strerror is None or error.filename is None:
         return str(error)
-    if isinstance(error, FileExistsError | NotADirectoryError):
+    if isinstance(error, FileExistsError):
         return f"{error.filename}: found a file, expected a folder or nothing"
+    if isinstance(error, NotADirectoryError):
+        return f"{error.filename}: found a file on the way there, expected folders"
     return f"{error.filename}: {error.strerror}; expected a place that can be read and written"
 
 

@@ -21,10 +21,11 @@ def interrupts_kept() -> Iterator[None]:
     former, coming = sys.unraisablehook, list[threading.Timer]()
 
     def again(ignored: sys.UnraisableHookArgs) -> None:
+        """Interrupt the main thread a moment later; leave all else to the hook before."""
         if not issubclass(ignored.exc_type, KeyboardInterrupt):
             former(ignored)
             return
-        # By another thread and a little later: raised here it would be ignored, too.
+        # By another thread: raised here it would be ignored, too.
         coming.append(threading.Timer(LATER, _thread.interrupt_main))
         coming[-1].start()
 

@@ -181,14 +181,18 @@ def equilibrate(
         here = u, p, assembly
         moved = _descend(potential, along, here, travel, memory, recent, negative, options, whole)
         if isinstance(moved, str):
-            share = norm / max(assembly.force_scale, np.finfo(float).tiny)
-            stuck = f"{moved} (residual {share:.1e} of the contact forces, "
-            stuck += f"tolerance {options.tolerance:g})"
-            return Equilibrium(u, p, assembly, settled, "" if settled else stuck, iteration)
+            why = "" if settled else f"{moved} {_left_open(norm, assembly, options)}"
+            return Equilibrium(u, p, assembly, settled, why, iteration)
         u, p, assembly = moved
     return Equilibrium(
         u, p, assembly, False, "the iteration did not settle", options.max_iterations
     )
+
+
+def _left_open(norm: float, assembly: Assembly, options: NewtonOptions) -> str:
+    """What a residual of this norm (N) leaves open, beside what was asked."""
+    share = norm / max(assembly.force_scale, np.finfo(float).tiny)
+    return f"(residual {share:.1e} of the contact forces, tolerance {options.tolerance:g})"
 
 
 def _descend(

@@ -1,4 +1,4 @@
-"""The ensemble sampler that all chains are made with."""
+"""The ensemble sampler of a density of few coordinates, by emcee."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from fe.response import Array
 def ensemble_sampler(
     n_walkers: int, d: int, log_prob: Callable[[Array], Array]
 ) -> emcee.EnsembleSampler:
-    """Of a density of x (m, d), vectorised.
+    """Sampler of `n_walkers` walkers; `log_prob` takes x (m, d) to ln densities (m,).
 
     Differential evolution crosses narrow ridges (kappa against r, s) faster than the stretch move,
     which changes scale along bounds. emcee's snooker move is left out: its acceptance takes half

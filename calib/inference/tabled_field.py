@@ -17,7 +17,6 @@ from fe.response import Array
 
 SAME = 1e-10
 """share of the largest change by a shared error below which a direction of it is left out"""
-
 LEAST = 1e-3
 """share of a direction of the modes, each of length 1, in the largest below which it is not met"""
 AT_ONCE = 2**19
@@ -76,6 +75,7 @@ class TabledField:
         )
 
     def _along(self, weights: Array, variance: Array | None, sizes: FieldSizes) -> AlongError:
+        """Of a few parameter vectors, whose products are held all at once."""
         m, k = weights.shape
         products, logdet = self._at(sizes, m)
         ends = np.zeros((1 + len(self.shared), m, self.table.s))
