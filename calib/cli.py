@@ -13,14 +13,12 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TypeAlias
 
+from calib.asking_verbs import ask_verb, design_next_verb, direct_chain_verb, validate_verb
 from calib.disk_full import DiskFullError
 from calib.interrupts import interrupts_kept
 from calib.verbs import (
     FAILED,
-    ask_verb,
-    design_next_verb,
     dic_verb,
-    direct_chain_verb,
     init_verb,
     laboratory_verb,
     lens_verb,
@@ -28,7 +26,6 @@ from calib.verbs import (
     run_verb,
     studies_verb,
     summary_verb,
-    validate_verb,
 )
 
 __all__ = ["FAILED", "STOPPED", "WRONG_INPUT", "main"]

@@ -15,7 +15,7 @@ import pytest
 from test_calib_inference_identify import posterior
 
 import calib.inference.nested
-from calib import verbs
+from calib import asking_verbs
 from calib.cli import _sentence
 from calib.inference.ensemble import ensemble_sampler
 from calib.inference.nested import nested
@@ -106,9 +106,9 @@ def test_answers_name_what_failed_in_the_posterior_that_they_are_of(
 ) -> None:
     summary = SimpleNamespace(hypothesis="stuck", failures=("r: R-hat is 1.02, above 1.01",))
     monkeypatch.setattr("calib.study.summary.load_summary", lambda path: [summary])
-    verbs._say_answer(tmp_path, ["an answer"], [])
+    asking_verbs._say_answer(tmp_path, ["an answer"], [])
     assert "LOOK AT" not in capsys.readouterr().out  # no posterior, nothing asked of it
     (tmp_path / "posterior.nc").touch()
-    verbs._say_answer(tmp_path, ["an answer"], [])
+    asking_verbs._say_answer(tmp_path, ["an answer"], [])
     told = capsys.readouterr().out
     assert "LOOK AT  stuck, whose posterior this is of: r: R-hat is 1.02, above 1.01" in told

@@ -25,13 +25,13 @@ from calib.inference.knowledge import (
     Knowledge,
     PartKnowledge,
     constants_of,
-    moved,
     warnings_of,
 )
 from calib.inference.leave_out import Scores
 from calib.inference.moments import Moments
 from calib.inference.profile import Profile
 from calib.inference.quadrature import integrate
+from calib.inference.weighted_distribution import furthest_apart
 from calib.study.artifacts import hash_of_file, plain
 from calib.study.config import Study, StudyError, load_study
 from calib.study.evidence import (
@@ -366,11 +366,11 @@ def test_what_the_data_move_is_not_called_the_prior_though_its_sd_stays() -> Non
     nodes = np.array([[0.19], [0.2], [0.21], [0.79], [0.8], [0.81]])
     ranges = Moments(nodes, np.array([0.25, 0.5, 0.25, 0.25, 0.5, 0.25]) / 2.0)
     assert ranges.sd / prior.sd == pytest.approx(1.04, abs=0.02)
-    [apart] = moved(prior, ranges)
+    [apart] = furthest_apart(prior, ranges)
     # Of the posterior seven sixteenths lie below 0.21, half of what is there among them.
     assert apart == pytest.approx(7 / 16 - 0.21, abs=0.01)
     even = Moments(np.linspace(0.0, 1.0, 12)[:, None], np.full(12, 1 / 12))
-    assert moved(prior, even)[0] < 0.06
+    assert furthest_apart(prior, even)[0] < 0.06
     whole = part("force", [0.02, 0.28, 0.01])
     other = replace(whole, moved=np.array([0.5, 0.23, 0.5]))
     text = " ".join(known(other).warnings)

@@ -14,6 +14,7 @@ from calib.inference.moments import Moments
 from calib.inference.posterior import Posterior
 from calib.inference.profile import Profile, profile_likelihood
 from calib.inference.quadrature import integrate
+from calib.inference.weighted_distribution import furthest_apart, quantiles
 from fe.response import Array
 
 IS_PRIOR = 0.8
@@ -145,10 +146,10 @@ def knowledge(
                 part,
                 moments,
                 moments.sd / prior_sd,
-                moved(before, moments),
+                furthest_apart(before, moments),
                 spectrum(information, prior_sd),
                 constants_of(moments, space),
-                moved(_in_constants(before, space), _in_constants(moments, space)),
+                furthest_apart(_in_constants(before, space), _in_constants(moments, space)),
             )
         )
         tell()
@@ -176,17 +177,11 @@ def _profile(
     posterior: Posterior, sampled: Posterior, index: int, whole: Moments, n_profile: int
 ) -> Profile:
     """Of a coordinate given all data, by what is known further out where it reaches beyond."""
-    likely = _quantiles(whole.x[:, index], whole.weights)
+    likely = quantiles(whole.x[:, index], whole.weights, LEVELS)
     found = profile_likelihood(sampled, index, whole.mean, whole.sd, n_profile, likely)
     if sampled is posterior or not any(found.open_ends):
         return found
     return profile_likelihood(posterior, index, whole.mean, whole.sd, n_profile, likely)
-
-
-def _quantiles(values: Array, weights: Array) -> Array:
-    """Where a marginal lies, be it in one piece or in two: quantiles at `LEVELS`."""
-    places, below = _cumulative(values, weights)
-    return np.interp(LEVELS, below, places)
 
 
 def constants_of(moments: Moments, space: Space) -> Constants:
@@ -199,32 +194,6 @@ def constants_of(moments: Moments, space: Space) -> Constants:
 def _in_constants(moments: Moments, space: Space) -> Moments:
     """The same points as the law's constants and mu."""
     return Moments(space.constants(theta_of(moments.x)), moments.weights)
-
-
-def moved(before: Moments, after: Moments) -> Array:
-    """(d,) largest difference of two cumulative distributions of each column."""
-    columns = zip(before.x.T, after.x.T, strict=True)
-    return np.array([_apart(a, before.weights, b, after.weights) for a, b in columns])
-
-
-def _apart(first: Array, weights: Array, second: Array, others: Array) -> float:
-    """Of one quantity; between points, which may be few, distributions go straight."""
-    at = np.unique(np.concatenate([first, second]))
-    return float(np.max(np.abs(_below(at, first, weights) - _below(at, second, others))))
-
-
-def _below(at: Array, values: Array, weights: Array) -> Array:
-    """Share of weighted values below each place."""
-    places, below = _cumulative(values, weights)
-    found: Array = np.interp(at, places, below, left=0.0, right=1.0)
-    return found
-
-
-def _cumulative(values: Array, weights: Array) -> tuple[Array, Array]:
-    """Places of weighted values, and the share below each, half of that at it."""
-    places, which = np.unique(values, return_inverse=True)
-    own = np.bincount(which, weights / weights.sum())
-    return places, np.cumsum(own) - 0.5 * own
 
 
 def _labels(space: Space) -> tuple[str, ...]:
