@@ -18,7 +18,14 @@ DIFFERENCE_STEP = 1e-2
 
 
 def gradient(log_prob: LogProb, x: Array, bounds: Array, sd: Array) -> Array:
-    """(n,) gradient of log_prob at x with respect to x / sd, from one batch of evaluations.
+    """(n,) gradient of log_prob at x with respect to x / sd, as `value_and_gradient`."""
+    return value_and_gradient(log_prob, x, bounds, sd)[1]
+
+
+def value_and_gradient(
+    log_prob: LogProb, x: Array, bounds: Array, sd: Array
+) -> tuple[float, Array]:
+    """log_prob at x and its gradient (n,) with respect to x / sd, from one batch of evaluations.
 
     Five-point (fourth-order) central differences away from the bounds (n, 2); next to a bound
     the five points are shifted inwards, so that the density is never asked outside its box. Where
@@ -37,7 +44,9 @@ def gradient(log_prob: LogProb, x: Array, bounds: Array, sd: Array) -> Array:
     points = np.clip(points, bounds[:, 0], bounds[:, 1])
     values = log_prob(points.reshape(-1, n)).reshape(n, 5)
     slopes = [_slope(place, value) for place, value in zip(places, values, strict=True)]
-    return np.array(slopes) * (sd / step)
+    # The room was counted in whole steps, so that x is one of each axis' five points.
+    here = float(values[0, np.flatnonzero(places[0] == 0.0)[0]])
+    return here, np.array(slopes) * (sd / step)
 
 
 def _slope(places: Array, values: Array) -> float:
@@ -64,12 +73,18 @@ def projected_gradient(log_prob: LogProb, x: Array, bounds: Array, sd: Array) ->
 
 
 def minimise_in_box(
-    log_prob: LogProb, start: Array, box: Array, sd: Array, domain: Array
+    log_prob: LogProb,
+    start: Array,
+    box: Array,
+    sd: Array,
+    domain: Array,
+    level: float = 1e-7,
 ) -> tuple[Array, float]:
     """Maximum of log_prob in a box (n, 2) by L-BFGS-B in units of sd, and its value.
 
-    `domain` (n, 2) contains the box and is where log_prob may be asked for the gradient. Never
-    worse than the start. Where the density is zero a step is shortened by the line search.
+    `domain` (n, 2) contains the box and is where log_prob may be asked for the gradient. Ends where
+    no slope exceeds `level` per SD. Never worse than the start. Where the density is zero a step
+    is shortened by the line search.
     """
     floor = float(log_prob(start[None])[0])
 
@@ -77,23 +92,19 @@ def minimise_in_box(
         inside: Array = np.clip(start + z * sd, box[:, 0], box[:, 1])
         return inside
 
-    def objective(z: Array) -> float:
-        value = float(log_prob(place(z)[None])[0])
-        return floor - value if np.isfinite(value) else 1e10
-
-    def slope(z: Array) -> Array:
-        found = gradient(log_prob, place(z), domain, sd)
-        safe: Array = np.where(np.isfinite(found), -found, 0.0)
-        return safe
+    def objective(z: Array) -> tuple[float, Array]:
+        value, slope = value_and_gradient(log_prob, place(z), domain, sd)
+        depth = floor - value if np.isfinite(value) else 1e10
+        return depth, np.where(np.isfinite(slope), -slope, 0.0)
 
     scaled = (box - start[:, None]) / sd[:, None]
     result = minimize(
         objective,
         np.zeros(start.size),
-        jac=slope,
+        jac=True,
         method="L-BFGS-B",
         bounds=[(float(low), float(high)) for low, high in scaled],
-        options={"maxiter": 200, "ftol": 1e-14, "gtol": 1e-7},
+        options={"maxiter": 200, "ftol": 1e-14, "gtol": level},
     )
     x = place(result.x)
     value = float(log_prob(x[None])[0])

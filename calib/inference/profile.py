@@ -22,6 +22,8 @@ NEAR = 4.0
 """SDs about the neighbour's end within which half of them are brought"""
 N_HALVED = 6
 """times that the distance to the end of the support is halved"""
+SLOPE = 1e-3
+"""of ln likelihood per SD, at which a search ends: some 1e-6 of ln likelihood is left to gain"""
 N_CLOUDS = 40
 CLOUD = 64
 """points of a cloud that looks for what is higher along a wall"""
@@ -193,7 +195,7 @@ def _best_at(posterior: Posterior, index: int, start: Array, sd: Array) -> tuple
 
     if bounds.shape[0] == 1:
         return start, float(height(start[None])[0])
-    found, value = minimise_in_box(height, start, box, sd, bounds)
+    found, value = minimise_in_box(height, start, box, sd, bounds, SLOPE)
     if posterior.prior.of:
         return _along_walls(height, found, box, sd)
     return found, value
