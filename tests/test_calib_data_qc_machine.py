@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from closed_form_laboratory import HOLD, INCREMENT, Truth, force_at, machine_rec
 
 from calib.data.qc.contact import find_contact, force_zero, in_compression
 from calib.data.qc.experiment_file import Machine, Protocol
+from calib.data.qc.hold_frames import clock_doubts, frames_of_holds
 from calib.data.qc.machine_test import NotAsPlanned, at_travel, machine_test
 from calib.data.qc.plateaus import (
     Cycle,
@@ -441,6 +443,44 @@ def test_a_frame_between_two_holds_belongs_to_none():
     holds = [Hold(k, 10.0 * k, 10.0 * k + 6, 0.2 * k) for k in range(1, 5)]
     times = np.array([0.0, 13.0, 23.0, 38.0, 43.0])
     assert synchronise(times, holds, 1.0).hold.tolist() == [-1, 1, 2, -1, 4]
+
+
+@pytest.mark.parametrize("period", [1.0, 2.0, 5.0])
+@pytest.mark.parametrize("clock", [-3.0, 0.0, 1.5, 4.0])
+def test_a_series_shows_each_hold_by_a_frame_that_is_in_it_whatever_the_clock_says(period, clock):
+    holds = [Hold(k, 20.4 * k, 20.4 * k + 20.0, 0.2 * k) for k in range(7)]
+    true = np.concatenate([[-6.0], np.arange(-3.0, 140.0, period)])
+    found = synchronise(true + clock, holds, 5.0)
+    assert abs(found.offset + clock) <= found.half_width
+    chosen = _shown(found, holds)
+    for hold, frame in zip(holds[1:], chosen, strict=True):
+        assert hold.start <= true[frame] <= hold.end
+        # the last that does, as its force has relaxed the most
+        assert true[frame] >= hold.end - 5.0 - clock - period
+    assert not clock_doubts("A", found, [2, 3, 4, 5])
+
+
+def test_a_series_begun_within_a_hold_says_nothing_of_the_hold_before():
+    holds = [Hold(k, 20.4 * k, 20.4 * k + 20.0, 0.2 * k) for k in range(1, 7)]
+    times = np.concatenate([[0.0], np.arange(holds[1].start + 3.0, 142.0, 2.0)])
+    found = synchronise(times, holds, 5.0)
+    assert abs(found.offset) < 0.5
+    assert not np.isin(found.hold, 1).any()
+
+
+def test_holds_that_are_shorter_than_the_clocks_are_unsure_are_doubted_by_number():
+    holds = [Hold(k, 8.0 * k, 8.0 * k + 7.0, 0.2 * k) for k in range(1, 7)]
+    times = np.concatenate([[0.0], np.arange(1.0, 56.0, 1.0)])
+    [doubt] = clock_doubts("A", synchronise(times, holds, 5.0), [3, 4])
+    assert "hold 2, 3, 4, 5 none stays" in doubt and "± 5 s" in doubt
+    assert not clock_doubts("A", synchronise(times, holds, 1.0), [3, 4])
+
+
+def _shown(found, holds):
+    """The frame of each hold but that before the first step."""
+    numbers = np.array([hold.number for hold in holds[1:]])
+    protocol = SimpleNamespace(use=tuple(int(n) for n in numbers[1:-1]))
+    return frames_of_holds(found, numbers, 0.2 * numbers, SimpleNamespace(protocol=protocol))[0]
 
 
 def test_values_at_nominal_travels_are_those_of_the_parabola_through_three_holds():

@@ -9,6 +9,7 @@ from functools import partial
 import numpy as np
 
 from calib.data.qc.experiment_file import Box, Experiment, Mapping, RigidBody, Specimen
+from calib.data.qc.hold_frames import frames_of_holds
 from calib.data.qc.lab_files import SampleFiles, frames_in_time
 from calib.data.qc.lattice import Lattice, lattice_of
 from calib.data.qc.machine_test import MachineTest, NotAsPlanned, at_travel, machine_test
@@ -138,7 +139,7 @@ def _face(
     experiment: Experiment,
 ) -> FaceField:
     """The field of the frames taken in a hold near an increment used, and their neighbours."""
-    chosen, places = _frames_of_holds(together, numbers, travel, experiment)
+    chosen, places = frames_of_holds(together, numbers, travel, experiment)
     picked = [frames[0], *(frames[index] for index in chosen)]
     axes, quality = experiment.axes.matrix, experiment.quality
     keep = partial(inside, experiment.mask)
@@ -238,31 +239,3 @@ def _pin_travel(frame: PointFrame, axes: Array, pin: Box) -> float:
     if not chosen.any():
         raise NotAsPlanned("points on the pin", 0, 1)
     return float(np.median((frame.displacement[chosen] @ axes.T)[:, 1]))
-
-
-def _frames_of_holds(
-    together: Synchronised, numbers: Array, travel: Array, experiment: Experiment
-) -> tuple[list[int], Array]:
-    """Frame and travel of each hold that is needed: those used and one on each side.
-
-    Of several frames in one hold the last counts, as its force has relaxed the most.
-    """
-    later = together.hold[1:]
-    missed = int(np.count_nonzero(later < 0))
-    if missed and later.size == numbers.size and not np.isin(numbers, later).all():
-        limit = experiment.camera.max_clock_offset_s
-        raise NotAsPlanned(
-            "frames in no hold, while a hold has none", missed,
-            f"0 (is the camera's clock within camera.max_clock_offset_s, {limit:g} s?)",
-        )  # fmt: skip
-    use = experiment.protocol.use
-    wanted = range(max(min(use) - 1, 1), max(use) + 2)
-    chosen, places = [], []
-    for number, place_of in zip(numbers, travel, strict=True):
-        taken = np.flatnonzero(together.hold[1:] == number) + 1
-        if number in wanted and taken.size:
-            chosen.append(int(taken[-1]))
-            places.append(float(place_of))
-        elif number in use:
-            raise NotAsPlanned(f"frames in hold {number}", 0, 1)
-    return chosen, np.array(places)
