@@ -7,7 +7,9 @@ import pytest
 
 from calib.data.noise_shape import correlation_at, fall_off
 from calib.data.qc.averaging import MeanField
-from calib.data.qc.mean_noise import mean_noise
+from calib.data.qc.mean_noise import mean_noise, noise_doubts
+from calib.data.qc.noise_floor import noise_floor
+from calib.data.qc.static_noise import StaticNoise
 
 
 def smooth_scatter():
@@ -51,3 +53,16 @@ def test_a_stated_length_counts_only_where_it_reaches_further_than_the_noise_fou
     )
     longer = mean_noise(points, mean, None, None, 1.1 * reach).together
     assert (longer.correlation_length, longer.smoothing) == (1.1 * reach, 0.0)
+
+
+@pytest.mark.parametrize(("quieter", "doubted"), [(1.0, False), (0.3, True)])
+def test_static_frames_that_are_quieter_than_samples_do_not_lower_their_noise(quieter, doubted):
+    points, mean = smooth_scatter()
+    samples = mean_noise(points, mean, None, None).together.std
+    frames = quieter * np.concatenate(list(np.roll(mean.residual, 1, axis=0)))
+    floor = noise_floor(frames, points)
+    found = mean_noise(points, mean, StaticNoise(floor, floor, frames), None)
+    np.testing.assert_allclose(found.together.std, samples, rtol=0.1)
+    said = noise_doubts(found)
+    assert len(said) == doubted
+    assert all("times as much as static frames" in sentence for sentence in said)

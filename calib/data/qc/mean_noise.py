@@ -12,6 +12,10 @@ from calib.data.qc.noise_floor import NoiseFloor, pooled_noise
 from calib.data.qc.static_noise import StaticNoise
 from fe.response import Array
 
+APART = 1.3
+"""times the SD by static frames, above which the samples' scatter is no chance: six frames tell an
+SD to 8 %, fewer samples than three hardly worse"""
+
 
 @dataclass(frozen=True)
 class FieldNoise:
@@ -31,6 +35,8 @@ class FieldNoise:
     """of the data set's points, by static frames and samples"""
     mean_std: Array
     """(3,) SD of the mean's noise, mm"""
+    louder: float | None = None
+    """how many times more samples scatter than static frames, where these say too little"""
 
 
 def mean_noise(
@@ -43,8 +49,10 @@ def mean_noise(
     """Noise of the mean at all places (n, 2) [mm], by the samples' scatter and static frames.
 
     Both measure one thing and count by their numbers of frames: six static frames of one reference
-    tell an SD to 8 %, sixteen samples of five steps to 2 %. Without static frames the larger of the
-    samples' scatter and of what the DIC program states is taken, and the longer of the lengths.
+    tell an SD to 8 %, sixteen samples of five steps to 2 %. Samples that scatter `APART` times as
+    much have noise that static frames do not see, and count alone. Without static frames the larger
+    of the samples' scatter and of what the DIC program states is taken, and the longer of the
+    lengths.
     """
     places = points[mean.kept]
     samples = with_enough(mean.residual)
@@ -54,11 +62,14 @@ def mean_noise(
     taken = mean.residual_std / np.sqrt(np.nanmean(mean.residual**2, axis=(0, 1, 2)))
     series = [one * taken for one in samples]
     repeats = pooled_noise(series, places, roughly=static is not None)
+    louder = None if static is None else _louder(repeats, static.mapped)
+    if louder is not None:
+        repeats = pooled_noise(series, places)
     together, std = repeats, repeats.std
-    if static is not None:
+    if static is not None and louder is None:
         together = pooled_noise([*series, static.fields[:, mean.kept]], places)
         std = together.std
-    else:
+    elif static is None:
         std = std if stated is None else np.maximum(std, stated)
         if stated_length is not None and stated_length > fall_off(
             repeats.correlation_length, repeats.smoothing
@@ -73,4 +84,26 @@ def mean_noise(
         stated_length=stated_length,
         together=together._replace(std=std),
         mean_std=std / np.sqrt(effective),
+        louder=louder,
     )
+
+
+def _louder(samples: NoiseFloor, static: NoiseFloor) -> float | None:
+    """How many times more samples scatter than static frames, of all components; None up to 1.3."""
+    times = float(np.linalg.norm(samples.std) / np.linalg.norm(static.std))
+    return times if times > APART else None
+
+
+def noise_doubts(noise: FieldNoise | None) -> list[str]:
+    """A sentence where static frames and samples contradict one another."""
+    if noise is None or noise.static is None or noise.louder is None:
+        return []
+    static, samples = (
+        1e3 * float(np.sqrt(np.mean(one.std**2))) for one in (noise.static, noise.repeats)
+    )
+    return [
+        f"the samples' fields scatter by {samples:.2g} um beyond their patterns, "
+        f"{noise.louder:.2g} times as much as static frames ({static:.2g} um), which are "
+        f"left out of the noise; "
+        "expected static frames taken as the samples' are (light, exposure, averaging of images)"
+    ]
