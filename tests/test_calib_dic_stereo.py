@@ -299,7 +299,12 @@ def test_the_command_writes_points_that_the_readers_read(folder, capsys):
 
 
 def test_a_pose_found_again_is_that_of_the_calibration_file(folder, capsys):
-    knocked = Calibration(turned(CAMERAS.rig, 0.3), CAMERAS.size, reprojection=(0.1, 0.1))
+    knocked = Calibration(
+        turned(CAMERAS.rig, 0.3),
+        CAMERAS.size,
+        reprojection=(0.1, 0.1),
+        covariance=np.zeros((26, 26)),
+    )
     write_calibration(folder / "knocked.json", knocked)
     text = STUDY.format(right="right").replace("= 12", "= 24").replace("rig.json", "knocked.json")
     text = text.replace("axes =", "refine_pose = true\naxes =")
@@ -310,6 +315,8 @@ def test_a_pose_found_again_is_that_of_the_calibration_file(folder, capsys):
     written = read_calibration(folder / "again-dic" / "calibration.json")
     assert written.rig.angle == pytest.approx(report["stereo_angle_deg"], abs=1e-9)
     assert np.isnan(written.rms)
+    # exact plates say nothing of a pose that was found by matched points
+    assert 1e-4 < report["scale_sd"] < 0.05
     assert {"left", "right"} == set(report["quality"])
     assert report["quality"]["right"]["speckle"] > 2.5
     text = text.replace("knocked.json", "again-dic/calibration.json").replace(
@@ -317,6 +324,8 @@ def test_a_pose_found_again_is_that_of_the_calibration_file(folder, capsys):
     )
     (folder / "third.toml").write_text(text)
     assert main(["dic", str(folder / "third.toml")]) == 0
+    third = json.loads((folder / "third-dic" / "dic.json").read_text())
+    assert third["scale_sd"] == pytest.approx(report["scale_sd"], rel=1e-6)
     capsys.readouterr()
 
 

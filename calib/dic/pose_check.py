@@ -122,23 +122,9 @@ def refine_pose(rig: StereoRig, left: Array, right: Array) -> Refined:
             f"refine_pose: found {np.count_nonzero(good)} matched points, expected "
             f"{LEAST_POINTS} or more"
         )
-    turn, shift = rig.relative
-    length = float(np.linalg.norm(shift))
-    # two directions at right angles to the baseline, along which it turns
-    across = np.linalg.svd(shift[None, :])[2][1:]
-
-    def moved(x: Array) -> StereoRig:
-        """The rig turned by the vector x[:3] [rad], its baseline by x[3:] [rad]."""
-        direction = shift / length + x[3:] @ across
-        right_camera = Camera(
-            rig.right.intrinsics,
-            Rotation.from_rotvec(x[:3]).as_matrix() @ turn,
-            length * direction / np.linalg.norm(direction),
-        )
-        return StereoRig(Camera(rig.left.intrinsics), right_camera)
 
     def distance(x: Array) -> Array:
-        return epipolar_distance(moved(x), left[good], right[good])
+        return epipolar_distance(moved_rig(rig, x), left[good], right[good])
 
     def residual(x: Array) -> Array:
         return np.concatenate([distance(x), NOISE_PX / HELD_RAD * x])
@@ -148,7 +134,7 @@ def refine_pose(rig: StereoRig, left: Array, right: Array) -> Refined:
     fit = least_squares(
         residual, start, loss="soft_l1", f_scale=ROBUST_PX, x_scale="jac", xtol=1e-12, ftol=1e-12
     )
-    found = moved(fit.x)
+    found = moved_rig(rig, fit.x)
     space = triangulate(found, left[good], right[good]).points
     if not np.isfinite(space).all(axis=1).mean() > MOST_BEFORE:
         raise ValueError(
@@ -165,3 +151,20 @@ def refine_pose(rig: StereoRig, left: Array, right: Array) -> Refined:
         ),
     )
     return Refined(in_place, float(np.degrees(np.linalg.norm(fit.x[:3]))), rms)
+
+
+def moved_rig(rig: StereoRig, x: Array) -> StereoRig:
+    """The rig, left camera at the origin, turned by the vector x[:3], its baseline by x[3:] [rad].
+
+    The baseline turns along two directions at right angles to it and keeps its length.
+    """
+    turn, shift = rig.relative
+    length = float(np.linalg.norm(shift))
+    across = np.linalg.svd(shift[None, :])[2][1:]
+    direction = shift / length + x[3:] @ across
+    right_camera = Camera(
+        rig.right.intrinsics,
+        Rotation.from_rotvec(x[:3]).as_matrix() @ turn,
+        length * direction / np.linalg.norm(direction),
+    )
+    return StereoRig(Camera(rig.left.intrinsics), right_camera)

@@ -15,6 +15,8 @@ from calib.dic import GreyImage, Quality, State, grid_points, quality, read_imag
 from calib.dic.calibration import Calibration
 from calib.dic.calibration_files import write_calibration
 from calib.dic.images import check_sizes
+from calib.dic.overlap import correlation_length
+from calib.dic.pose_error import covariance_of_found
 from calib.dic.prepared import BoolArray
 from calib.dic.progress import Progress
 from calib.dic.scale_error import scale_sd
@@ -87,10 +89,11 @@ def run_stereo(study: StereoStudy, folder: Path, out: Path, say: Say, bars: Bars
     calibration = calibration_of(study, folder, out / STORE, say)
     ready = _prepare(study, folder, calibration, say, bars)
     check_files(ready.left, left + right)
-    scale = _scale_sd(ready, calibration)
+    used = _as_used(calibration, ready)
+    scale = _scale_sd(ready, used)
     length = error_length(ready.reference, study.correlation.settings)
     times = study.images.times_s
-    _begin(out, ready, calibration, {path.stem for path in left}, (scale, length), say)
+    _begin(out, ready, used, {path.stem for path in left}, (scale, length), say)
     before, key = Tracked(State(), State()), ready.key
     seen: Seen = ({}, {})
     repeats(seen, (ready.left, read_image(folder / study.stereo.right_reference)))
@@ -139,7 +142,7 @@ def _begin(
     """
     for name in (POINTS, PICTURES, STORE):
         (out / name).mkdir(parents=True, exist_ok=True)
-    write_calibration(out / CALIBRATION, _as_used(calibration, ready, ready.study))
+    write_calibration(out / CALIBRATION, calibration)
     first = Path(ready.study.images.reference).stem
     remove_stale(out, ready.key, {first, *stems}, say)
     rest = reference_frame(ready.reference, first, None, ready.grid, ready.axes)
@@ -182,11 +185,18 @@ def _pair(
     return tracked
 
 
-def _as_used(calibration: Calibration, ready: Prepared, study: StereoStudy) -> Calibration:
+def _as_used(calibration: Calibration, ready: Prepared) -> Calibration:
     """What the points were made with: of a pose found again, how the plates fitted says nothing."""
+    study, placed = ready.study, ready.reference
     if not study.stereo.refine_pose:
         return calibration
-    return Calibration(ready.reference.rig, calibration.size)
+    if calibration.covariance is None:
+        return Calibration(placed.rig, calibration.size)
+    apart = correlation_length(study.correlation.settings) / study.correlation.step_px
+    clump = max(1.0, 2.0 * np.pi * apart**2)  # points whose subsets have one error
+    matched = placed.left, placed.right
+    covariance = covariance_of_found(placed.rig, calibration.covariance, *matched, clump)
+    return Calibration(placed.rig, calibration.size, covariance=covariance)
 
 
 def _prepare(
@@ -260,12 +270,12 @@ def _check_size(image: GreyImage, calibration: Calibration) -> None:
         )
 
 
-def _scale_sd(ready: Prepared, calibration: Calibration) -> float | None:
+def _scale_sd(ready: Prepared, used: Calibration) -> float | None:
     """Relative SD of all lengths; None for a calibration of another program, which states none."""
-    if calibration.covariance is None:
+    if used.covariance is None:
         return None
     placed = ready.reference
-    return scale_sd(placed.rig, calibration.covariance, placed.left, placed.right)
+    return scale_sd(placed.rig, used.covariance, placed.left, placed.right)
 
 
 def _write(out: Path, stem: str, frame: PointFrame, ready: Prepared, again: bool) -> bool:
