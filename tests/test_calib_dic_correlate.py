@@ -222,6 +222,28 @@ def test_lost_points_say_why(pattern, spread):
     assert Reason(away.reason[0]) == Reason.LEFT_IMAGE
 
 
+@pytest.mark.parametrize("threads", [1, 2])
+def test_parts_of_a_region_that_no_neighbour_leads_to_are_found_too(pattern, spread, threads):
+    """A bar, and three patches away from it, each of another place in the order of points."""
+    a, b = image(pattern, spread), image(pattern, spread, X - 6.5, Y + 3.2, seed=1)
+    mask = np.zeros((H, W), dtype=bool)
+    mask[10:45, 10:150] = True
+    for left in (10, 62, 114):
+        mask[74:110, left : left + 36] = True
+    points, _ = grid_points(mask, 6)
+    settings = CorrelationSettings(threads=threads)
+    found = correlate(a, b, points, settings, mask=mask)
+    x, y = points.astype(int).T
+    assert set(found.reason[~mask[y, x]]) == {Reason.OUTSIDE_REGION}
+    assert Reason.NOT_REACHED not in found.reason
+    for left in (10, 62, 114):
+        part = (y >= 74) & (x >= left) & (x < left + 36) & mask[y, x]
+        assert found.valid[part].mean() > 0.9
+        assert found.displacement[part & found.valid] == pytest.approx(
+            np.tile([6.5, -3.2], (np.count_nonzero(part & found.valid), 1)), abs=0.2
+        )
+
+
 def test_a_point_outside_the_mask_is_lost_however_much_of_its_subset_is_inside(pattern, spread):
     a, b = image(pattern, spread), image(pattern, spread, X - 1.5, seed=1)
     mask = rectangle_mask((H, W), (0, 0, 80, H))

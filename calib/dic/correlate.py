@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from calib.dic.interpolation import Array, Spline
+from calib.dic.parts import reach_parts
 from calib.dic.prepared import (
     BoolArray,
     IntArray,
@@ -22,7 +23,7 @@ from calib.dic.prepared import (
 from calib.dic.progress import Progress
 from calib.dic.propagate import propagate, unreached
 from calib.dic.reasons import Reason
-from calib.dic.seeds import find_seeds
+from calib.dic.seeds import find_seeds, in_region
 from calib.dic.settings import CorrelationSettings
 from calib.dic.shape import carried
 from calib.dic.subset import N_PARAMETER
@@ -107,12 +108,14 @@ def correlate_prepared(
     parameters = carried(parameters, pixels - places)
     results = unreached(len(places))
     task = Task(reference, deformed, pixels, parameters, results, settings, progress)
+    results[~in_region(task), 3] = Reason.OUTSIDE_REGION
     report(task)
     if known.any():
         refine(task, np.flatnonzero(known))
     if not known.all() and not (results[:, 3] == Reason.VALID).any():
         find_seeds(task, deformed_image)
     propagate(task)
+    reach_parts(task, deformed_image)
     return _correlation(carried(parameters, places - pixels), results, settings)
 
 

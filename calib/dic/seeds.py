@@ -9,7 +9,7 @@ from scipy import fft
 from skimage.feature import match_template
 
 from calib.dic.interpolation import Array
-from calib.dic.prepared import IntArray, Task, refine
+from calib.dic.prepared import BoolArray, IntArray, Task, refine
 from calib.dic.reasons import Reason
 
 N_SEED = 12
@@ -80,14 +80,19 @@ def _shifts(reference: Array, deformed: Array, point: Array, side: int) -> Itera
     yield template_shift(reference, deformed, point, side)
 
 
+def in_region(task: Task) -> BoolArray:
+    """(n,) whether the pixel of each point is one of the region."""
+    x, y = np.round(task.points).astype(np.int64).T
+    h, w = task.reference.mask.shape
+    on_image = (x >= 0) & (x < w) & (y >= 0) & (y < h)
+    inside: BoolArray = on_image & task.reference.mask[np.clip(y, 0, h - 1), np.clip(x, 0, w - 1)]
+    return inside
+
+
 def find_seeds(task: Task, deformed_image: Array) -> None:
     """Correlate a few points of a task from scratch, in the deformed image (h, w)."""
     reference, points, settings = task.reference, task.points, task.settings
-    x, y = np.round(points).astype(np.int64).T
-    h, w = reference.mask.shape
-    on_image = (x >= 0) & (x < w) & (y >= 0) & (y < h)
-    inside = np.flatnonzero(on_image)
-    inside = inside[reference.mask[y[inside], x[inside]]]
+    inside = np.flatnonzero(in_region(task))
     if inside.size == 0:
         return
     good = 0
