@@ -163,6 +163,12 @@ def test_a_vic3d_sigma_without_a_unit_has_that_of_its_place(put):
     np.testing.assert_allclose(frame.sigma, [[0.01, 0.02, 0.03]])
 
 
+def test_vic3d_displacements_without_a_unit_have_that_of_their_place(put):
+    (frame,) = read_dic(put("X [m],Y [m],Z [m],U,V,W [mm]\n1,2,3,1e-4,2e-4,0.3\n")).frames
+    np.testing.assert_allclose(frame.position, [[1000, 2000, 3000]])
+    np.testing.assert_allclose(frame.displacement, [[0.1, 0.2, 0.3]])
+
+
 def test_vic3d_in_german_with_a_title_is_read(put):
     text = "Stage 1\nX [mm];Y [mm];Z [mm];U [mm];V [mm];W [mm];sigma [pixel]\n"
     text += "1,5;2;3;0,1;0,2;0,3;0,01\n1;2;3;0;0;0;-1\n"

@@ -381,6 +381,31 @@ def test_pairs_after_one_whose_image_changed_are_gone_when_the_run_is_stopped(
     assert [path.stem for path in points.iterdir()] == ["left0"]
 
 
+@pytest.mark.parametrize("all_white", [False, True])
+def test_a_white_background_is_no_fault_of_the_right_image_and_a_white_one_is(
+    folder, tmp_path, capsys, all_white
+):
+    shutil.copytree(folder, tmp_path, dirs_exist_ok=True)
+    x, y = np.meshgrid(np.arange(90.0, 211, 10), np.arange(45.0, 106, 10))
+    points = np.column_stack([x.ravel(), y.ravel()])
+    rest = still(0)
+    there = place_reference(CAMERAS.rig, rest.left, rest.right, points, STEREO).right
+    (left, top), (right, bottom) = np.nanmin(there, axis=0) - 20, np.nanmax(there, axis=0) + 20
+    row, column = np.mgrid[:150, :300]
+    around = (column < left) | (column > right) | (row < top) | (row > bottom)
+    assert around.mean() > 0.55
+    for number in (0, 1):
+        path = tmp_path / f"right{number}.tif"
+        shown = np.asarray(io.imread(path))
+        covered = shown > np.quantile(shown, 0.35) if all_white else around
+        io.imsave(path, np.where(covered, 4095, shown).astype(np.uint16), check_contrast=False)
+    text = STUDY.format(right="right").replace("[60, 30, 240, 120]", "[90, 45, 210, 105]")
+    (tmp_path / "s.toml").write_text(text)
+    assert main(["dic", str(tmp_path / "s.toml")]) == (2 if all_white else 0)
+    refused = "right0.tif: expected an exposed image, found more than 50% of the image saturated"
+    assert (refused in capsys.readouterr().err) == all_white
+
+
 def _stage(folder, name, text):
     (folder / f"{name}.toml").write_text(text)
     return main(["dic", str(folder / f"{name}.toml")])

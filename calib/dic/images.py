@@ -28,6 +28,8 @@ STARTS = (*TIFF_STARTS, b"\x89PNG", b"BM")
 JPEG_START = b"\xff\xd8\xff"
 LOSSY = {"jpeg": "a JPEG", "tiff_jpeg": "a JPEG", "webp": "a WebP"}
 """what a TIFF file may hold, by the compression that Pillow names"""
+ZERO_IS_WHITE = 0
+"""photometric interpretation of a TIFF file, as of ImageJ's inverting tables"""
 
 
 @dataclass(frozen=True)
@@ -58,7 +60,7 @@ def read_image(path: Path | str) -> GreyImage:
         raise _with_losses(path, "a JPEG")
     values = _values(path, start)
     if start.startswith(TIFF_STARTS):
-        _check_tiff(path, values)
+        values = _levels_of_tiff(path, values)
     if values.dtype == np.bool_ or values.dtype.kind not in "u" or values.dtype.itemsize > 2:
         raise ValueError(f"{path}: expected 8 to 16 bit grey levels, found {values.dtype}")
     is_byte = values.dtype.itemsize == 1
@@ -84,8 +86,11 @@ def _with_losses(path: Path, found: str) -> ValueError:
     )
 
 
-def _check_tiff(path: Path, values: np.ndarray) -> None:
-    """Refuse TIFF files whose numbers are not the grey levels or colours of one picture."""
+def _levels_of_tiff(path: Path, values: np.ndarray) -> np.ndarray:
+    """The values of a TIFF file, turned over where its tag says that 0 is white.
+
+    Refuses files whose numbers are not the grey levels or colours of one picture.
+    """
     try:
         with _quietly(), imageio.v3.imopen(path, "r", plugin="pillow") as file:
             every = cast("int", ...)  # as imageio documents and its types do not say
@@ -93,7 +98,7 @@ def _check_tiff(path: Path, values: np.ndarray) -> None:
             sizes = [file.properties(index=page).shape[:2] for page in range(n_page)]
             facts = file.metadata(index=0, exclude_applied=False)
     except Exception:  # what Pillow does not read has been read otherwise
-        return
+        return values
     mode = facts["mode"]
     if lossy := LOSSY.get(str(facts.get("compression", ""))):
         raise _with_losses(path, f"a TIFF that holds {lossy}")
@@ -103,9 +108,15 @@ def _check_tiff(path: Path, values: np.ndarray) -> None:
     if mode == "P" and np.array_equal(
         imageio.v3.imread(path, index=0, plugin="pillow", mode="L"), values
     ):
-        return  # a palette of greys in their order
+        return values  # a palette of greys in their order
     if mode in NOT_LEVELS:
         raise ValueError(f"{path}: expected grey levels or RGB colours, found {NOT_LEVELS[mode]}")
+    if facts.get("PhotometricInterpretation") == ZERO_IS_WHITE and values.dtype.kind == "u":
+        if mode == "L":  # which Pillow turns over
+            return np.asarray(imageio.v3.imread(path, index=0, plugin="pillow"))
+        turned: np.ndarray = np.iinfo(values.dtype).max - values
+        return turned
+    return values
 
 
 @contextmanager

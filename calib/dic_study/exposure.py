@@ -18,11 +18,26 @@ LEAST_ALIKE = 0.5
 
 WEAK = 0.9
 """median correlation below which stated deviations, of first order in the noise, are too small"""
+VERY_WEAK = 0.85
+"""the same, from which on they are by more than a third"""
 
 
 def check_exposure(image: GreyImage, mask: BoolArray) -> None:
     """Raises ValueError for an image that is saturated or without speckle in `mask` (h, w)."""
     if fault := _fault(image, mask, "the region"):
+        raise ValueError(f"{image.name}: {fault}")
+
+
+def check_whole(image: GreyImage) -> None:
+    """Raises ValueError for an image that is saturated or without speckle, most of it."""
+    if fault := _fault(image, np.ones(image.grey.shape, dtype=np.bool_), "the image"):
+        raise ValueError(f"{image.name}: {fault}")
+
+
+def check_speckle(image: GreyImage) -> None:
+    """Raises ValueError for an image without any speckle, of which a part will be looked for."""
+    everywhere = np.ones(image.grey.shape, dtype=np.bool_)
+    if fault := _too_even(image, everywhere, "the image"):
         raise ValueError(f"{image.name}: {fault}")
 
 
@@ -50,10 +65,11 @@ def weak_frame(image: GreyImage, found: Correlation) -> str | None:
     """Why the deviations of a frame say too little: most of its subsets correlate poorly."""
     if not found.valid.any() or not (usual := float(np.median(found.zncc[found.valid]))) < WEAK:
         return None
+    share = "a third too small" if usual >= VERY_WEAK else "half of what they should be"
     return (
         f"{image.name}: the median correlation of its points is {usual:.2f}, expected {WEAK:g} or "
-        "more: standard deviations may be a third too small (noise?), or the shape functions "
-        "do not follow the field"
+        f"more: standard deviations may be {share} (noise?), or the shape functions do not follow "
+        "the field"
     )
 
 
@@ -83,11 +99,18 @@ def _fault(image: GreyImage, mask: BoolArray, where: str) -> str | None:
         return (
             f"expected an exposed image, found more than {MOST_SATURATED:.0%} of {where} saturated"
         )
-    if values.std() < LEAST_SPREAD * image.full_scale:
-        return (
-            f"expected speckle in {where}, found grey levels of {values.mean():.0f} with a spread "
-            f"of {values.std():.2g}"
-        )
+    if fault := _too_even(image, mask, where):
+        return fault
     if np.mean(values >= values.max()) > MOST_SATURATED:
         return f"expected an exposed image, found more than {MOST_SATURATED:.0%} of {where} clipped"
     return None
+
+
+def _too_even(image: GreyImage, mask: BoolArray, where: str) -> str | None:
+    values = image.grey[mask]
+    if values.std() >= LEAST_SPREAD * image.full_scale:
+        return None
+    return (
+        f"expected speckle in {where}, found grey levels of {values.mean():.0f} with a spread of "
+        f"{values.std():.2g}"
+    )

@@ -38,6 +38,8 @@ from calib.dic_study.exposure import (
     check_exposure,
     check_repeat,
     check_series_found,
+    check_speckle,
+    check_whole,
     empty_frame,
     no_strain,
     weak_frame,
@@ -211,16 +213,15 @@ def _prepare(
     points, grid = grid_points(mask, study.correlation.step_px)
     check_room(mask, points, study.settings.correlation)
     check_exposure(left, mask)
-    check_exposure(right, np.ones(right.grey.shape, dtype=np.bool_))
+    check_speckle(right)
     repeat = None
     if study.images.repeat is not None:
         repeat = read_image(folder / study.images.repeat)
         check_sizes([left, repeat])
         check_repeat(repeat, left, mask)
     with bars("reference") as bar:
-        reference = place_reference(
-            calibration.rig, left.grey, right.grey, points, study.settings, mask, bar
-        )
+        reference = _placed(calibration, left, right, points, study, mask, bar)
+    check_exposure(right, reference.right_ready.mask)
     if study.stereo.refine_pose:
         say(
             f"warning: the relative pose of the cameras was found again; it is turned by "
@@ -244,6 +245,24 @@ def _prepare(
             say(f"warning: {side}: {warning}")
     key = _first_key(reference, axes, study)
     return Prepared(reference, left, grid, axes, study, key, judged)
+
+
+def _placed(
+    calibration: Calibration,
+    left: GreyImage,
+    right: GreyImage,
+    points: Array,
+    study: StereoStudy,
+    mask: BoolArray,
+    bar: Progress,
+) -> StereoReference:
+    """The points (n, 2) [px] of the left reference image in space; `mask` is the region of it."""
+    images = left.grey, right.grey
+    try:
+        return place_reference(calibration.rig, *images, points, study.settings, mask, bar)
+    except ValueError:
+        check_whole(right)  # which may be why nothing is found in it
+        raise
 
 
 def _first_key(reference: StereoReference, axes: SurfaceFrame, study: StereoStudy) -> str:

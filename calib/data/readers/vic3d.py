@@ -52,11 +52,15 @@ def read(source: Source, mm_per_px: float | None = None) -> DicSeries:
     position = tuple(names.need(name) for name in "XYZ")
     confidence = names.get("sigma", "Sigma")
     stated = tuple(names.get(f"sigma_{axis}") for axis in "XYZ")
+    named = tuple(names.need(name) for name in "UVW")
     # a unit stands once: one without is that of the positions
-    sigma = tuple(
-        replace(column, unit=column.unit or place.unit)
-        for column, place in zip(stated, position, strict=True)
-        if column is not None
+    displacement, sigma = (
+        tuple(
+            replace(column, unit=column.unit or place.unit)
+            for column, place in zip(columns, position, strict=True)
+            if column is not None
+        )
+        for columns in (named, stated)
     )
     notes = () if position[0].unit is not None else (NO_UNITS,)
     if len(sigma) < 3:
@@ -67,7 +71,6 @@ def read(source: Source, mm_per_px: float | None = None) -> DicSeries:
         elif confidence is not None:
             notes = (*notes, NO_SIGMA)
     flags = () if confidence is None else (confidence,)
-    displacement = tuple(names.need(name) for name in "UVW")
     columns = PointColumns(position, displacement, flags, 0.0, sigma)
     form = PointFormat(Lengths("mm", mm_per_px))
     return DicSeries(NAME, (read_point_frame(source, layout, columns, form),), notes)
