@@ -31,6 +31,7 @@ from calib.inference.hierarchical_sampling import PopulationDraws, sample_popula
 from calib.inference.likelihood import build_likelihood
 from calib.inference.noise import NoiseSettings, slope_matrix
 from calib.inference.population import Population, ScatterPrior
+from calib.inference.population_moves import Moves
 from calib.inference.posterior import Posterior
 from calib.inference.prior import Marginal, Prior
 from calib.inference.sample_errors import SampleErrors, own_field_patterns
@@ -397,6 +398,23 @@ def test_the_order_of_samples_and_of_workers_does_not_matter() -> None:
     short = replace(SETTINGS, n_walkers=16, max_steps=6, check_every=6)
     first, again = (drawn(force, 5, 0.0, short) for _ in range(2))
     assert np.array_equal(first.own, again.own) and np.array_equal(first.alone, again.alone)
+
+
+def test_samples_by_themselves_rest_on_several_common_errors_of_each_walker(monkeypatch) -> None:
+    rng = np.random.default_rng(2)
+    x = np.column_stack([0.2 * rng.standard_normal(N), np.full(N, 0.4)])
+    seen = []
+    kept = Moves.alone
+
+    def noted(self, walkers, n_settle, n_draw):
+        seen.append(walkers.z)
+        return kept(self, walkers, n_settle, n_draw)
+
+    monkeypatch.setattr(Moves, "alone", noted)
+    short = replace(SETTINGS, n_walkers=16, max_steps=6, check_every=6)
+    draws = drawn(forces(x, rng, 0.3), 5, 0.3, short)
+    assert len(draws.alone) == 40 * len(seen[0])  # as many as of one place each
+    assert len(np.unique(np.concatenate(seen), axis=0)) == 4 * len(seen[0])
 
 
 def test_one_sample_and_missing_samples_are_refused() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from types import SimpleNamespace
 from typing import cast
 
 import numpy as np
@@ -10,8 +11,9 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from calib.inference import Marginal, Posterior, Prior, Quadrature, integrate
+from calib.inference.coordinates import x_of
 from calib.inference.likelihood import Likelihood
-from calib.inference.quadrature import DRAWS, QUADRATURE
+from calib.inference.quadrature import DRAWS, QUADRATURE, _by_draws
 from fe.response import Array
 
 PRIOR = Prior(
@@ -75,6 +77,42 @@ RIDGES = [
     Normal(0.9955, (0.0015, 0.0133), (0.24, 0.09)),
     Normal(-0.9995, (0.0015, 0.0014), (0.13, 0.4)),
 ]
+
+
+def at_the_edge_of_r(r: float) -> tuple[Posterior, float]:
+    """A normal in (ln kappa, r, s) about `r` beyond the prior's bound, and its ln evidence."""
+    prior = Prior(
+        Marginal("log_uniform", 0.001, 0.1), Marginal("uniform", 0, 1), Marginal("uniform", 0, 0.5)
+    )
+    centre, sd = np.array([-2.963891, r, 0.36727]), np.array([0.006983, 0.006331, 0.035555])
+    correlation = np.array([[1.0, 0.8982, 0.7628], [0.8982, 1.0, 0.9129], [0.7628, 0.9129, 1.0]])
+    normal = multivariate_normal(centre, correlation * np.outer(sd, sd))
+    low, high = prior.bounds.T
+    mass = normal.cdf(high, lower_limit=low)
+    log_evidence = float(np.log(mass / np.prod(high - low)))
+    likelihood = SimpleNamespace(log_prob=lambda theta: normal.logpdf(x_of(theta)), unknown=())
+    return Posterior(prior, cast("Likelihood", likelihood)), log_evidence
+
+
+@pytest.mark.parametrize("r", [-0.00358, -0.0034, -0.003])
+def test_draws_of_a_ridge_that_a_bound_cuts_off_are_even_enough_at_last(r: float) -> None:
+    """One of 40,000 carried 9 % of the weight, and the posterior was called not reached."""
+    posterior, log_evidence = at_the_edge_of_r(r)
+    for found in (_by_draws(posterior), integrate(posterior)):
+        assert found.log_evidence == pytest.approx(log_evidence, abs=0.03)
+
+
+def test_nodes_that_agree_stand_where_draws_do_not_reach_the_posterior(monkeypatch) -> None:
+    def unreached(posterior: Posterior) -> Quadrature:
+        raise ValueError("posterior: not reached")
+
+    monkeypatch.setattr("calib.inference.quadrature._by_draws", unreached)
+    posterior, log_evidence = at_the_edge_of_r(-0.00358)
+    found = integrate(posterior)
+    assert found.method == QUADRATURE
+    assert found.log_evidence == pytest.approx(log_evidence, abs=1e-3)
+    with pytest.raises(ValueError, match="not reached"):
+        integrated(RIDGES[2])  # which nodes miss
 
 
 @pytest.mark.parametrize("normal", RIDGES)

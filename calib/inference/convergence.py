@@ -24,13 +24,14 @@ class Convergence:
     """rank-normalised split R-hat over the independent ensembles"""
 
 
-def smoothed_weights(log_ratios: Array) -> tuple[Array, Array]:
+def smoothed_weights(log_ratios: Array, efficiency: float = 1.0) -> tuple[Array, Array]:
     """Pareto-smoothed log weights (m, k), each column summing to 1, and Pareto shapes (k,).
 
-    `log_ratios` (m, k) are ln of the importance ratios of m draws to k targets, up to constants.
+    `log_ratios` (m, k) are ln of the importance ratios of m draws to k targets, up to constants. Of
+    draws whose `efficiency`, independent ones a draw, is smaller, a longer tail is fitted.
     """
     stacked = xr.DataArray(log_ratios.T, dims=("target", "__sample__"))
-    weights, shape = az.psislw(stacked)  # type: ignore[no-untyped-call]
+    weights, shape = az.psislw(stacked, reff=efficiency)  # type: ignore[no-untyped-call]
     values: Array = np.asarray(weights.values, dtype=np.float64).T
     return values, np.asarray(shape.values, dtype=np.float64)
 

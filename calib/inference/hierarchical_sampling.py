@@ -32,6 +32,9 @@ ROUNDS = 2
 """rounds of a kept step"""
 ALONE = 40
 """moves after which samples have forgotten the population, and as many that are kept"""
+N_COMMON = 4
+"""places of the common unknowns and errors, an autocorrelation time apart, of each walker among
+which these are"""
 
 
 @dataclass(frozen=True)
@@ -95,7 +98,7 @@ def sample_population(
                 progress(len(places), max(verdict.expected, len(places)))
         kept.keep(1 + done // settings.check_every, places, walkers)
     acceptance = moves.accepted[:, 0] / moves.accepted[:, 1]
-    alone = moves.alone(walkers, ALONE, ALONE)
+    alone = _alone(moves, walkers, verdict, settings)
     burn = len(places) // BURN_SHARE
     x, tau, own, z, p_value = (
         _by_ensemble([place[index] for place in places[burn:]], settings) for index in range(5)
@@ -113,6 +116,22 @@ def sample_population(
         status=SamplingStatus.CONVERGED if verdict.converged else SamplingStatus.MAX_STEPS,
         message=_message(verdict, settings, len(places), burn),
     )
+
+
+def _alone(
+    moves: Moves, walkers: Walkers, verdict: ChainVerdict, settings: SamplerSettings
+) -> Array:
+    """(m', n, d) draws of every sample from its own data, of `N_COMMON` places of each walker."""
+    longest = float(np.max(verdict.times))
+    apart = settings.check_every
+    if np.isfinite(longest):
+        apart = min(max(1, int(np.ceil(longest))), apart)
+    found = [moves.alone(walkers, ALONE, ALONE // N_COMMON)]
+    for _ in range(N_COMMON - 1):
+        for _ in range(ROUNDS * apart):
+            walkers = moves.round(walkers)
+        found.append(moves.alone(walkers, ALONE, ALONE // N_COMMON))
+    return np.concatenate(found)
 
 
 def _settled(moves: Moves, walkers: Walkers, n_rounds: int) -> Walkers:

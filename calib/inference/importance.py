@@ -33,6 +33,9 @@ FREEDOM = 8.0
 """of the t kernels: heavier tails than the posterior's"""
 EVEN = 0.15
 """effective share of a round's draws at which the kernels are good enough"""
+LAST_EVEN = 0.05
+"""the same of the last draws, of which kernels are made anew below it"""
+LAST_ROUNDS = 8
 FEWEST = 200.0
 """effective draws that a tempering must leave"""
 WIDE = 0.15
@@ -125,6 +128,12 @@ def importance_sample(
             break
     y = kernels.draw(n, rng)
     log_weights = _log_weights(log_density, kernels, y)
+    for _ in range(LAST_ROUNDS):  # many draws find what few have missed, as a corner of a ridge
+        if _effective(log_weights) >= LAST_EVEN * n:
+            break
+        kernels = _kernels(y, _tempered(log_weights)[0], rng)
+        y = kernels.draw(n, rng)
+        log_weights = _log_weights(log_density, kernels, y)
     if not _effective(log_weights) >= FEWEST:
         raise ValueError(
             f"posterior: not reached from the prior in {done} rounds of draws; expected priors "

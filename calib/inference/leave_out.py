@@ -26,6 +26,8 @@ from calib.inference.quadrature import Quadrature, integrate
 from fe.response import Array
 
 GOOD_K = 0.7
+SURE_K = 0.5
+"""above which scores are some of their errors too high where two increments are left out"""
 N_BOOTSTRAP = 200
 BATCH = 1024
 N_NODES = 30
@@ -149,7 +151,8 @@ def leave_out(
     the ratio (relative efficiency, Vehtari et al. 2024), and infinite where they are worth none.
     """
     density = block_log_density(likelihood, x, blocks)
-    log_weights, k = smoothed_weights(-density)
+    independent = len(x) if worth is None else min(max(worth, 1.0), len(x))
+    log_weights, k = smoothed_weights(-density, independent / len(x))
     weighted = log_weights + density
     score = logsumexp(weighted, axis=0)
     weights = np.exp(log_weights)
@@ -194,11 +197,12 @@ def refitted(
 ) -> Scores:
     """Scores with those of too large a Pareto k integrated anew, without their block.
 
+    Above `SURE_K` for forces, which takes a second, and above `GOOD_K` where there is a field.
     ln p(block | rest) is the difference of two ln evidences, by `integrate`;
     the error is that of both. The same is done by hand as `reloo`. By the `wider` posterior where
     that without the block reaches beyond where this one is known.
     """
-    wanted = scores.pareto_k > GOOD_K
+    wanted = scores.pareto_k > (SURE_K if posterior.likelihood.field is None else GOOD_K)
     if not wanted.any():
         return scores
     density, error = scores.log_density.copy(), scores.error.copy()

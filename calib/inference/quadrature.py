@@ -122,7 +122,13 @@ def integrate(posterior: Posterior, n_nodes: int | None = None) -> Quadrature:
     moments = Moments(found.x, found.weights)
     if not may_miss(posterior, moments, box, n, found.log_evidence_error):
         return found
-    drawn = _by_draws(posterior)
+    try:
+        drawn = _by_draws(posterior)
+    except ValueError:
+        # What draws do not reach, nodes that agree among themselves may have.
+        if found.log_evidence_error > CONVERGED:
+            raise
+        return found
     return found if _agree(found, drawn) else drawn
 
 

@@ -76,7 +76,10 @@ def _integrals(context: Context, posteriors: dict[str, Posterior]) -> dict[str, 
     with progress_bar("integrals", "hypothesis", shown=context.show_progress) as progress:
         for name, posterior in posteriors.items():
             progress(len(found), len(posteriors))
-            found[name] = integrate(posterior)
+            try:
+                found[name] = integrate(posterior)
+            except ValueError as error:
+                raise ValueError(f"hypothesis {name}: {error}") from error
         progress(len(found), len(posteriors))
     return found
 

@@ -251,8 +251,9 @@ def scores_table(ranking: Ranking) -> Table:
         "Left out: ln predictive density given all other data (PSIS)",
         ("hypothesis", *names),
         tuple(rows),
-        "± numerical SD; k: Pareto shape. Above 0.7 the posterior without the block lies too far "
-        "from the draws, and the score was integrated anew without it (anew).",
+        "± numerical SD; k: Pareto shape. Above 0.7, of forces alone above 0.5, the posterior "
+        "without the block lies too far from the draws, and the score was integrated anew without "
+        "it (anew). Of k from 0.5 to 0.7 a score may be some of its SDs too high.",
     )
 
 
