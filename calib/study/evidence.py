@@ -253,7 +253,7 @@ def scores_table(ranking: Ranking) -> Table:
         tuple(rows),
         "± numerical SD; k: Pareto shape. Above 0.7, of forces alone above 0.5, the posterior "
         "without the block lies too far from the draws, and the score was integrated anew without "
-        "it (anew). Of k from 0.5 to 0.7 a score may be some of its SDs too high.",
+        "it (anew). Others of k from 0.5 on may be some of their SDs too high.",
     )
 
 
