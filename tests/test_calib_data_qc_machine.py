@@ -460,6 +460,14 @@ def test_a_series_shows_each_hold_by_a_frame_that_is_in_it_whatever_the_clock_sa
     assert not clock_doubts("A", found, [2, 3, 4, 5])
 
 
+def test_a_photograph_taken_twice_makes_no_series_of_those_that_are_taken_by_hand():
+    holds = [Hold(k, 8.0 * k, 8.0 * k + 7.0, 0.2 * k) for k in range(7)]
+    true = np.array([-4.0, 8.5, 16.4, 24.2, 24.9, 32.5, 40.3, 48.6])
+    found = synchronise(true - 4.8, holds, 5.0)
+    assert found.hold[1:].tolist() == [1, 2, 3, 3, 4, 5, 6]
+    assert abs(found.offset - 4.8) <= found.half_width
+
+
 def test_a_series_begun_within_a_hold_says_nothing_of_the_hold_before():
     holds = [Hold(k, 20.4 * k, 20.4 * k + 20.0, 0.2 * k) for k in range(1, 7)]
     times = np.concatenate([[0.0], np.arange(holds[1].start + 3.0, 142.0, 2.0)])

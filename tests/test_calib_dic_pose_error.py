@@ -72,6 +72,28 @@ def test_lengths_after_a_camera_was_turned_are_off_by_what_is_stated(noise, shar
     assert 0.6 < np.sqrt(np.mean(np.square(off))) < 1.5
 
 
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_what_baseline_and_focal_lengths_share_stays_shared(sign):
+    """Of a rig scaled in both, lengths far off stay as they are; else they go with the baseline."""
+    places = face()
+    pixels = [project(one, places)[0] for one in (RIG.left, RIG.right)]
+    own = np.zeros(26)
+    own[[0, 1]] = 1e-3 * RIG.left.intrinsics.fx
+    own[[10, 11]] = 1e-3 * RIG.right.intrinsics.fx
+    shift = RIG.relative[1]
+    own[23:] = sign * 1e-3 * shift
+    found = covariance_of_found(RIG, np.outer(own, own), *pixels, 1.0)
+    none = covariance_of_found(RIG, np.zeros((26, 26)), *pixels, 1.0)
+    along = np.concatenate([np.zeros(23), shift / np.linalg.norm(shift)])
+    assert along @ found @ along - along @ none @ along == pytest.approx(
+        (1e-3 * np.linalg.norm(shift)) ** 2, rel=1e-3
+    )
+    assert (found[:20, 23:] @ (shift / np.linalg.norm(shift)))[0] == pytest.approx(
+        sign * 1e-3 * RIG.left.intrinsics.fx * 1e-3 * np.linalg.norm(shift), rel=1e-3
+    )
+    assert np.linalg.eigvalsh(found / np.abs(found).max()).min() > -1e-9
+
+
 def test_points_that_share_their_errors_count_for_fewer():
     places, rng = face(), np.random.default_rng(1)
     pixels = [

@@ -488,6 +488,10 @@ def test_a_tiff_file_in_which_0_is_white_is_read_as_it_is_shown(tmp_path, kind):
     shown = np.random.default_rng(0).integers(0, most, (20, 30), dtype=kind, endpoint=True)
     tifffile.imwrite(tmp_path / "x.tif", most - shown, photometric="miniswhite")
     np.testing.assert_array_equal(read_image(tmp_path / "x.tif").grey, shown)
+    # a tag of orientation turns no image, inverted or not
+    turned = [(274, "H", 1, 6, True)]
+    tifffile.imwrite(tmp_path / "x.tif", most - shown, photometric="miniswhite", extratags=turned)
+    np.testing.assert_array_equal(read_image(tmp_path / "x.tif").grey, shown)
 
 
 def test_tiff_files_that_are_not_one_picture_of_levels_are_refused(tmp_path):

@@ -12,6 +12,7 @@ from scipy.stats import multivariate_normal
 
 from calib.inference import Marginal, Posterior, Prior, Quadrature, integrate
 from calib.inference.coordinates import x_of
+from calib.inference.importance import NotReached
 from calib.inference.likelihood import Likelihood
 from calib.inference.quadrature import DRAWS, QUADRATURE, _by_draws
 from fe.response import Array
@@ -104,7 +105,7 @@ def test_draws_of_a_ridge_that_a_bound_cuts_off_are_even_enough_at_last(r: float
 
 def test_nodes_that_agree_stand_where_draws_do_not_reach_the_posterior(monkeypatch) -> None:
     def unreached(posterior: Posterior) -> Quadrature:
-        raise ValueError("posterior: not reached")
+        raise NotReached("posterior: not reached")
 
     monkeypatch.setattr("calib.inference.quadrature._by_draws", unreached)
     posterior, log_evidence = at_the_edge_of_r(-0.00358)

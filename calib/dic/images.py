@@ -58,9 +58,9 @@ def read_image(path: Path | str) -> GreyImage:
         start = stream.read(8)
     if start.startswith(JPEG_START):
         raise _with_losses(path, "a JPEG")
-    values = _values(path, start)
+    values, by_pillow = _values(path, start)
     if start.startswith(TIFF_STARTS):
-        values = _levels_of_tiff(path, values)
+        values = _levels_of_tiff(path, values, by_pillow)
     if values.dtype == np.bool_ or values.dtype.kind not in "u" or values.dtype.itemsize > 2:
         raise ValueError(f"{path}: expected 8 to 16 bit grey levels, found {values.dtype}")
     is_byte = values.dtype.itemsize == 1
@@ -86,8 +86,10 @@ def _with_losses(path: Path, found: str) -> ValueError:
     )
 
 
-def _levels_of_tiff(path: Path, values: np.ndarray) -> np.ndarray:
+def _levels_of_tiff(path: Path, values: np.ndarray, by_pillow: bool) -> np.ndarray:
     """The values of a TIFF file, turned over where its tag says that 0 is white.
+
+    Pillow, where it has read them, does so itself for 8 bit.
 
     Refuses files whose numbers are not the grey levels or colours of one picture.
     """
@@ -111,9 +113,10 @@ def _levels_of_tiff(path: Path, values: np.ndarray) -> np.ndarray:
         return values  # a palette of greys in their order
     if mode in NOT_LEVELS:
         raise ValueError(f"{path}: expected grey levels or RGB colours, found {NOT_LEVELS[mode]}")
+    is_done = by_pillow and mode == "L"
     if facts.get("PhotometricInterpretation") == ZERO_IS_WHITE and values.dtype.kind == "u":
-        if mode == "L":  # which Pillow turns over
-            return np.asarray(imageio.v3.imread(path, index=0, plugin="pillow"))
+        if is_done:
+            return values
         turned: np.ndarray = np.iinfo(values.dtype).max - values
         return turned
     return values
@@ -133,8 +136,11 @@ def _quietly() -> Iterator[None]:
         said.disabled = before
 
 
-def _values(path: Path, start: bytes) -> np.ndarray:
-    """What a file holds. Decoders raise anything at a damaged file: all of it is a refusal."""
+def _values(path: Path, start: bytes) -> tuple[np.ndarray, bool]:
+    """What a file holds, and whether Pillow has read it.
+
+    Decoders raise anything at a damaged file: all of it is a refusal.
+    """
     refusal = ValueError(
         # what decoders say names their inner parts, which tells the user nothing
         f"{path}: expected a whole TIFF, PNG or BMP file, found "
@@ -143,18 +149,19 @@ def _values(path: Path, start: bytes) -> np.ndarray:
     )
     if not start.startswith(STARTS):
         raise refusal
+    by_pillow = False
     with _quietly():
         try:
             values = np.asarray(io.imread(path))
         except Exception:
             # some compressions need a package that scikit-image lacks, but Pillow reads them
             try:
-                values = np.asarray(imageio.v3.imread(path, plugin="pillow"))
+                values, by_pillow = np.asarray(imageio.v3.imread(path, plugin="pillow")), True
             except Exception as error:
                 raise refusal from error
     if not values.size:  # of a file whose pages are beyond its end
         raise refusal
-    return values
+    return values, by_pillow
 
 
 def _full_scale(values: np.ndarray, is_byte: bool) -> float:

@@ -51,13 +51,16 @@ def covariance_of_found(
     follows = -inverse @ (by_pose.T @ by_inner) / NOISE_PX**2
     to_pose = _slopes(lambda x: _pose(moved_rig(own, x)), np.full(N_MOVED, STEP_RAD))
     along = np.concatenate([np.zeros(3), shift / np.linalg.norm(shift)])
-    baseline = along @ covariance[N_INNER:, N_INNER:] @ along
+    length = along @ covariance[N_INNER:, N_INNER:] @ along
+    shared = covariance[:N_INNER, N_INNER:] @ along  # by intrinsics and baseline
     whole = np.empty((N_INNER + N_POSE, N_INNER + N_POSE))
     whole[:N_INNER, :N_INNER] = inner
-    whole[N_INNER:, :N_INNER] = to_pose @ follows @ inner
+    whole[N_INNER:, :N_INNER] = to_pose @ follows @ inner + np.outer(along, shared)
     whole[:N_INNER, N_INNER:] = whole[N_INNER:, :N_INNER].T
     fitted = inverse @ (matches + held) @ inverse + follows @ inner @ follows.T
-    whole[N_INNER:, N_INNER:] = to_pose @ fitted @ to_pose.T + baseline * np.outer(along, along)
+    both = np.outer(to_pose @ follows @ shared, along)
+    baseline = length * np.outer(along, along) + both + both.T
+    whole[N_INNER:, N_INNER:] = to_pose @ fitted @ to_pose.T + baseline
     return whole
 
 

@@ -53,6 +53,10 @@ _TEXT = {
 }
 
 
+class NothingMatched(ValueError):  # noqa: N818 - says what happened
+    """No point of the left image was found in the right one."""
+
+
 @dataclass(frozen=True)
 class StereoSettings:
     """How to correlate; lengths in px. Raises ValueError for an impossible number."""
@@ -151,7 +155,7 @@ def place_reference(
     match = correlate_prepared(left_ready, right_grey, spline, points, options, progress=progress)
     right = points + match.displacement
     if not match.valid.any():
-        raise ValueError(
+        raise NothingMatched(
             "right: found none of the points of the left image, expected the same view"
         )
     turned = 0.0

@@ -17,6 +17,7 @@ from calib.dic.prepared import BoolArray
 from calib.dic.progress import Progress
 from calib.dic.scale_error import scale_sd
 from calib.dic.stereo import (
+    NothingMatched,
     StereoReason,
     StereoReference,
     place_reference,
@@ -115,7 +116,7 @@ def _placed(
     images = left.grey, right.grey
     try:
         return place_reference(calibration.rig, *images, points, study.settings, mask, bar)
-    except ValueError:
+    except NothingMatched:
         check_whole(right)  # which may be why nothing is found in it
         raise
 

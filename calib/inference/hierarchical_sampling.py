@@ -33,8 +33,8 @@ ROUNDS = 2
 ALONE = 40
 """moves after which samples have forgotten the population, and as many that are kept"""
 N_COMMON = 4
-"""places of the common unknowns and errors, an autocorrelation time apart, of each walker among
-which these are"""
+"""places of the common unknowns and errors of each walker among which these are, as far apart as
+chains remember, or `check_every` steps where that is longer or not known"""
 
 
 @dataclass(frozen=True)

@@ -33,14 +33,17 @@ FREEDOM = 8.0
 """of the t kernels: heavier tails than the posterior's"""
 EVEN = 0.15
 """effective share of a round's draws at which the kernels are good enough"""
-LAST_EVEN = 0.05
-"""the same of the last draws, of which kernels are made anew below it"""
-LAST_ROUNDS = 8
 FEWEST = 200.0
-"""effective draws that a tempering must leave"""
+"""effective draws that a tempering must leave, and the last draws have"""
+LAST_ROUNDS = 8
+"""in which kernels are made anew of last draws that have not"""
 WIDE = 0.15
 """share of the draws from one wide kernel, so that no weight is huge"""
 CHUNK = 4096
+
+
+class NotReached(ValueError):  # noqa: N818 - says what happened
+    """Too few draws carry the weight for an answer."""
 
 
 class Weighed(NamedTuple):
@@ -109,8 +112,8 @@ def importance_sample(
 
     `first` (k, d) are draws of a density that covers it and `log_first` (k,) that density at them;
     log_density takes (m, d) to (m,), -inf where it is zero.
-    Raises ValueError when it is zero at all first draws, and when so few of the last ones carry the
-    weight that the density was not reached.
+    Raises ValueError when it is zero at all first draws, and NotReached when so few of the last
+    ones carry the weight that the density was not reached.
     """
     y, value = first, log_density(first)
     if not np.isfinite(value).any():
@@ -129,13 +132,13 @@ def importance_sample(
     y = kernels.draw(n, rng)
     log_weights = _log_weights(log_density, kernels, y)
     for _ in range(LAST_ROUNDS):  # many draws find what few have missed, as a corner of a ridge
-        if _effective(log_weights) >= LAST_EVEN * n:
+        if _effective(log_weights) >= FEWEST or not np.isfinite(log_weights).any():
             break
         kernels = _kernels(y, _tempered(log_weights)[0], rng)
         y = kernels.draw(n, rng)
         log_weights = _log_weights(log_density, kernels, y)
     if not _effective(log_weights) >= FEWEST:
-        raise ValueError(
+        raise NotReached(
             f"posterior: not reached from the prior in {done} rounds of draws; expected priors "
             "that leave it more of their box"
         )

@@ -31,7 +31,7 @@ def value_and_gradient(
     the five points are shifted inwards, so that the density is never asked outside its box. Where
     it is zero at some of the points, the others give the slope, on one side if need be.
     """
-    n = x.size
+    n, x = x.size, np.clip(x, bounds[:, 0], bounds[:, 1])
     step = np.minimum(DIFFERENCE_STEP * sd, (bounds[:, 1] - bounds[:, 0]) / 8.0)
     # Places of the five points in steps from x, moved inside the box.
     room_low = np.minimum(np.floor((x - bounds[:, 0]) / step), 2.0)

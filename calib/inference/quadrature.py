@@ -15,7 +15,7 @@ from functools import cached_property, reduce
 import numpy as np
 
 from calib.inference.coordinates import Space, theta_of
-from calib.inference.importance import N_FIRST, importance_sample
+from calib.inference.importance import N_FIRST, NotReached, importance_sample
 from calib.inference.missed_mass import CONVERGED, may_miss
 from calib.inference.moments import Moments
 from calib.inference.posterior import Posterior
@@ -124,7 +124,7 @@ def integrate(posterior: Posterior, n_nodes: int | None = None) -> Quadrature:
         return found
     try:
         drawn = _by_draws(posterior)
-    except ValueError:
+    except NotReached:
         # What draws do not reach, nodes that agree among themselves may have.
         if found.log_evidence_error > CONVERGED:
             raise

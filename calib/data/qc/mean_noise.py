@@ -15,6 +15,8 @@ from fe.response import Array
 APART = 1.3
 """times the SD by static frames, above which the samples' scatter is no chance: six frames tell an
 SD to 8 %, fewer samples than three hardly worse"""
+ROUGHLY_APART = 1.1
+"""the same by a first estimate, above which a better one is made"""
 
 
 @dataclass(frozen=True)
@@ -62,9 +64,11 @@ def mean_noise(
     taken = mean.residual_std / np.sqrt(np.nanmean(mean.residual**2, axis=(0, 1, 2)))
     series = [one * taken for one in samples]
     repeats = pooled_noise(series, places, roughly=static is not None)
-    louder = None if static is None else _louder(repeats, static.mapped)
-    if louder is not None:
-        repeats = pooled_noise(series, places)
+    louder = None
+    if static is not None and _times(repeats, static.mapped) > ROUGHLY_APART:
+        of_samples = pooled_noise(series, places)  # as the static frames' noise is estimated
+        if (times := _times(of_samples, static.mapped)) > APART:
+            repeats, louder = of_samples, times
     together, std = repeats, repeats.std
     if static is not None and louder is None:
         together = pooled_noise([*series, static.fields[:, mean.kept]], places)
@@ -88,10 +92,9 @@ def mean_noise(
     )
 
 
-def _louder(samples: NoiseFloor, static: NoiseFloor) -> float | None:
-    """How many times more samples scatter than static frames, of all components; None up to 1.3."""
-    times = float(np.linalg.norm(samples.std) / np.linalg.norm(static.std))
-    return times if times > APART else None
+def _times(samples: NoiseFloor, static: NoiseFloor) -> float:
+    """How many times more samples scatter than static frames, all components together."""
+    return float(np.linalg.norm(samples.std) / np.linalg.norm(static.std))
 
 
 def noise_doubts(noise: FieldNoise | None) -> list[str]:
@@ -104,6 +107,6 @@ def noise_doubts(noise: FieldNoise | None) -> list[str]:
     return [
         f"the samples' fields scatter by {samples:.2g} um beyond their patterns, "
         f"{noise.louder:.2g} times as much as static frames ({static:.2g} um), which are "
-        f"left out of the noise; "
+        f"left out of its SD and correlation; "
         "expected static frames taken as the samples' are (light, exposure, averaging of images)"
     ]

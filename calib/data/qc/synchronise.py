@@ -40,8 +40,8 @@ def synchronise(
 
     frame_time (n_frame,) is in s by the camera's clock. Frames are taken by hand somewhere in a
     hold, so that the offset is known to an interval only; of several the one nearest to zero is
-    taken. A series with several frames in a hold is possible wherever it leaves out as few as it
-    can of the holds that it went on in. The first frame is the reference, which need not be in a
+    taken. A series with several frames in most holds is possible wherever it leaves out as few as
+    it can of the holds that it went on in. The first frame is the reference, which need not be in a
     hold.
     """
     intervals = np.array([(hold.start + margin, hold.end - margin) for hold in holds])
@@ -65,6 +65,8 @@ def synchronise(
 def _possible(later: Array, offsets: Array, intervals: Array, numbers: IntArray) -> BoolArray:
     """(n_offset,) which offsets of the frames after the reference are as good as the best."""
     begun, ended = intervals[:, 0], intervals[:, 1]
+    if not later.size:
+        return np.ones(offsets.size, dtype=np.bool_)
     scores, filled, missed, several = [], [], [], []
     for offset in offsets:
         time = later + offset
@@ -72,11 +74,12 @@ def _possible(later: Array, offsets: Array, intervals: Array, numbers: IntArray)
         seen = inside.any(axis=0)
         scores.append(_score(inside, numbers))
         filled.append(int(seen.sum()))
-        several.append(bool((inside.sum(axis=0) > 1).any()))
+        several.append(int((inside.sum(axis=0) > 1).sum()))
         # A hold before the series began or after it ended is none that it left out.
         missed.append(int(np.count_nonzero(~seen & (time[0] <= ended) & (time[-1] >= begun))))
     best: BoolArray = np.array(scores) == max(scores)
-    if not np.array(several)[best].any():
+    # One photograph that was taken twice makes no series of those that are taken by hand.
+    if np.array(several)[best].max() <= 0.5 * np.array(filled)[best].max():
         return best
     enough = np.array(filled) >= max(filled) - ENDS
     fewest = np.array(missed)[enough].min()
