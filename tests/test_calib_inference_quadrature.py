@@ -96,11 +96,12 @@ def at_the_edge_of_r(r: float) -> tuple[Posterior, float]:
 
 
 @pytest.mark.parametrize("r", [-0.00358, -0.0034, -0.003])
-def test_draws_of_a_ridge_that_a_bound_cuts_off_are_even_enough_at_last(r: float) -> None:
+def test_draws_of_a_ridge_that_a_bound_cuts_off_have_its_evidence(r: float) -> None:
     """One of 40,000 carried 9 % of the weight, and the posterior was called not reached."""
     posterior, log_evidence = at_the_edge_of_r(r)
     for found in (_by_draws(posterior), integrate(posterior)):
-        assert found.log_evidence == pytest.approx(log_evidence, abs=0.03)
+        within = max(4.0 * found.log_evidence_error, 1e-3)  # the closed form's own error
+        assert found.log_evidence == pytest.approx(log_evidence, abs=within)
 
 
 def test_nodes_that_agree_stand_where_draws_do_not_reach_the_posterior(monkeypatch) -> None:

@@ -113,13 +113,11 @@ def _levels_of_tiff(path: Path, values: np.ndarray, by_pillow: bool) -> np.ndarr
         return values  # a palette of greys in their order
     if mode in NOT_LEVELS:
         raise ValueError(f"{path}: expected grey levels or RGB colours, found {NOT_LEVELS[mode]}")
-    is_done = by_pillow and mode == "L"
-    if facts.get("PhotometricInterpretation") == ZERO_IS_WHITE and values.dtype.kind == "u":
-        if is_done:
-            return values
-        turned: np.ndarray = np.iinfo(values.dtype).max - values
-        return turned
-    return values
+    is_white = facts.get("PhotometricInterpretation") == ZERO_IS_WHITE
+    if not is_white or (by_pillow and mode == "L") or values.dtype.kind != "u":
+        return values
+    turned: np.ndarray = np.iinfo(values.dtype).max - values
+    return turned
 
 
 @contextmanager

@@ -122,7 +122,10 @@ def _placed(
 
 
 def as_used(calibration: Calibration, ready: Prepared) -> Calibration:
-    """What the points were made with: of a pose found again, how the plates fitted says nothing."""
+    """What the points were made with.
+
+    Of a pose found again, how the plates fitted says nothing, and the covariance is its own.
+    """
     study, placed = ready.study, ready.reference
     if not study.stereo.refine_pose:
         return calibration

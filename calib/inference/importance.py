@@ -3,8 +3,9 @@
 Draws of the prior are weighed by the posterior; a mixture of t kernels is laid over the heaviest
 ones and drawn from, until the weights are even (population Monte Carlo, Cappe et al., J. Comput.
 Graph. Stat. 13 (2004) 907). Weights are tempered while few draws carry them. The answer comes from
-last draws alone, which no kernel was made of: their mean weight is an unbiased evidence, and its
-scatter is the error.
+last draws alone, which none of their own kernels was made of: their mean weight is an unbiased
+evidence, and its scatter is the error. Where too few of them carry the weight, they make kernels
+for others.
 """
 
 from __future__ import annotations

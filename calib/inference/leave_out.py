@@ -148,7 +148,8 @@ def leave_out(
     """PSIS scores of blocks from equally probable posterior draws x (m, d).
 
     The draws are `worth` so many independent ones, by default m: errors are larger by the root of
-    the ratio (relative efficiency, Vehtari et al. 2024), and infinite where they are worth none.
+    the ratio (relative efficiency, Vehtari et al. 2024), and infinite where they are worth none; as
+    much longer is the tail that is smoothed.
     """
     density = block_log_density(likelihood, x, blocks)
     independent = len(x) if worth is None else min(max(worth, 1.0), len(x))

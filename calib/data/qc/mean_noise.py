@@ -13,8 +13,8 @@ from calib.data.qc.static_noise import StaticNoise
 from fe.response import Array
 
 APART = 1.3
-"""times the SD by static frames, above which the samples' scatter is no chance: six frames tell an
-SD to 8 %, fewer samples than three hardly worse"""
+"""times the SD by static frames, above which what samples scatter is more than chance: six frames
+tell an SD to 8 %"""
 ROUGHLY_APART = 1.1
 """the same by a first estimate, above which a better one is made"""
 
@@ -106,7 +106,7 @@ def noise_doubts(noise: FieldNoise | None) -> list[str]:
     )
     return [
         f"the samples' fields scatter by {samples:.2g} um beyond their patterns, "
-        f"{noise.louder:.2g} times as much as static frames ({static:.2g} um), which are "
-        f"left out of its SD and correlation; "
+        f"{noise.louder:.2g} times as much as static frames ({static:.2g} um), which are left out "
+        "of the SD and the correlation of the noise; "
         "expected static frames taken as the samples' are (light, exposure, averaging of images)"
     ]
