@@ -21,13 +21,16 @@ from fe.compiled import kernel
 from fe.face_rows import (
     BY_TRAVEL,
     FORCE,
+    N_SYMMETRIC,
     PIN_FORCE_BY_U,
     FaceRows,
-    add_matrices,
+    add_symmetric,
     add_vectors,
     empty_rows,
     none_filled,
     positions,
+    put_shape,
+    sum_matrices,
 )
 from fe.pin_surface import GRIP, RigidPin, pin_point
 from fe.positive_numbers import positive_numbers
@@ -182,13 +185,35 @@ def _free_point(
 
 
 @kernel()
-def _base_point(x: Array, stiffness: float, force: Array, hessian: Array) -> float:
-    """Energy density of the spring that holds the base at y = 0; fills its derivatives."""
-    force[:] = 0.0
-    hessian[:, :] = 0.0
-    force[1] = stiffness * x[1]
-    hessian[1, 1] = stiffness
-    energy: float = 0.5 * stiffness * x[1] * x[1]
+def _base_face(
+    u: Array,
+    faces: Faces,
+    c: int,
+    stiffness: float,
+    with_derivatives: bool,
+    weighted: Array,
+    system: ContactSystem,
+) -> float:
+    """Energy (N mm) of the spring that holds face c at y = 0; fills its part of the system.
+
+    Linear, so that all points of the face have one product of matrices.  `weighted` (n_q, n_a) is
+    work space.
+    """
+    n_quad, n_a = weighted.shape
+    energy = 0.0
+    if with_derivatives:
+        _clear(c, system)
+    for q in range(n_quad):
+        lift, held = faces.points[c, q, 1], stiffness * faces.weights[c, q]
+        for a in range(n_a):
+            lift += faces.shape[c, q, a] * u[faces.nodes[c, a], 1]
+            weighted[q, a] = held * faces.shape[c, q, a]
+        energy += 0.5 * held * lift * lift
+        if with_derivatives:
+            for a in range(n_a):
+                system.force[c, a, 1] += weighted[q, a] * lift
+    if with_derivatives:
+        system.tangent[c, :, 1, 1, :] = np.dot(weighted.T, faces.shape[c])
     return energy
 
 
@@ -221,20 +246,20 @@ def contact_system(
     n_face, n_quad, n_a = faces.shape.shape
     f = np.empty(3)
     h = np.empty((3, 3))
-    rows = empty_rows(2 * n_quad, n_a)  # a point that is held in part pushes back twice
+    rows = empty_rows(2 * n_quad, n_a, N_SYMMETRIC)  # what is held in part pushes back twice
+    weighted = np.empty((n_quad, n_a))
     energy = 0.0
     pin_force = 0.0
     for c in range(n_face):
+        if faces.base[c]:
+            energy += _base_face(
+                u, faces, c, pin.base_stiffness, with_derivatives, weighted, system
+            )
+            continue
         n = none_filled()
         here = positions(u, faces.nodes[c], faces.shape[c], faces.points[c])
         for q in range(n_quad):
             x, w = here[q], faces.weights[c, q]
-            if faces.base[c]:
-                e = _base_point(x, pin.base_stiffness, f, h)
-                energy += w * e
-                if with_derivatives:  # the spring of a base at rest holds the body, too
-                    n = _put(rows, n, faces.shape[c, q], w, f, h, 0.0, 0.0)
-                continue
             held = 0.0 if tied[c, q] == FREE else hold[c, q]
             if held < 1.0:
                 free = w * (1.0 - held)
@@ -258,13 +283,19 @@ def contact_system(
 @kernel()
 def _sum_face(rows: FaceRows, n: int, c: int, system: ContactSystem) -> None:
     """Fill face c from its first n rows."""
+    _clear(c, system)
+    if n > 0:
+        add_vectors(rows, n, system.force[c], system.by_travel[c], system.pin_force_by_u[c])
+        add_symmetric(sum_matrices(rows, n), system.tangent[c])
+
+
+@kernel()
+def _clear(c: int, system: ContactSystem) -> None:
+    """Nothing at face c."""
     system.force[c] = 0.0
     system.tangent[c] = 0.0
     system.by_travel[c] = 0.0
     system.pin_force_by_u[c] = 0.0
-    if n > 0:
-        add_vectors(rows, n, system.force[c], system.by_travel[c], system.pin_force_by_u[c])
-        add_matrices(rows, n, rows.matrix, system.tangent[c])
 
 
 @kernel(inline="always")
@@ -282,12 +313,14 @@ def _put(
 
     What moves with the pin depends on x_y + travel.
     """
-    rows.shape[n] = shape
+    put_shape(rows, n, shape)
+    column = 0
     for i in range(3):
         by_pin = w * moves * (h[i, 1] - (on_floor if i == 1 else 0.0))
         rows.vectors[n, FORCE + i] = w * f[i]
         rows.vectors[n, BY_TRAVEL + i] = by_pin
         rows.vectors[n, PIN_FORCE_BY_U + i] = by_pin  # the potential is symmetric
-        for k in range(3):
-            rows.matrix[n, 3 * i + k] = w * h[i, k]
+        for k in range(i, 3):
+            rows.matrices[n, column] = w * h[i, k]
+            column += 1
     return n + 1

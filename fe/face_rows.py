@@ -26,20 +26,25 @@ class FaceRows(NamedTuple):
     vectors: Array
     """(n_row, 9) force, N, its derivative in the travel and that of the pin's force in the
     displacement, N/mm"""
-    matrix: Array
-    """(n_row, 9) derivative of the force in the displacement, N/mm, [i, k] in one"""
-    left: Array
-    """(n_row, 9 n_a) shape functions times a matrix"""
+    pairs: Array
+    """(n_row, n_a (n_a + 1) / 2) products of shape functions a <= b"""
+    matrices: Array
+    """(n_row, 6 or 15) derivative of the force in the displacement, N/mm: entries i <= k of a
+    symmetric part, row by row, then all of another part"""
+
+
+N_SYMMETRIC = 6
+"""columns of the symmetric part"""
 
 
 @kernel()
-def empty_rows(n_row: int, n_a: int) -> FaceRows:
-    """Work arrays, not filled."""
+def empty_rows(n_row: int, n_a: int, n_column: int) -> FaceRows:
+    """Work arrays, not filled, with 6 or 15 columns of `matrices`."""
     return FaceRows(
         np.empty((n_row, n_a)),
         np.empty((n_row, 9)),
-        np.empty((n_row, 9)),
-        np.empty((n_row, 9 * n_a)),
+        np.empty((n_row, n_a * (n_a + 1) // 2)),
+        np.empty((n_row, n_column)),
     )
 
 
@@ -62,15 +67,60 @@ def add_vectors(
             pin_force_by_u[a, i] += total[a, PIN_FORCE_BY_U + i]
 
 
+@kernel(inline="always")
+def put_shape(rows: FaceRows, n: int, shape: Array) -> None:
+    """Put a point's shape functions (n_a,) and their products into row n."""
+    pair = 0
+    for a in range(shape.size):
+        rows.shape[n, a] = shape[a]
+        for b in range(a, shape.size):
+            rows.pairs[n, pair] = shape[a] * shape[b]
+            pair += 1
+
+
 @kernel()
-def add_matrices(rows: FaceRows, n: int, matrix: Array, block: Array) -> None:
-    """Add shape[q, a] matrix[q, ik] shape[q, b] of the first n rows to block (n_a, 3, 3, n_a)."""
-    n_a = rows.shape.shape[1]
-    for q in range(n):
-        for a in range(n_a):
-            for ik in range(9):
-                rows.left[q, 9 * a + ik] = rows.shape[q, a] * matrix[q, ik]
-    block += np.dot(rows.left[:n].T, rows.shape[:n]).reshape(block.shape)
+def sum_matrices(rows: FaceRows, n: int) -> Array:
+    """(n_pair, n_column) sums of pairs[q, ab] matrices[q] over the first n rows."""
+    total: Array = np.dot(rows.pairs[:n].T, rows.matrices[:n])
+    return total
+
+
+@kernel()
+def add_symmetric(total: Array, block: Array) -> None:
+    """Add the symmetric part of what `sum_matrices` found to block (n_a, 3, 3, n_a)."""
+    n_a = block.shape[0]
+    pair = 0
+    for a in range(n_a):
+        for b in range(a, n_a):
+            column = 0
+            for i in range(3):
+                for k in range(i, 3):
+                    value = total[pair, column]
+                    column += 1
+                    block[a, i, k, b] += value
+                    if i < k:
+                        block[a, k, i, b] += value
+                    if a < b:
+                        block[b, i, k, a] += value
+                        if i < k:
+                            block[b, k, i, a] += value
+            pair += 1
+
+
+@kernel()
+def add_other(total: Array, block: Array) -> None:
+    """Add the other part to block (n_a, 3, 3, n_a)."""
+    n_a = block.shape[0]
+    pair = 0
+    for a in range(n_a):
+        for b in range(a, n_a):
+            for i in range(3):
+                for k in range(3):
+                    value = total[pair, N_SYMMETRIC + 3 * i + k]
+                    block[a, i, k, b] += value
+                    if a < b:
+                        block[b, i, k, a] += value
+            pair += 1
 
 
 @kernel()

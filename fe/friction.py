@@ -27,13 +27,17 @@ from fe.contact import FREE, ContactSystem, Faces
 from fe.face_rows import (
     BY_TRAVEL,
     FORCE,
+    N_SYMMETRIC,
     PIN_FORCE_BY_U,
     FaceRows,
-    add_matrices,
+    add_other,
+    add_symmetric,
     add_vectors,
     empty_rows,
     none_filled,
     positions,
+    put_shape,
+    sum_matrices,
 )
 from fe.pin_surface import RigidPin
 from fe.touch import PIN, Chart, FrictionLaw, empty_chart, touch
@@ -120,7 +124,7 @@ def friction_system(
     frozen = np.empty((3, 3))
     true = np.empty((3, 3))
     chart = empty_chart()
-    rows, beyond = empty_rows(n_quad, n_a), np.empty((n_quad, 9))
+    rows = empty_rows(n_quad, n_a, N_SYMMETRIC + 9)
     for c in range(n_face):
         coupling[c] = 0.0
         n = none_filled()
@@ -137,12 +141,13 @@ def friction_system(
             s0, s1 = _frozen_slip(frame, c, q, x, travel)
             energy += w * _point(chart, limit, slope, s0, s1, law.slip, f, frozen, true)
             pin_force += w * moves * f[1]
-            _put(rows, beyond, n, faces.shape[c, q], w, moves, f, frozen, true)
+            _put(rows, n, faces.shape[c, q], w, moves, f, frozen, true)
             n += 1
         if n > 0:
             add_vectors(rows, n, system.force[c], system.by_travel[c], system.pin_force_by_u[c])
-            add_matrices(rows, n, rows.matrix, system.tangent[c])
-            add_matrices(rows, n, beyond, coupling[c])
+            total = sum_matrices(rows, n)
+            add_symmetric(total, system.tangent[c])
+            add_other(total, coupling[c])
     return frame, energy, pin_force
 
 
@@ -183,7 +188,6 @@ def _freeze(
 @kernel(inline="always")
 def _put(
     rows: FaceRows,
-    beyond: Array,
     n: int,
     shape: Array,
     w: float,
@@ -192,15 +196,18 @@ def _put(
     frozen: Array,
     true: Array,
 ) -> None:
-    """Put a point into row n, and what its true tangent has beyond the frozen one into `beyond`."""
-    rows.shape[n] = shape
+    """Put a point into row n: its frozen tangent, and what the true one has beyond it."""
+    put_shape(rows, n, shape)
+    column = 0
     for i in range(3):
         rows.vectors[n, FORCE + i] = w * f[i]
         rows.vectors[n, BY_TRAVEL + i] = w * moves * true[i, 1]
         rows.vectors[n, PIN_FORCE_BY_U + i] = w * moves * true[1, i]
+        for k in range(i, 3):
+            rows.matrices[n, column] = w * frozen[i, k]
+            column += 1
         for k in range(3):
-            rows.matrix[n, 3 * i + k] = w * frozen[i, k]
-            beyond[n, 3 * i + k] = w * (true[i, k] - frozen[i, k])
+            rows.matrices[n, N_SYMMETRIC + 3 * i + k] = w * (true[i, k] - frozen[i, k])
 
 
 @kernel()

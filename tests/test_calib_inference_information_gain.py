@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from analytic_models import AnalyticBlock, AnalyticForward
+from scipy.signal import lfilter
 
 from calib.data import thesis_forces
 from calib.inference.coordinates import theta_of
@@ -36,6 +37,23 @@ def test_the_error_holds_that_the_covariance_is_of_so_many_draws(size: float) ->
     found = [laplace_gain(jacobian, np.eye(4), np.cov(x, rowvar=False), 500) for x in sets]
     stated = np.mean([gain.error for gain in found])
     assert np.std([gain.mean for gain in found]) == pytest.approx(stated, rel=0.12)
+
+
+def test_the_error_holds_that_the_draws_are_of_a_short_chain() -> None:
+    """400 chains: their gains' spread is known to 4 %, the bound is five times that."""
+    rng = np.random.default_rng(11)
+    n_step, kept, share = 4000, 1500, 0.95  # worth n_step (1 - share) / (1 + share), some 103
+    gains, stated = [], []
+    for _ in range(400):
+        pushes = rng.standard_normal((n_step, 2)) * np.sqrt(1.0 - share**2)
+        chain = lfilter([1.0], [1.0, -share], pushes, axis=0)
+        x = chain[rng.choice(n_step, kept, replace=False)]
+        slopes = np.stack([1.0 + 0.5 * x, 2.0 - x], axis=1)[:400]
+        worth = n_step * (1.0 - share) / (1.0 + share)
+        found = laplace_gain(slopes, np.eye(2), np.cov(x, rowvar=False), kept, worth)
+        gains.append(found.mean)
+        stated.append(found.error)
+    assert np.std(gains) == pytest.approx(np.mean(stated), rel=0.2)
 
 
 def test_nested_monte_carlo_holds_the_closed_form_between_its_bounds() -> None:

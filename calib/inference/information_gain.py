@@ -43,7 +43,11 @@ class NestedGain:
 
 
 def laplace_gain(
-    jacobian: Array, covariance: Array, prior_covariance: Array, n_draws: int | None = None
+    jacobian: Array,
+    covariance: Array,
+    prior_covariance: Array,
+    n_draws: int | None = None,
+    chain: float = np.inf,
 ) -> Gain:
     """Closed form of a linear experiment, averaged over draws of the parameters.
 
@@ -52,29 +56,35 @@ def laplace_gain(
     (Chaloner and Verdinelli, Stat. Sci. 10, 1995). Where C is that of `n_draws` independent draws,
     the error holds what this leaves open: the gain changes by 0.5 tr(A C^-1 dC) with A = K (I +
     K)^-1, K = C J^T S^-1 J, and dC is Wishart's, so that its variance is |A|^2 / (2 n_draws).
+    Draws that are picked from a chain are no surer than all of it, which is worth `chain`
+    independent ones.
     """
     root = np.linalg.cholesky(prior_covariance)
     white = solve_triangular(np.linalg.cholesky(covariance), _columns(jacobian @ root), lower=True)
     parts = white.reshape(len(covariance), len(jacobian), -1).transpose(1, 0, 2)
     information = np.einsum("mni,mnj->mij", parts, parts)
     whole = np.eye(len(root)) + information
-    gain = _gain(0.5 * np.linalg.slogdet(whole)[1])
+    gain = _gain(0.5 * np.linalg.slogdet(whole)[1], chain)
     if n_draws is None:
         return gain
     told = np.linalg.solve(whole, information).mean(axis=0)
-    return replace(
-        gain, error=float(np.hypot(gain.error, np.linalg.norm(told) / (2 * n_draws) ** 0.5))
-    )
+    open_sd = np.linalg.norm(told) * np.sqrt(0.5 / n_draws + 0.5 / chain)
+    return replace(gain, error=float(np.hypot(gain.error, open_sd)))
 
 
 def nested_gain(
-    outer: Array, inner: Array, covariance: Array, rng: np.random.Generator
+    outer: Array,
+    inner: Array,
+    covariance: Array,
+    rng: np.random.Generator,
+    chain: float = np.inf,
 ) -> NestedGain:
     """Nested Monte Carlo, which needs neither linearity nor normal parameters.
 
     `outer` (N, n) and `inner` (M, n) are the means at independent draws of the parameters. Each
     outer one is measured once; its log density is held against the log of the average over the
-    inner ones (Ryan, J. Comput. Graph. Stat. 12, 2003; bounds as in Foster et al. 2020).
+    inner ones (Ryan, J. Comput. Graph. Stat. 12, 2003; bounds as in Foster et al. 2020). `chain` as
+    in `laplace_gain`.
     """
     factor = np.linalg.cholesky(covariance)
     white = solve_triangular(factor, outer.T, lower=True).T
@@ -91,7 +101,7 @@ def nested_gain(
     without = logsumexp(density, axis=1) - np.log(len(inner))
     both = np.column_stack([density, own])
     including = logsumexp(both, axis=1) - np.log(len(inner) + 1)
-    return NestedGain(lower=_gain(own - including), upper=_gain(own - without))
+    return NestedGain(lower=_gain(own - including, chain), upper=_gain(own - without, chain))
 
 
 def _columns(parts: Array) -> Array:
@@ -99,5 +109,7 @@ def _columns(parts: Array) -> Array:
     return parts.transpose(1, 0, 2).reshape(parts.shape[1], -1)
 
 
-def _gain(values: Array) -> Gain:
-    return Gain(float(values.mean()), float(values.std(ddof=1) / np.sqrt(values.size)))
+def _gain(values: Array, chain: float) -> Gain:
+    """Mean of values at draws from a chain that is worth so many independent ones."""
+    error = values.std(ddof=1) * np.sqrt(1.0 / values.size + 1.0 / chain)
+    return Gain(float(values.mean()), float(error))

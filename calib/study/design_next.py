@@ -55,7 +55,7 @@ def design_next(
     context = replace(finished(out), echo=echo)
     study = context.study
     under = chosen(study, hypothesis)
-    draws, data = _draws(context, under), load_data(out).dataset
+    (draws, chain), data = _draws(context, under), load_data(out).dataset
     posterior = emulator_posterior(context, under)
     space = posterior.prior.space
     x, sizes = draws[:, : space.n_forward], np.exp(draws[:, space.n_forward :].mean(axis=0))
@@ -78,7 +78,7 @@ def design_next(
         echo(
             f"FE runs    left out: found the unknowns {unknown}, expected ln kappa, r and s at most"
         )
-    rows = [weigh(plan, x, names, stream(study, f"design {plan.name}")) for plan in plans]
+    rows = [weigh(p, x, names, stream(study, f"design {p.name}"), chain) for p in plans]
     rows.sort(key=lambda row: -row["gain"].mean)
     facts: dict[str, Any] = plain(
         {
@@ -98,13 +98,14 @@ def design_next(
     return facts, paths
 
 
-def _draws(context: Context, hypothesis: Hypothesis) -> Array:
-    """(n, d) independent draws of x for all of the weighing."""
-    draws = load_samples(context.out, hypothesis).result.draws
+def _draws(context: Context, hypothesis: Hypothesis) -> tuple[Array, float]:
+    """(n, d) draws of x for all of the weighing, and how many independent ones the chain has."""
+    result = load_samples(context.out, hypothesis).result
+    draws = result.draws
     rng = stream(context.study, f"design draws {hypothesis.name}")
     n = min(N_OUTER + N_INNER, len(draws))
     found: Array = draws[rng.choice(len(draws), n, replace=False)]
-    return found
+    return found, len(draws) / float(result.autocorrelation_time.max())
 
 
 def errors_of(
@@ -181,14 +182,19 @@ def _least_sd(data: Dataset) -> float:
     return float(np.sqrt(np.linalg.eigvalsh(data.force_covariance).min()))
 
 
-def weigh(plan: Plan, x: Array, names: tuple[str, ...], rng: np.random.Generator) -> dict[str, Any]:
-    """Expected information gain of one plan, closed form and nested Monte Carlo, as JSON data."""
+def weigh(
+    plan: Plan, x: Array, names: tuple[str, ...], rng: np.random.Generator, chain: float
+) -> dict[str, Any]:
+    """Expected information gain of one plan, closed form and nested Monte Carlo, as JSON data.
+
+    The draws x (n, d) are of a chain that is worth `chain` independent ones.
+    """
     steps = np.array(plan.steps)
     planned = reduce_experiment(plan.likelihood, x, steps, with_field=plan.with_field)
     prior = np.cov(x, rowvar=False)
-    gain = laplace_gain(planned.jacobian[:N_LAPLACE], planned.covariance, prior, len(x))
+    gain = laplace_gain(planned.jacobian[:N_LAPLACE], planned.covariance, prior, len(x), chain)
     n = min(N_OUTER, len(x) // 3)
-    nested = nested_gain(planned.mean[:n], planned.mean[n:], planned.covariance, rng)
+    nested = nested_gain(planned.mean[:n], planned.mean[n:], planned.covariance, rng, chain)
     return {
         "name": plan.name,
         "group": plan.group,
