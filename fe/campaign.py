@@ -68,9 +68,10 @@ class CampaignPlan:
             raise ValueError(
                 "simulate: expected a model with travels asked, which all runs share, found forces"
             )
-        own = getattr(self.simulate, "parameters", None)
-        if isinstance(own, tuple) and own and isinstance(own[0], Parameter):
-            _check_same(own, self.parameters)
+        for name in ("columns", "parameters"):
+            own = getattr(self.simulate, name, None)
+            if isinstance(own, tuple) and own and isinstance(own[0], Parameter):
+                _check_same(own, self.parameters)
         object.__setattr__(self, "theta", checked_theta(self.theta, self.parameters))
         check_rows = getattr(self.simulate, "check_rows", None)
         if callable(check_rows):

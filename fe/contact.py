@@ -33,7 +33,7 @@ from fe.face_rows import (
     sum_matrices,
 )
 from fe.pin_surface import GRIP, RigidPin, pin_point
-from fe.positive_numbers import positive_numbers
+from fe.positive_numbers import is_number, positive_numbers
 
 Array = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -86,8 +86,8 @@ class PenaltyLaw:
         The slip over which friction grows is not a compliance of the surface, and stays.
         Raises ValueError for `times` that is not a finite number above 0.
         """
-        if not 0.0 < times < np.inf:
-            raise ValueError(f"times: expected a finite number above 0, found {times}")
+        if not (is_number(times) and 0.0 < times < np.inf):
+            raise ValueError(f"times: expected a finite number above 0, found {times!r}")
         return replace(
             self,
             stiffness=times * self.stiffness,

@@ -12,6 +12,7 @@ import traceback
 from collections.abc import Callable, Generator, Iterator, Sequence
 from multiprocessing import connection, resource_tracker
 from multiprocessing.context import SpawnProcess
+from numbers import Integral
 from typing import Any, Protocol, TypeVar
 
 T = TypeVar("T")
@@ -63,8 +64,8 @@ def process_map(n_workers: int = 0) -> MapFn:
     vanishes; results that others had by then are yielded before. Raises ValueError for an
     `n_workers` that is no number of processes.
     """
-    if n_workers != int(n_workers) or n_workers < 0:
-        raise ValueError(f"n_workers: must be 0 (all cores) or a whole number, got {n_workers}")
+    if not (isinstance(n_workers, Integral) and n_workers >= 0):
+        raise ValueError(f"n_workers: must be 0 (all cores) or a whole number, got {n_workers!r}")
     count = n_workers or usable_cores()
 
     def mapped(f: Callable[[T], R], items: Sequence[T], /) -> Iterator[tuple[int, R]]:

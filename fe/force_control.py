@@ -90,18 +90,22 @@ class Way(NamedTuple):
     """travel, mm, at which nothing is left of the specimen"""
 
 
-def check_targets(travel: tuple[float, ...], force: tuple[float, ...]) -> None:
-    """Raise ValueError unless one of travels (mm) and forces (N) is given, above 0, increasing.
+def keep_targets(model: Any) -> None:
+    """Make a frozen model's travels (mm) and forces (N) floats; raise ValueError for wrong ones.
 
-    Both are tuples of finite numbers. Travels below `LEAST_TRAVEL` are refused, as there the energy
-    that the solver goes down on is rounding.
+    One of them is given, a tuple of finite numbers above 0 that increase. Travels below
+    `LEAST_TRAVEL` are refused, as there the energy that the solver goes down on is rounding.
+    Numbers of other kinds are made floats: single precision would go into the steps.
     """
-    for name, values in (("travel", travel), ("force", force)):
+    for name in ("travel", "force"):
+        values = getattr(model, name)
         numbers = as_numbers(values)
         if not isinstance(values, tuple) or numbers is None or numbers.ndim != 1:
             raise ValueError(
                 f"{name}: expected a tuple of numbers, such as (0.5, 1.0), found {values!r}"
             )
+        object.__setattr__(model, name, tuple(numbers.tolist()))
+    travel, force = model.travel, model.force
     if travel and force:
         raise ValueError(
             f"force: expected travels or forces, found travel={travel} and force={force}"

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from fe.materials.law import LAWS, Law
 from fe.materials.material import Material, material
 from fe.materials.volumetric import Volumetric
-from fe.positive_numbers import is_number
+from fe.positive_numbers import as_numbers, is_number
 from fe.progress import Progress
 from fe.response import Response
 
@@ -74,11 +74,8 @@ def _material(
             raise ValueError(f"theta: expected {', '.join(names)}, found {found}")
         values = [_number(n, theta[n]) for n in names]
     else:
-        try:
-            array = np.asarray(theta)
-        except ValueError:  # rows of several lengths
-            array = np.asarray(None)
-        if array.dtype.kind not in "fiu":
+        array = as_numbers(theta)
+        if array is None:
             raise ValueError(
                 f"theta: expected {len(names)} numbers ({', '.join(names)}), found {theta!r}"
             )

@@ -55,9 +55,11 @@ def export_vtk(path: Path | str, elements: Elements, u: Array, material: Materia
     `u` are those of a model's `discretise()` and solved states, `material` the one they were solved
     for.  The format follows the suffix, ".vtu" or ".vtk".  Needs the extra `vtk`.
 
-    Raises ValueError when the elements are none of a specimen or u does not fit them, and
-    ModuleNotFoundError without the extra.
+    Raises ValueError for another suffix, when the elements are none of a specimen or u does not fit
+    them, and ModuleNotFoundError without the extra.
     """
+    if Path(path).suffix not in (".vtu", ".vtk"):
+        raise ValueError(f"path: expected a name that ends in .vtu or .vtk, found {str(path)!r}")
     import meshio  # an extra: only who exports needs it
 
     cell = _CELLS.get(elements.nodes.shape[1])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from numbers import Integral
 from typing import Literal
 
 import numpy as np
@@ -40,12 +41,17 @@ def maximin_design(
     return _boxed(n, bounds, seed, "latin", n_corners, n_faces)
 
 
+def check_count(n: int) -> None:
+    """Raise ValueError for a number of points that is not whole and at least 1."""
+    if not (isinstance(n, Integral) and not isinstance(n, bool) and n >= 1):
+        raise ValueError(f"n: must be a whole number of at least 1, got {n!r}")
+
+
 def _boxed(
     n: int, bounds: Array, seed: int, sequence: Sequence, n_corners: int | None, n_faces: int
 ) -> Array:
     bounds = np.asarray(bounds, dtype=np.float64)
-    if n < 1 or n != int(n):
-        raise ValueError(f"n: must be a whole number of at least 1, got {n}")
+    check_count(n)
     if bounds.ndim != 2 or bounds.shape[1] != 2 or not len(bounds):
         raise ValueError(f"bounds: must be (d, 2) pairs low, high, got shape {bounds.shape}")
     if not np.isfinite(bounds).all() or not (bounds[:, 0] < bounds[:, 1]).all():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from numbers import Integral
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,7 @@ from surrogate.emulator_file import Header, read_arrays, write_arrays
 from surrogate.field_prediction import FieldPrediction, Wanted, compress, select
 from surrogate.force_scale import ForceScale, choose_scale
 from surrogate.gp import Array
-from surrogate.gp_fit import Sharing, at_bounds
+from surrogate.gp_fit import Sharing, at_bounds, too_few
 from surrogate.modal import ModalEmulator, fit_modal, modal_from_arrays, modal_to_arrays
 from surrogate.partial_runs import PartialRuns, taught
 from surrogate.training_set import TrainingSet
@@ -70,9 +71,13 @@ class Emulator:
         Derivatives that the training set holds are used; `training_set.without_gradients` fits to
         the values alone. `field_tolerance` is the share of the fields' scatter that their modes may
         leave out. See `fit_processes` for the other arguments.
-        Raises ValueError for fewer than 3 runs, inputs, forces or fields that do not vary, or a
-        tolerance below 0.
+        Raises ValueError for fewer than 3 runs, inputs, forces or fields that do not vary, a
+        tolerance or a number of restarts below 0.
         """
+        if not (isinstance(n_restarts, Integral) and n_restarts >= 0):
+            raise ValueError(
+                f"n_restarts: expected a whole number of 0 or more, found {n_restarts!r}"
+            )
         if not field_tolerance >= 0.0:
             raise ValueError(f"field_tolerance: expected 0 or more, found {field_tolerance}")
         _check_varied(training_set)
@@ -211,13 +216,13 @@ class Emulator:
 
     @property
     def notes(self) -> list[str]:
-        """Hyperparameters that a fit left at a bound of its search, one sentence each."""
+        """What makes a fit doubtful, one sentence each: too few runs, a bound of its search met."""
         parts = {"force": self.force, "field": self.field}
         return [
             f"{name} emulator: {what}"
             for name, part in parts.items()
             if part is not None
-            for what in at_bounds(part.processes)
+            for what in [*too_few(part.processes), *at_bounds(part.processes)]
         ]
 
     @property

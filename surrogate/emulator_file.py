@@ -37,8 +37,8 @@ def write_arrays(path: Path, header: Header, arrays: dict[str, Array]) -> None:
     text = json.dumps({"format": _MAGIC, "version": EMULATOR_VERSION, **asdict(header)})
     # Not tempfile, which would keep everyone but the owner from reading.
     temporary = path.with_name(f".{secrets.token_hex(8)}.tmp")
-    handle = os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666)
     try:
+        handle = os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666)
         with os.fdopen(handle, "wb") as stream:
             np.savez(stream, header=np.asarray(text), **cast("dict[str, Any]", arrays))
             stream.flush()
@@ -47,7 +47,7 @@ def write_arrays(path: Path, header: Header, arrays: dict[str, Array]) -> None:
     except BaseException as error:
         temporary.unlink(missing_ok=True)
         if isinstance(error, OSError) and error.errno is not None:
-            error.filename = str(path)  # a full disk names no file
+            error.filename = str(path)  # a full disk names no file, a missing folder this one
         raise
 
 

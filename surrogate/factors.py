@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from surrogate.design import Sequence as Points
-from surrogate.design import unit_design
+from surrogate.design import check_count, unit_design
 
 Array = npt.NDArray[np.float64]
 
@@ -156,8 +156,7 @@ def design(
     continuous = [factor for factor in factors if isinstance(factor, Factor)]
     discrete = [factor for factor in factors if isinstance(factor, Levels)]
     names = [factor.name for factor in factors]
-    if n < 1:
-        raise ValueError(f"n: must be at least 1, got {n}")
+    check_count(n)
     if len(set(names)) != len(names) or not continuous:
         raise ValueError(f"factors: expected different names, one continuous, found {names}")
     combinations = list(itertools.product(*(factor.levels for factor in discrete)))

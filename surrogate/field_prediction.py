@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from numbers import Integral
 from typing import NamedTuple
 
 import numpy as np
@@ -87,10 +88,10 @@ def compress(factor: Array, rank: int) -> tuple[Array, Array]:
     """Leading part (n_obs, rank) of a covariance factor (n_obs, n) and the variance of the rest.
 
     The diagonal is kept exactly: factor @ factor.T = leading @ leading.T + diag(rest) there.
-    Raises ValueError for a negative rank.
+    Raises ValueError for a rank that is not whole or negative.
     """
-    if rank < 0:
-        raise ValueError(f"rank: expected 0 or more directions, found {rank}")
+    if not (isinstance(rank, Integral) and rank >= 0):
+        raise ValueError(f"rank: expected a whole number of 0 or more directions, found {rank!r}")
     # In the small space of the columns: n_obs may be large.
     values, vectors = np.linalg.eigh(factor.T @ factor)
     leading = factor @ vectors[:, np.argsort(values)[::-1][:rank]]

@@ -38,6 +38,9 @@ class PartialRuns:
     """(q, n_step, n_point, 3) front-face displacement, mm; None without fields"""
 
     def __post_init__(self) -> None:
+        for name in ("ratios", "force", "displacement"):
+            if (given := getattr(self, name)) is not None:  # see `TrainingSet`
+                object.__setattr__(self, name, np.ascontiguousarray(given, dtype=np.float64))
         good = np.isfinite(self.force)
         if len(self.ratios) != len(good) or not (good.any(axis=1) & ~good.all(axis=1)).all():
             raise ValueError("partial runs: expected forces at some steps of every run, not at all")

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from surrogate.design import check_count
 from surrogate.emulator import Emulator
 from surrogate.expected_gain import Gain
 from surrogate.gp import GaussianProcesses
@@ -61,7 +62,8 @@ def propose(
     sample = _checked(emulator, posterior_sample)
     distinct = _some(np.unique(sample, axis=0), MOST_DISTINCT, rng)
     candidates = _new(emulator.force.processes, distinct)
-    if not 1 <= n <= len(candidates):
+    check_count(n)
+    if n > len(candidates):
         raise ValueError(f"n: expected 1 to {len(candidates)} (distinct new draws), found {n}")
     n_kept = max(MAX_ROWS // (1 + sample.shape[1]), n)
     candidates = _some(candidates, n_kept, rng)

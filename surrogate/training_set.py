@@ -45,7 +45,8 @@ class TrainingSet:
     def __post_init__(self) -> None:
         for name in ("ratios", "force", "displacement", "force_gradient", "displacement_gradient"):
             if (given := getattr(self, name)) is not None:  # one fingerprint, one set of numbers
-                object.__setattr__(self, name, np.asarray(given, dtype=np.float64))
+                # in one order in memory, too: sums along another axis round differently
+                object.__setattr__(self, name, np.ascontiguousarray(given, dtype=np.float64))
         n = len(self.ratios)
         for name, n_axes in (("ratios", 2), ("force", 2), ("displacement", 4)):
             value = getattr(self, name)

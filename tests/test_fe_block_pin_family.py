@@ -9,7 +9,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fe import FAMILY, BlockPin, BlockPinFamily, BlockPinModel, CampaignPlan, Contact, run_campaign
+from fe import (
+    FAMILY,
+    Bar,
+    BlockPin,
+    BlockPinFamily,
+    BlockPinModel,
+    CampaignPlan,
+    Contact,
+    NotchedPlate,
+    TensileModel,
+    UniaxialModel,
+    run_campaign,
+)
 
 TEMPLATE = BlockPinModel(
     specimen=BlockPin(), contact=Contact("stick", "stick"), cells=(3, 2, 2), travel=(0.1, 0.2)
@@ -196,3 +208,33 @@ def test_a_campaign_whose_columns_mean_something_else_to_the_family_is_refused()
     family = BlockPinFamily(TEMPLATE, (FAMILY["r"], FAMILY["pin"]))
     with pytest.raises(ValueError, match=r"parameters: found .* expected those of the model"):
         CampaignPlan(family, np.zeros((1, 2)), Path("unused"), (FAMILY["r"], pin))
+
+
+@pytest.mark.parametrize("names", [("s", "r"), ("height", "fillet"), ("r", "s", "bulk")])
+def test_a_campaign_whose_columns_a_plain_model_would_take_for_r_and_s_is_refused(
+    names: tuple[str, ...],
+) -> None:
+    parameters = tuple(FAMILY[name] for name in names)
+    for model in (
+        TEMPLATE,
+        UniaxialModel(Bar(), (0.1,)),
+        TensileModel(NotchedPlate(), (2, 2, 1), (1.0,)),
+    ):
+        with pytest.raises(ValueError, match=r"parameters: found .* expected those of the model"):
+            CampaignPlan(model, np.full((1, len(names)), 0.4), Path("unused"), parameters)
+        CampaignPlan(model, np.full((1, 2), 0.4), Path("unused"))
+
+
+def test_a_family_that_asks_for_forces_is_refused_before_a_run() -> None:
+    family = _of("height", template=replace(TEMPLATE, travel=(), force=(20.0,)))
+    with pytest.raises(ValueError, match="simulate: expected a model with travels asked"):
+        CampaignPlan(family, np.array([[2.6]]), Path("unused"), family.parameters)
+
+
+def test_targets_and_counts_are_kept_as_plain_numbers_that_do_not_change() -> None:
+    cells, asked = [3, 2, 2], tuple(np.array([0.1, 0.2], dtype=np.float32))
+    model = replace(TEMPLATE, cells=cells, travel=asked)
+    cells[0] = 5
+    assert model.cells == (3, 2, 2) and hash(model) == hash(replace(model))
+    assert [type(travel) for travel in model.travel] == [float, float]
+    assert type(replace(TEMPLATE, travel=(1,)).travel[0]) is float

@@ -232,7 +232,9 @@ def test_what_is_of_another_kind_is_refused_by_name(make, said):
         make()
 
 
-@pytest.mark.parametrize("theta", [{"C10": "x", "bulk": 6.0}, {"C10": [0.1], "bulk": 6.0}, "many"])
+@pytest.mark.parametrize(
+    "theta", [{"C10": "x", "bulk": 6.0}, {"C10": [0.1], "bulk": 6.0}, "many", [True, 6.0]]
+)
 def test_numbers_of_the_material_that_are_none_are_refused(theta):
     with pytest.raises(ValueError, match="theta: expected"):
         fe.simulate(SPECIMENS["uniaxial"], "neo-hookean", theta)

@@ -152,3 +152,8 @@ def test_what_does_not_fit_is_refused(solved, tmp_path):
 def test_solving_for_a_material_is_what_the_response_is_made_of(solved):
     response = replace(MODEL, field_grid=(3, 2)).respond(YEOH)
     assert response.force[-1] == pytest.approx(4.0 * solved[1].pin_force, rel=1e-12)
+
+
+def test_another_suffix_is_refused(solved, tmp_path):
+    with pytest.raises(ValueError, match=r"path: expected a name that ends in \.vtu or \.vtk"):
+        fe.export_vtk(tmp_path / "block.foo", solved[0], solved[1].u, YEOH)

@@ -54,6 +54,8 @@ def test_three_dimensions_have_eight_corners() -> None:
     [
         (0, BOX, "n: must be a whole number of at least 1, got 0"),
         (2.5, BOX, "n: must be a whole number of at least 1, got 2.5"),
+        (3.0, BOX, "n: must be a whole number of at least 1, got 3.0"),
+        (True, BOX, "n: must be a whole number of at least 1, got True"),
         (5, np.zeros(2), r"bounds: must be \(d, 2\)"),
         (5, np.array([[1.0, 0.0]]), "bounds: must be finite with low < high"),
         (5, np.array([[0.0, np.inf]]), "bounds: must be finite with low < high"),

@@ -405,3 +405,28 @@ def test_runs_that_teach_nothing_are_refused_by_what_does_not_vary(
 ) -> None:
     with pytest.raises(ValueError, match=f"training_set: .*{message}"):
         Emulator.fit(TrainingSet(x, force, None), 0)
+
+
+@pytest.mark.parametrize(("n", "few"), [(5, True), (9, True), (10, False)])
+def test_runs_that_hardly_tell_the_covariance_are_noted(n: int, few: bool) -> None:
+    emulator = Emulator.fit(_runs(n=n, with_field=False), 3, n_restarts=0)
+    said = [note for note in emulator.notes if "stated errors mean little" in note]
+    assert bool(said) == few
+    assert not few or said == [
+        f"force emulator: {n} values and derivatives of each process, expected 10 or more: "
+        "its stated errors mean little"
+    ]
+
+
+def test_a_missing_folder_is_named_by_the_path_that_was_asked_for(tmp_path: Path) -> None:
+    path = tmp_path / "missing" / "emulator.npz"
+    with pytest.raises(FileNotFoundError) as caught:
+        _emulator(with_field=False).save(path)
+    assert caught.value.filename == str(path)
+
+
+def test_restarts_and_ranks_that_are_no_counts_are_refused() -> None:
+    with pytest.raises(ValueError, match="n_restarts: expected a whole number of 0 or more"):
+        Emulator.fit(_runs(), 3, n_restarts=-1)
+    with pytest.raises(ValueError, match="rank: expected a whole number of 0 or more directions"):
+        _emulator().predict_field(_new(2), n_truncation=2.5)  # type: ignore[arg-type]

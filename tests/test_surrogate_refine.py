@@ -157,7 +157,7 @@ def test_the_predicted_shift_falls_with_runs_and_then_says_stop() -> None:
         (np.array([[0.0, 1.0], [np.inf, 0.0], [1.0, 1.0]]), 1, "posterior_sample: expected finite"),
         (np.linspace(0, 1, 9)[:, None] * [1.0, 2.0], 1, "expected draws that span 2 inputs"),
         (_sample(4), 9, r"n: expected 1 to 4 \(distinct new draws\)"),
-        (_sample(4), 0, "n: expected 1 to 4"),
+        (_sample(4), 0, "n: must be a whole number of at least 1, got 0"),
     ],
 )
 def test_samples_that_are_none_are_refused(sample: np.ndarray, n: int, message: str) -> None:

@@ -44,6 +44,19 @@ def test_the_fingerprint_changes_with_any_bit_and_with_nothing_else() -> None:
     assert here.fingerprint == replace(here, n_excluded=0).fingerprint
 
 
+def test_one_fingerprint_is_one_order_in_memory() -> None:
+    here = _set()
+    assert here.displacement is not None
+    turned = TrainingSet(
+        np.asfortranarray(here.ratios),
+        np.asfortranarray(here.force),
+        np.asfortranarray(here.displacement),
+    )
+    assert turned.fingerprint == here.fingerprint
+    for name in ("ratios", "force", "displacement"):
+        assert getattr(turned, name).flags.c_contiguous
+
+
 def test_a_force_that_is_not_positive_is_refused_by_run_and_step() -> None:
     force = _set().force.copy()
     force[4, 2] = -0.1

@@ -12,15 +12,16 @@ import functools
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Literal, NamedTuple
+from typing import ClassVar, Literal, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 from skfem import MeshHex
 from threadpoolctl import threadpool_limits
 
+from fe.campaign_parameters import RATIOS, Parameter
 from fe.contact import PenaltyLaw
-from fe.force_control import Control, check_targets
+from fe.force_control import Control, keep_targets
 from fe.load_stepping import TravelState
 from fe.material_parameters import MaterialParameters, all_parameters, ratio_parameters
 from fe.materials.material import Material, mooney_rivlin_of_ratios
@@ -50,7 +51,7 @@ from fe.specimens.block_pin_part import (
     check_room,
     modelled_part,
 )
-from fe.specimens.checks import check_bulk_ratio, check_counts, check_kinds, check_travel
+from fe.specimens.checks import check_bulk_ratio, check_kinds, check_travel, keep_counts
 from fe.specimens.field_grid import FieldGrid
 from fe.specimens.ring_mesh import Cells, Rings, check_rings
 from fe.specimens.turned_bar import edge_crosses_elements
@@ -112,14 +113,16 @@ class BlockPinModel:
     sensitivities: tuple[str, ...] | None = None
     force: tuple[float, ...] = ()
     plane_strain: bool = False
+    columns: ClassVar[tuple[Parameter, ...]] = RATIOS
+    """of a row of a campaign's design"""
 
     def __post_init__(self) -> None:
         check_kinds(self, specimen=BlockPin, contact=Contact, penalty=PenaltyLaw)
         check_kinds(self, steps=StepOptions, newton=NewtonOptions)
         if not isinstance(self.cells, Rings):
-            check_counts("cells", self.cells, (1, 1, 1))
+            keep_counts(self, "cells", (1, 1, 1))
         check_asked(self.sensitivities)
-        check_targets(self.travel, self.force)
+        keep_targets(self)
         check_travel(self.travel, self.specimen.height, "block's height")
         check_bulk_ratio(self.bulk_ratio)
         check_part(self.specimen, self.contact, self.symmetry)

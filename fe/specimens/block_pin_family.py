@@ -95,6 +95,11 @@ class BlockPinFamily:
                 "template that slides somewhere, or the parameter contact"
             )
 
+    @property
+    def force(self) -> tuple[float, ...]:
+        """Asked of every block, N; a campaign takes none, as its runs share travels."""
+        return self.template.force
+
     def __call__(self, theta: Array) -> Response:
         """Response at kappa = 1 MPa for a row (d,) of a design, as of `BlockPinModel`.
 

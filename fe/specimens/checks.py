@@ -43,6 +43,12 @@ def check_counts(name: str, found: object, least: int | tuple[int, ...]) -> None
         raise ValueError(f"{name}: expected {what} of at least {least}, found {found}")
 
 
+def keep_counts(model: object, name: str, least: tuple[int, ...]) -> None:
+    """Check such a field of a frozen model, and make it a tuple of ints, which does not change."""
+    check_counts(name, getattr(model, name), least)
+    object.__setattr__(model, name, tuple(int(n) for n in getattr(model, name)))
+
+
 def check_travel(travel: tuple[float, ...], length: float, name: str) -> None:
     """Raise ValueError for a travel, mm, that leaves nothing of a length, mm, of that name."""
     if max(travel, default=0.0) >= length:

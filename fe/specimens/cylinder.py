@@ -8,19 +8,20 @@ Displacements of the response are (u_r, u_z, 0) on the side r = diameter / 2.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 import numpy.typing as npt
 from skfem import Basis, ElementQuad2, MeshQuad
 
 from fe import driven_response
+from fe.campaign_parameters import RATIOS, Parameter
 from fe.contact import PenaltyLaw
 from fe.driven import DrivenProblem, unknowns
 from fe.driven_parameters import Shape, plate_shape
 from fe.driven_response import DrivenSpecimen, Schedule
 from fe.field_motion import field_probe
-from fe.force_control import check_targets
+from fe.force_control import keep_targets
 from fe.newton import NewtonOptions
 from fe.parameters import check_asked
 from fe.plane_elements import axisymmetric_elements, hoop_equations, with_hoop
@@ -34,6 +35,7 @@ from fe.specimens.checks import (
     check_length,
     check_lengths,
     check_travel,
+    keep_counts,
 )
 from fe.steps import StepOptions
 
@@ -91,15 +93,17 @@ class CylinderModel:
     newton: NewtonOptions = field(default_factory=lambda: NewtonOptions(1e-8, max_move=1.0))
     force: tuple[float, ...] = ()
     sensitivities: tuple[str, ...] | None = None
+    columns: ClassVar[tuple[Parameter, ...]] = RATIOS
+    """of a row of a campaign's design"""
 
     def __post_init__(self) -> None:
         check_kinds(self, specimen=Cylinder, steps=StepOptions, newton=NewtonOptions)
         if self.penalty is not None:
             check_kinds(self, penalty=PenaltyLaw)
             _check_penalty(self.penalty)
-        check_counts("cells", self.cells, (1, 1))
+        keep_counts(self, "cells", (1, 1))
         check_counts("n_point", self.n_point, 1)
-        check_targets(self.travel, self.force)
+        keep_targets(self)
         check_asked(self.sensitivities)
         check_travel(self.travel, self.specimen.height, "height")
         if self.ends not in ("bonded", "slide"):

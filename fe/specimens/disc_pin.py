@@ -10,17 +10,18 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 from skfem import MeshQuad
 from threadpoolctl import threadpool_limits
 
+from fe.campaign_parameters import RATIOS, Parameter
 from fe.contact import Faces, PenaltyLaw
 from fe.driven import unknowns
 from fe.field_motion import field_probe, passing
-from fe.force_control import Control, check_targets
+from fe.force_control import Control, keep_targets
 from fe.load_stepping import TravelState
 from fe.material_parameters import MaterialParameters, all_parameters, ratio_parameters
 from fe.materials.material import Material, mooney_rivlin_of_ratios
@@ -43,6 +44,7 @@ from fe.specimens.checks import (
     check_kinds,
     check_lengths,
     check_travel,
+    keep_counts,
 )
 from fe.specimens.under_pin import pressed_of, problem_of
 from fe.steps import March, StepOptions
@@ -116,13 +118,15 @@ class DiscPinModel:
     newton: NewtonOptions = field(default_factory=NewtonOptions)
     sensitivities: tuple[str, ...] | None = None
     force: tuple[float, ...] = ()
+    columns: ClassVar[tuple[Parameter, ...]] = RATIOS
+    """of a row of a campaign's design"""
 
     def __post_init__(self) -> None:
         check_kinds(self, specimen=Disc, contact=Contact, penalty=PenaltyLaw)
         check_kinds(self, steps=StepOptions, newton=NewtonOptions)
-        check_counts("cells", self.cells, (1, 1))
+        keep_counts(self, "cells", (1, 1))
         check_counts("n_point", self.n_point, 1)
-        check_targets(self.travel, self.force)
+        keep_targets(self)
         check_asked(self.sensitivities)
         check_travel(self.travel, self.specimen.height, "height")
         check_bulk_ratio(self.bulk_ratio)

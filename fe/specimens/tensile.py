@@ -9,21 +9,23 @@ x = 0, y = 0, z = 0); the camera looks at the front face z = thickness / 2.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
 from skfem import Basis, ElementHex2, MeshHex
 
 from fe import driven_response
+from fe.campaign_parameters import RATIOS, Parameter
 from fe.discretisation import elements
 from fe.driven import DrivenProblem, equations, unknowns
 from fe.driven_parameters import Shape, free_shape
 from fe.driven_response import DrivenSpecimen, Schedule
 from fe.field_motion import field_probe
-from fe.force_control import check_targets
+from fe.force_control import keep_targets
 from fe.newton import NewtonOptions
 from fe.parameters import check_asked
-from fe.specimens.checks import check_bulk_ratio, check_counts, check_kinds, check_lengths
+from fe.specimens.checks import check_bulk_ratio, check_kinds, check_lengths, keep_counts
 from fe.specimens.field_grid import FieldGrid, own_points
 from fe.steps import StepOptions
 
@@ -147,12 +149,14 @@ class TensileModel:
     newton: NewtonOptions = field(default_factory=lambda: NewtonOptions(1e-8, max_move=1.0))
     force: tuple[float, ...] = ()
     sensitivities: tuple[str, ...] | None = None
+    columns: ClassVar[tuple[Parameter, ...]] = RATIOS
+    """of a row of a campaign's design"""
 
     def __post_init__(self) -> None:
         check_kinds(self, specimen=NotchedPlate, steps=StepOptions, newton=NewtonOptions)
-        check_counts("cells", self.cells, (1, 2, 1))
+        keep_counts(self, "cells", (1, 2, 1))
         check_field_grid(self.field_grid, self.specimen)
-        check_targets(self.travel, self.force)
+        keep_targets(self)
         check_asked(self.sensitivities)
         check_bulk_ratio(self.bulk_ratio)
 

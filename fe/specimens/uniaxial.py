@@ -10,27 +10,28 @@ bar would rather stretch less in width than in depth (C01 below 0): the status s
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 import numpy.typing as npt
 from skfem import Basis, ElementHex1, MeshHex
 
 from fe import driven_response
+from fe.campaign_parameters import RATIOS, Parameter
 from fe.discretisation import VOLUME_ORDER, first_order_elements
 from fe.driven import DrivenProblem, unknowns
 from fe.driven_parameters import Shape, free_shape
 from fe.driven_response import DrivenSpecimen, Schedule
 from fe.field_motion import field_probe
-from fe.force_control import check_targets
+from fe.force_control import keep_targets
 from fe.newton import NewtonOptions
 from fe.parameters import check_asked
 from fe.specimens.checks import (
     check_bulk_ratio,
-    check_counts,
     check_kinds,
     check_lengths,
     check_travel,
+    keep_counts,
 )
 from fe.steps import StepOptions
 
@@ -73,11 +74,13 @@ class UniaxialModel:
     newton: NewtonOptions = field(default_factory=lambda: NewtonOptions(1e-10, max_move=1.0))
     force: tuple[float, ...] = ()
     sensitivities: tuple[str, ...] | None = None
+    columns: ClassVar[tuple[Parameter, ...]] = RATIOS
+    """of a row of a campaign's design"""
 
     def __post_init__(self) -> None:
         check_kinds(self, specimen=Bar, steps=StepOptions, newton=NewtonOptions)
-        check_counts("field_grid", self.field_grid, (1, 1))
-        check_targets(self.travel, self.force)
+        keep_counts(self, "field_grid", (1, 1))
+        keep_targets(self)
         check_asked(self.sensitivities)
         check_bulk_ratio(self.bulk_ratio)
         if self.direction not in ("tension", "compression"):
