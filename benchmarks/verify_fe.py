@@ -3,13 +3,13 @@
     python -m benchmarks.verify_fe [--only PART ...] [--cases CASE ...] [--draws 200] [--workers 1]
         [--out FILE]
 
-Parts: felupe, calculix, taylor (a minute each), turned (bars, five minutes), gci and bounds (ten
-minutes each), directions (the fitting meshes refined in one coordinate at a time, an hour), sobol
-(200 draws over pins and contacts on the sampling meshes, half an hour), sobol_fitting (20 of them
-on the fitting meshes, an hour or more).  Each part replaces its own figures in FILE and leaves the
-others; every simulation but those of the first four is kept under --runs, so an interrupted part
-goes on where it was.  With --cases ("round, stick" ...) gci and directions replace the figures of
-these cases alone.
+Parts: felupe, calculix, taylor (a minute each), calculix_contact (ten minutes), turned (bars, five
+minutes), gci and bounds (ten minutes each), directions (the fitting meshes refined in one
+coordinate at a time, an hour), sobol (200 draws over pins and contacts on the sampling meshes, half
+an hour), sobol_fitting (20 of them on the fitting meshes, an hour or more).  Each part replaces its
+own figures in FILE and leaves the others; every simulation but those of the first five is kept
+under --runs, so an interrupted part goes on where it was.  With --cases ("round, stick" ...) gci
+and directions replace the figures of these cases alone.
 """
 
 from __future__ import annotations
@@ -103,6 +103,17 @@ def calculix(settings: Settings) -> dict[str, Any]:
     return {"calculix_force_difference_percent": stated, "calculix_force_differences": table}
 
 
+def calculix_contact(settings: Settings) -> dict[str, Any]:
+    """The block under bar and round pin with CalculiX's own contact, sliding and with friction."""
+    from benchmarks import calculix
+    from benchmarks import calculix_contact as cases
+
+    if not calculix.available():
+        print("ccx is not installed: calculix_contact is left as it was")
+        return {}
+    return cases.figures()
+
+
 def taylor_orders(settings: Settings) -> dict[str, Any]:
     """Sensitivities: order of the Taylor remainder, direct against adjoint, cost; by contact."""
     return taylor.figures()
@@ -142,6 +153,7 @@ def sobol_fitting(settings: Settings) -> dict[str, Any]:
 PARTS: dict[str, Callable[[Settings], dict[str, Any]]] = {
     "felupe": felupe,
     "calculix": calculix,
+    "calculix_contact": calculix_contact,
     "taylor": taylor_orders,
     "turned": turned,
     "gci": gci,
