@@ -29,7 +29,7 @@ def _asks(verb: Verb) -> Verb:
     def alone(arguments: argparse.Namespace) -> int:
         check_writable("RUN", arguments.folder)
         if not (arguments.folder / POSTERIOR).is_file():
-            return verb(arguments)
+            return verb(arguments)  # which refuses it
         with held_alone("RUN", arguments.folder):
             return verb(arguments)
 
@@ -65,7 +65,10 @@ def _say_answer(folder: Path, lines: Sequence[str], paths: Sequence[Path]) -> No
         from calib.study.finished import finished
         from calib.study.stages import report_again
 
-        written += report_again(finished(folder))
+        try:
+            written += report_again(finished(folder))
+        except ValueError as error:  # the answer stands
+            say(f"report.html is not drawn again: {error}")
     for path in written:
         say(f"wrote {path}")
 

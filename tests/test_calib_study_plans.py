@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,8 +15,16 @@ from calib.inference.planned import FirstOrderForward
 from calib.inference.tangent_errors import Mistaken
 from calib.study.config import load_study
 from calib.study.design_next import _between, _least_sd, _left_out
-from calib.study.plans import Errors, _other_blocks, by_emulator, by_runs, planned_likelihood
+from calib.study.plans import (
+    Errors,
+    _other_blocks,
+    _solved,
+    by_emulator,
+    by_runs,
+    planned_likelihood,
+)
 from calib.study.views import Run, Seen
+from calib.study.views_file import kept_run
 from fe import BlockPin, BlockPinModel, Contact
 
 
@@ -113,7 +122,7 @@ def test_a_load_cell_said_to_be_noisier_than_the_samples_is_as_noisy_as_they_all
 
 
 def test_plans_by_fe_runs_see_points_at_which_samples_were_not_compared(
-    monkeypatch: pytest.MonkeyPatch,
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     rng = np.random.default_rng(7)
     gradient = rng.normal(size=(3, 4, 3, 2))
@@ -123,7 +132,7 @@ def test_plans_by_fe_runs_see_points_at_which_samples_were_not_compared(
     )
     monkeypatch.setattr("calib.study.plans._solved", lambda *_: run)
     study, theta = load_study("virtual"), np.array([1.0, 0.3, 0.1])
-    plans = list(by_runs(study, study.hypotheses[0], errors(0.005), theta, print))
+    plans = list(by_runs(study, study.hypotheses[0], errors(0.005), theta, print, tmp_path))
     assert "front camera, by one FE run" in [plan.name for plan in plans]
     for plan in plans:
         assert plan.likelihood.field is not None
@@ -132,7 +141,7 @@ def test_plans_by_fe_runs_see_points_at_which_samples_were_not_compared(
 
 
 def test_plans_by_fe_runs_have_the_same_mesh_error_at_all_points(
-    monkeypatch: pytest.MonkeyPatch,
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     """They see three points, the study four; without its profile the floor is of its size."""
     rng = np.random.default_rng(7)
@@ -142,7 +151,7 @@ def test_plans_by_fe_runs_have_the_same_mesh_error_at_all_points(
     monkeypatch.setattr("calib.study.plans._solved", lambda *_: run)
     floor = FieldFloor(np.full((3, 3), 0.01), np.array([0.5, 0.5, 1.0, 1.6]))
     study, found = load_study("virtual"), replace(errors(0.005), floor=floor)
-    plans = by_runs(study, study.hypotheses[0], found, np.array([1.0, 0.3, 0.1]), print)
+    plans = by_runs(study, study.hypotheses[0], found, np.array([1.0, 0.3, 0.1]), print, tmp_path)
     sizes = {}
     for plan in plans:
         assert plan.likelihood.field is not None
@@ -154,3 +163,29 @@ def test_plans_by_fe_runs_have_the_same_mesh_error_at_all_points(
         "the directions in which the fields of the samples differ",
     ]
     assert _left_out(replace(found, floor=floor.even, directions=None)) == []
+
+
+def test_fe_runs_of_plans_are_kept_by_model_and_ratios(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    model = BlockPinModel(BlockPin(), Contact("slide", "slide"), (2, 1, 1), (0.1,))
+    theta, said = np.array([1.0, 0.3, 0.1]), []
+    first = _solved("a", model, theta, said.append, tmp_path)
+    assert first is not None and said == ["FE run     a"]
+    monkeypatch.setattr(
+        "calib.study.plans.run_with_views", lambda *_: pytest.fail("is kept, and solved again")
+    )
+    again = _solved("a", model, theta, said.append, tmp_path)
+    assert again is not None and said[-1] == "FE run     a (kept)"
+    for name in Run._fields[:-1]:
+        np.testing.assert_array_equal(getattr(again, name), getattr(first, name))
+    for face, seen in first.faces.items():
+        for ours, theirs in zip(again.faces[face], seen, strict=True):
+            np.testing.assert_array_equal(ours, theirs)
+    higher = replace(model, specimen=BlockPin(height=2.6))
+    assert kept_run(tmp_path, higher, theta[1:]) is None
+    assert kept_run(tmp_path, model, theta[1:] + 1e-9) is None
+    [path] = tmp_path.iterdir()
+    path.write_bytes(b"cut")
+    with pytest.raises(ValueError, match=f"{path}: not a readable npz file"):
+        kept_run(tmp_path, model, theta[1:])

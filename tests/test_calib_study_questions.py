@@ -201,6 +201,7 @@ def test_a_finished_study_does_not_ask_for_its_data_file(tmp_path: Path) -> None
     (tmp_path / "data.json").touch()
     write_study(tmp_path / "study.toml", study)
     (tmp_path / "mine" / "forces.csv").unlink()
+    _posterior_of(study).to_netcdf(str(tmp_path / "posterior.nc"))
     assert finished(tmp_path).study == study
     with pytest.raises(StudyError, match=r"data\.source: found .*forces\.csv\","):
         load_study(tmp_path / "study.toml")
@@ -226,6 +227,35 @@ def test_a_study_file_of_other_results_is_refused(tmp_path: Path) -> None:
     assert finished(tmp_path).study == louder
     (tmp_path / "posterior.nc").write_bytes(b"cut")
     with pytest.raises(ValueError, match=r"posterior\.nc: not a readable posterior"):
+        finished(tmp_path)
+
+
+def test_a_study_without_its_posterior_is_asked_nothing(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Its parts may be of runs with other settings, which the posterior alone would tell."""
+    write_study(tmp_path / "study.toml", load_study("virtual"))
+    (tmp_path / "data.json").touch()
+    for verb in ("identify", "evidence", "baseline", "design-next", "direct-chain"):
+        assert main([verb, str(tmp_path), *(["--hypothesis", "stuck"] * (verb[0] in "bd"))]) == 2
+        said = (
+            f"calib: {tmp_path}: found no posterior.nc, expected the folder of a finished study\n"
+        )
+        assert capsys.readouterr().err == said
+
+
+def test_the_boxes_that_a_posterior_was_made_with_must_be_there(tmp_path: Path) -> None:
+    study = load_study("virtual")
+    (tmp_path / "data.json").touch()
+    (tmp_path / "boxes.json").write_text("{}")
+    hashes = {"boxes.json": hash_of_file(tmp_path / "boxes.json")}
+    stated = {"study_file": plain(study), "input_hashes": hashes}
+    posterior = az.from_dict({"mu": np.zeros((1, 2))}, attrs={"provenance": json.dumps(stated)})
+    posterior.to_netcdf(str(tmp_path / "posterior.nc"))
+    write_study(tmp_path / "study.toml", study)
+    assert finished(tmp_path).study == study
+    (tmp_path / "boxes.json").unlink()
+    with pytest.raises(ValueError, match=r"posterior\.nc: found no boxes\.json beside it"):
         finished(tmp_path)
 
 
@@ -269,7 +299,7 @@ def test_a_folder_without_a_study_and_an_unknown_hypothesis_are_refused(
 ) -> None:
     for verb in ("identify", "evidence", "baseline"):
         assert main([verb, str(tmp_path)]) == 2
-        assert "found no study with data" in capsys.readouterr().err
+        assert f"{tmp_path}: found no study.toml, expected the folder" in capsys.readouterr().err
     with pytest.raises(ValueError, match="expected one of stuck, sliding"):
         chosen(load_study("virtual"), "glued")
 

@@ -31,6 +31,7 @@ from calib.study.sections import Hypothesis
 from calib.study.tables import Table, number
 from fe.response import Array
 
+FOLDER = "design_next"
 RATIOS_ALONE = (("ln kappa", "r"), ("ln kappa", "r", "s"))
 """unknowns by which runs of other blocks have derivatives"""
 N_LAPLACE, N_OUTER, N_INNER = 400, 1500, 3000
@@ -50,8 +51,6 @@ def design_next(
     in the logarithm.
     Raises ValueError when the study is not finished or has no such hypothesis.
     """
-    if not (out / "posterior.nc").is_file():
-        raise ValueError(f"{out}: found no posterior.nc, expected the folder of a finished study")
     context = replace(finished(out), echo=echo)
     study = context.study
     under = chosen(study, hypothesis)
@@ -72,7 +71,7 @@ def design_next(
             "FE runs    left out: the pin is off the sample's centre, expected geometry.pin_shift 0"
         )
     elif with_runs and names in RATIOS_ALONE:
-        plans += by_runs(study, under, errors, theta, echo)
+        plans += by_runs(study, under, errors, theta, echo, out / FOLDER / "runs")
     elif with_runs:
         unknown = ", ".join(names)
         echo(
@@ -91,7 +90,7 @@ def design_next(
             "plans": rows,
         }
     )
-    paths = [out / "design_next" / name for name in ("design_next.json", "design_next.png")]
+    paths = [out / FOLDER / name for name in ("design_next.json", "design_next.png")]
     write_json(paths[0], facts)
     save_png(gains_figure(facts), paths[1])
     keep_answer(context, "design-next", [gains_table(facts)], paths[1])

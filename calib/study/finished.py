@@ -11,6 +11,7 @@ from calib.inference.posterior import Posterior
 from calib.study.artifacts import CONTENT, hash_of, hash_of_file, plain, read_record
 from calib.study.config import Study, StudyError, load_study
 from calib.study.context import Context, block_pin_model
+from calib.study.local_design import BOXES
 from calib.study.posterior_setup import emulator_posterior
 from calib.study.sections import Hypothesis
 from calib.study.study_file import STUDY_FILE
@@ -25,12 +26,16 @@ FREE = ("compute", "name")
 def finished(out: Path) -> Context:
     """The context of a study's folder; nothing is run.
 
-    Raises ValueError where the folder holds no study whose emulators are trained, and where its
-    study file says other things than when its posterior was sampled.
+    Raises ValueError where the folder holds no finished study, whose posterior says what it was
+    made from: parts of a run that was stopped may be of different inputs. So it does where the
+    study file or those parts are others than when the posterior was sampled.
     """
     file = out / STUDY_FILE
-    if not file.is_file() or not (out / "data.json").is_file():
-        raise ValueError(f"{out}: found no study with data, expected the folder of a finished run")
+    for wanted in (file, out / "data.json", out / POSTERIOR):
+        if not wanted.is_file():
+            raise ValueError(
+                f"{out}: found no {wanted.name}, expected the folder of a finished study"
+            )
     study: Study = load_study(file, with_data=False)
     check_unchanged(study, out)
     return Context(
@@ -69,7 +74,8 @@ def check_same_run(out: Path) -> None:
     """Raise ValueError where data, emulators or chains in the folder are not the posterior's.
 
     Data may have changed under the name that they had, and the run that took them been stopped.
-    Files that are not there say nothing; nor does a posterior of an older version.
+    Files that are not there say nothing, as who needs them says so, but for that of the boxes,
+    without which other emulators would be taken; nor does a posterior of an older version.
     """
     made = stated_provenance(out / POSTERIOR).get("input_hashes")
     known: dict[str, str] = made if isinstance(made, dict) else {}
@@ -78,10 +84,11 @@ def check_same_run(out: Path) -> None:
         for name, digest in sorted(known.items())
         if (out / name).is_file() and hash_of_file(out / name) != digest
     ]
-    if others:
+    if others or (BOXES in known and not (out / BOXES).is_file()):
+        what = f"{', '.join(others)} of another run" if others else f"no {BOXES}"
         raise ValueError(
-            f"{out / POSTERIOR}: found {', '.join(others)} of another run beside it, expected what "
-            f"it was made from; `calib run {out / STUDY_FILE} --out {out}` makes it anew"
+            f"{out / POSTERIOR}: found {what} beside it, expected what it was made from; "
+            f"`calib run {out / STUDY_FILE} --out {out}` makes it anew"
         )
 
 

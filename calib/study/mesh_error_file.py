@@ -15,10 +15,16 @@ from calib.study.sections import Hypothesis
 from calib.study.usual_meshes import field_order
 
 
+def mesh_error_files(out: Path, hypothesis: Hypothesis) -> list[Path]:
+    """Where the error of a hypothesis' mesh is kept: json and npz."""
+    folder = check_folder(out, hypothesis)
+    return [folder / "mesh_error.json", folder / "mesh_error.npz"]
+
+
 def load_mesh_error(out: Path, hypothesis: Hypothesis) -> MeshError:
     """Read what the check stage kept; raises ValueError naming a missing or damaged file."""
-    facts = read_json(check_folder(out, hypothesis) / "mesh_error.json")
-    stored = read_npz(check_folder(out, hypothesis) / "mesh_error.npz", ("field",))
+    of_facts, of_fields = mesh_error_files(out, hypothesis)
+    facts, stored = read_json(of_facts), read_npz(of_fields, ("field",))
     known = "field_slope" in stored
     slopes = MeshSlopes(stored["field_slope"], stored["reach"]) if known else None
     extent = stored.get("extent")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
@@ -26,6 +27,7 @@ from calib.study.context import block_pin_model
 from calib.study.sections import Hypothesis
 from calib.study.varied_block import VariedBlock
 from calib.study.views import Face, Run, run_with_views, similar, together
+from calib.study.views_file import keep_run, kept_run
 from fe.response import Array
 from fe.specimens.block_pin import BlockPinModel
 
@@ -252,8 +254,9 @@ def by_runs(
     errors: Errors,
     theta: Array,
     echo: Callable[[str], None],
+    store: Path,
 ) -> Iterator[Plan]:
-    """Other cameras and other blocks, each by one FE run on the sampling mesh.
+    """Other cameras and other blocks, each by one FE run on the sampling mesh, kept in `store`.
 
     At theta (kappa, r) or (kappa, r, s) of a Mooney-Rivlin law. How fields of samples differ, and
     where on the face the mesh errs, is known at the study's own points alone.
@@ -273,7 +276,7 @@ def by_runs(
     block = model.template if isinstance(model, VariedBlock) else model
     assert isinstance(block, BlockPinModel)
     model = replace(block, field_grid=(2, 2))
-    base = _solved("front and side", model, theta, echo)
+    base = _solved("front and side", model, theta, echo, store)
     if base is not None:
         yield plan("front camera, by one FE run", "check", base, errors, "front")
         yield plan("side camera instead", "camera", base, errors.beside_the_bar(), "side")
@@ -285,7 +288,7 @@ def by_runs(
             found = plan(f"{size:g} mm sample, {name}", "geometry", small, scaled, "front")
             yield replace(found, source="FE run, scaled")
     for name, changed in _other_blocks(model):
-        run = _solved(name, changed, theta, echo)
+        run = _solved(name, changed, theta, echo, store)
         if run is not None:
             yield plan(name, "geometry", run, errors, "front")
 
@@ -306,11 +309,16 @@ def _other_blocks(model: BlockPinModel) -> Iterator[tuple[str, BlockPinModel]]:
 
 
 def _solved(
-    name: str, model: BlockPinModel, theta: Array, echo: Callable[[str], None]
+    name: str, model: BlockPinModel, theta: Array, echo: Callable[[str], None], store: Path
 ) -> Run | None:
+    if (kept := kept_run(store, model, theta[1:])) is not None:
+        echo(f"FE run     {name} (kept)")
+        return kept
     echo(f"FE run     {name}")
     try:
-        return run_with_views(model, theta[1:])
+        run = run_with_views(model, theta[1:])
     except ValueError as error:
         echo(f"  left out: {error}")
         return None
+    keep_run(store, model, run)
+    return run
