@@ -50,8 +50,8 @@ def validate(
     for index, given in enumerate(test.constants):
         if given.name in study.hypotheses:
             raise ValueError(
-                f"constants[{index}].name: found {given.name}, expected another than that of a "
-                "hypothesis of the study"
+                f"{test.name}: constants[{index}].name: found {given.name}, expected another than "
+                "that of a hypothesis of the study"
             )
     echo(f"data       {test.data.source}")
     data = second_data(test, folder, study)
@@ -92,7 +92,9 @@ def posterior_draws(out: Path, test: SecondTest) -> tuple[dict[str, Rubbers], St
     )
     if test.hypothesis is not None and test.hypothesis not in names:
         known = ", ".join(names)
-        raise ValueError(f"hypothesis: found {test.hypothesis}, expected one of {known}")
+        raise ValueError(
+            f"{test.name}: hypothesis: found {test.hypothesis}, expected one of {known}"
+        )
     rng = np.random.default_rng(np.random.SeedSequence(test.seed, spawn_key=(2,)))
     draws = {}
     for name in names if test.hypothesis is None else [test.hypothesis]:
