@@ -12,7 +12,15 @@ from virtual_blocks import analytic_truth
 
 from calib.cli import main
 from calib.data.readers import read_dic, read_machine
-from calib.virtual import Cameras, LaboratorySettings, Placing, make_laboratory
+from calib.virtual import (
+    BlockTruth,
+    Cameras,
+    LaboratorySettings,
+    Placing,
+    VirtualNoise,
+    make_laboratory,
+)
+from calib.virtual.cameras import CameraPair
 from calib.virtual.correlated_noise import correlated_noise, torus_amplitudes
 from calib.virtual.dic_frames import dic_frames
 from calib.virtual.front_view import grid_spacing, view
@@ -25,6 +33,8 @@ from calib.virtual.laboratory_settings import (
 from calib.virtual.photographs import Studio, photograph
 from calib.virtual.placement import Placement, place
 from calib.virtual.point_files import POINT_WRITERS, write_frames
+from calib.virtual.sensor import Sensor
+from fe import BlockPin
 
 SMALL = Cameras(grid=(60, 16))
 STRAIGHT = Placement(0.0, 0.0, 0.0, 0.0, (0.4, -1.1, 2.0), 1.0, "")
@@ -267,6 +277,15 @@ def test_as_many_samples_as_asked_are_clearly_beyond_a_limit_and_the_others_clea
     assert {s.beyond for s in samples} >= {"angle", "x_shift"}
 
 
+def test_a_shift_that_leaves_no_room_beside_the_pin_is_refused() -> None:
+    truth, points = analytic_truth(), np.array([[3.0, 2.0]])
+    assert np.isfinite(truth.field_at(points, TRAVEL, 2.4)).all()
+    with pytest.raises(ValueError, match=r"shift: expected less than 2\.5 mm, half the width"):
+        truth.field_at(points, TRAVEL, -2.6)
+    narrow = BlockTruth(specimen=BlockPin(width=5.0, pin_width=2.0), shift_cells=None)
+    assert narrow.shift_models() == ()
+
+
 @pytest.mark.parametrize(
     ("make", "text"),
     [
@@ -285,7 +304,29 @@ def test_as_many_samples_as_asked_are_clearly_beyond_a_limit_and_the_others_clea
         ),
         (lambda: LaboratorySettings(protocol=Protocol(rest_s=0.0)), "rest_s: expected more than"),
         (lambda: LaboratorySettings(samples=3), "misplaced: expected at most the 3 samples"),
-        (lambda: LaboratorySettings(use=(9, 10)), "use: expected increments of 1 to 9"),
+        (lambda: LaboratorySettings(use=(9, 10)), "use: expected two or more increments of 1 to 9"),
+        (lambda: LaboratorySettings(use=(7, 3, 3)), "use: expected two or more .* ascending"),
+        (lambda: LaboratorySettings(use=(4,)), "use: expected two or more"),
+        (lambda: LaboratorySettings(samples=2.5), "samples: expected a whole number"),  # type: ignore[arg-type]
+        (lambda: Protocol(preconditioning_travel_mm=0.0), "preconditioning_travel_mm: expected a"),
+        (lambda: Protocol(hold_s=float("inf")), "hold_s: expected a number above 0, found inf"),
+        (lambda: Cameras(noise_mm=(0.005, 0.005)), "noise_mm: expected three SDs"),  # type: ignore[arg-type]
+        (lambda: Cameras(noise_mm=(float("nan"), 0.0, 0.0)), "noise_mm: expected three SDs"),
+        (lambda: Placing(safe_share=3.0), "safe_share: expected a share"),
+        (lambda: Sensor(read_noise=float("nan")), "read_noise, gain_drift, tilt_drift: expected 0"),
+        (lambda: CameraPair(pixel_mm=float("nan")), "columns, rows, pixel_mm, f_stop: expected"),
+        (lambda: VirtualNoise(field_noise_std=(-1.0, 0.0, 0.0)), "field_noise_std: expected three"),
+        (lambda: VirtualNoise(field_correlation_length=-1.0), "field_correlation_length: expected"),
+        (
+            lambda: VirtualNoise(field_reference_share=2.0),
+            "field_reference_share: expected",
+        ),
+        (lambda: BlockTruth(specimen=BlockPin(pin="round")), "specimen: expected a straight bar"),
+        (lambda: BlockTruth(specimen=BlockPin(pin_shift=(0.3, 0.0))), "specimen: expected a str"),
+        (
+            lambda: BlockTruth(specimen=BlockPin(width=5.0)),
+            "shift_solved: .* the width of 5 mm",
+        ),
         (lambda: LaboratorySettings(machine_format="x"), "machine_format: expected one of"),  # type: ignore[arg-type]
     ],
 )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -37,7 +38,8 @@ class CameraPair:
 
     def __post_init__(self) -> None:
         positive = (self.columns, self.rows, self.pixel_mm, self.f_stop)
-        if min(positive) <= 0 or not self.distance_mm > self.focal_length_mm > 0:
+        far = math.inf > self.distance_mm > self.focal_length_mm > 0.0
+        if not (far and all(0.0 < value < math.inf for value in positive)):
             raise ValueError(
                 f"columns, rows, pixel_mm, f_stop: expected above 0, and distance_mm beyond "
                 f"focal_length_mm, found {positive}, {self.distance_mm}, {self.focal_length_mm}"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -43,6 +44,14 @@ class VirtualNoise:
         if not self.force_sd_share > 0:
             raise ValueError(f"force_sd_share: expected positive, got {self.force_sd_share}")
         NoiseSettings(self.load_cell_sd, self.sample_correlation, self.travel_zero_sd)
+        std = self.field_noise_std
+        if len(std) != 3 or not all(0.0 <= sd < math.inf for sd in std):
+            raise ValueError(f"field_noise_std: expected three SDs of 0 or more, got {std}")
+        length, share = self.field_correlation_length, self.field_reference_share
+        if not 0.0 < length < math.inf:
+            raise ValueError(f"field_correlation_length: expected positive, got {length}")
+        if not 0.0 <= share < 1.0:
+            raise ValueError(f"field_reference_share: expected a share in [0, 1), got {share}")
 
 
 def virtual_experiment(

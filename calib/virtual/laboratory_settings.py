@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, fields
 from typing import Literal, cast, get_args
 
@@ -32,13 +33,12 @@ class Protocol:
 
     def __post_init__(self) -> None:
         _above_zero(self, "increment_mm", "increments", "hold_s", "speed_mm_per_s", "slack_mm")
+        _above_zero(self, "preconditioning_travel_mm")
         for name in ("increments", "preconditioning_cycles"):
             if not isinstance(getattr(self, name), int):
                 found = getattr(self, name)
                 raise ValueError(f"{name}: expected a whole number, found {found}")
-        _not_negative(
-            self, "preconditioning_cycles", "preconditioning_travel_mm", "rest_s", "contact_s"
-        )
+        _not_negative(self, "preconditioning_cycles", "rest_s", "contact_s")
 
 
 @dataclass(frozen=True)
@@ -141,8 +141,8 @@ class Cameras:
             )
         if min(self.grid) < 4 or not all(isinstance(n, int) for n in self.grid):
             raise ValueError(f"grid: expected 4 points or more each way, found {self.grid}")
-        if min(self.noise_mm) < 0.0:
-            raise ValueError(f"noise_mm: expected SDs of 0 or more, found {self.noise_mm}")
+        if len(self.noise_mm) != 3 or not all(0.0 <= sd < math.inf for sd in self.noise_mm):
+            raise ValueError(f"noise_mm: expected three SDs of 0 or more, found {self.noise_mm}")
         if not 0.0 <= self.reference_share < 1.0:
             raise ValueError(f"reference_share: expected in [0, 1), found {self.reference_share}")
         shares = (self.lost_share, self.outlier_share, self.least_seen)
@@ -179,10 +179,12 @@ class Placing:
     safe_share: float = 0.85
     clear_share: float = 0.15
     stiffness_sd: float = 0.08
-    """SD of the samples' stiffness over its mean (T Table 5.1: 7 to 11 % with the load cell)"""
+    """SD of the logarithm of the samples' stiffness (T Table 5.1: 7 to 11 % with the load cell)"""
 
     def __post_init__(self) -> None:
-        _above_zero(self, "max_angle_deg", "max_x_shift_mm", "safe_share")
+        _above_zero(self, "max_angle_deg", "max_x_shift_mm")
+        if not 0.0 < self.safe_share <= 1.0:
+            raise ValueError(f"safe_share: expected a share in (0, 1], found {self.safe_share}")
         _not_negative(
             self, "misplaced", "clear_share", "stiffness_sd", "angle_sd_deg", "x_shift_sd_mm",
             "camera_roll_deg", "camera_tilt_deg",
@@ -204,8 +206,8 @@ class LaboratorySettings:
     placing: Placing = field(default_factory=Placing)
 
     def __post_init__(self) -> None:
-        if self.samples < 1:
-            raise ValueError(f"samples: expected 1 or more, found {self.samples}")
+        if not (isinstance(self.samples, int) and self.samples >= 1):
+            raise ValueError(f"samples: expected a whole number of 1 or more, found {self.samples}")
         if not 0 <= self.placing.misplaced <= self.samples:
             raise ValueError(
                 f"misplaced: expected at most the {self.samples} samples, "
@@ -217,9 +219,11 @@ class LaboratorySettings:
                 f"found {self.machine_format!r}"
             )
         self._check_triggers()
-        if not self.use or not set(self.use) <= set(range(1, self.protocol.increments + 1)):
+        known = range(1, self.protocol.increments + 1)
+        if len(self.use) < 2 or list(self.use) != [n for n in known if n in self.use]:
             raise ValueError(
-                f"use: expected increments of 1 to {self.protocol.increments}, found {self.use}"
+                f"use: expected two or more increments of 1 to {self.protocol.increments}, "
+                f"ascending, found {self.use}"
             )
 
     def _check_triggers(self) -> None:
@@ -243,7 +247,7 @@ class LaboratorySettings:
 BEFORE_APPROACH = 2.0
 """s: when the reference image is taken"""
 SURE = 4.0
-"""SDs of the hand that presses the trigger"""
+"""SDs beyond which nothing is drawn: of the hand that presses the trigger, of contact"""
 MISPLACED_SHARE = 1 / 3
 """of samples, where the number of the misplaced is not asked for"""
 
@@ -264,12 +268,12 @@ def chosen(samples: int, points: str, machine: str) -> LaboratorySettings:
 def _above_zero(settings: object, *names: str) -> None:
     for name in names:
         value = getattr(settings, name)
-        if not value > 0:
+        if not 0.0 < value < math.inf:
             raise ValueError(f"{name}: expected a number above 0, found {value}")
 
 
 def _not_negative(settings: object, *names: str) -> None:
     for name in names:
         value = getattr(settings, name)
-        if not value >= 0:
+        if not 0.0 <= value < math.inf:
             raise ValueError(f"{name}: expected 0 or more, found {value}")

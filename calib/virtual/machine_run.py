@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.virtual.crosshead import Programme, programme
-from calib.virtual.laboratory_settings import LaboratorySettings, Rubber, TestMachine
+from calib.virtual.laboratory_settings import SURE, LaboratorySettings, Rubber, TestMachine
 from calib.virtual.relaxation import relaxing_force
 from calib.virtual.truth import TruthResponse
 from fe.response import Array
@@ -44,7 +44,8 @@ def run_machine(
     """Test one sample that is `stiffness` times as stiff as the mean one.
 
     The frame yields by the force at rest; what relaxes moves it by less than its rounding.
-    Raises ValueError when the protocol goes further than the truth was computed.
+    Raises ValueError when the protocol goes further than the truth was computed, or so far that
+    errors of contact would be cut off on one side.
     """
     machine, protocol = settings.machine, settings.protocol
     path = programme(protocol)
@@ -78,6 +79,12 @@ def _contact(sd: float, room: float, rng: np.random.Generator) -> float:
 
     `room` is how much further, mm, than the programme the truth was computed.
     """
+    if 0.0 <= room < SURE * sd:
+        raise ValueError(
+            f"contact_sd_mm: expected at most {room / SURE:.4f} mm, as the truth was computed for "
+            f"{room:.4f} mm of the crosshead beyond the last increment, found {sd:g} mm; fewer "
+            "increments, or a truth to a longer travel, leave more"
+        )
     contact = float(sd * rng.standard_normal())
     while contact > room >= 0.0:
         contact = float(sd * rng.standard_normal())

@@ -84,18 +84,19 @@ def photograph(
             raise ValueError(f"{place}: expected frames of {SOFTCAL}, found {found}")
     static_seed, *seeds = np.random.SeedSequence(seed).spawn(len(samples) + 1)
     at_rest = np.zeros(studio.static_frames + 1)
-    frames = dic_series(
-        truth, STRAIGHT, at_rest, at_rest, studio, np.random.default_rng(static_seed)
-    )
-    _replace(folder / "static", frames)
+    rng = np.random.default_rng(static_seed)
+    # files are replaced when all are there: a stop leaves the laboratory that truth.json tells of
+    taken = [(folder / "static", dic_series(truth, STRAIGHT, at_rest, at_rest, studio, rng))]
     say("static frames photographed")
     for sample, own in zip(samples, seeds, strict=True):
         place = folder / sample.name / "dic"
         time = np.array([frame.time for frame in read_dic(place).frames], dtype=np.float64)
         travel = np.append(0.0, sample.travel)
         rng = np.random.default_rng(own)
-        _replace(place, dic_series(truth, sample.placement, travel, time, studio, rng))
+        taken.append((place, dic_series(truth, sample.placement, travel, time, studio, rng)))
         say(f"{sample.name} photographed")
+    for place, frames in taken:
+        _replace(place, frames)
     _tell_truth(folder, studio, seed)
 
 

@@ -30,7 +30,7 @@ class Placement:
     origin: tuple[float, float, float]
     """mm, bottom centre of the sample's front face in the cameras' frame"""
     stiffness: float
-    """its force over that of the mean sample"""
+    """its force over that of the median sample, which the truth's constants are of"""
     beyond: Beyond
     """which limit it was placed beyond"""
     grid_phase: tuple[float, float] = (0.0, 0.0)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,12 +26,14 @@ class Sensor:
     """SD of how much brighter one side of an image becomes, share"""
 
     def __post_init__(self) -> None:
-        if not 8 <= self.bits <= 16 or not self.full_well > 0:
+        if not 8 <= self.bits <= 16 or not 0.0 < self.full_well < math.inf:
             raise ValueError(
                 f"bits, full_well: expected 8 to 16 and above 0, "
                 f"found {self.bits}, {self.full_well}"
             )
-        if min(self.read_noise, self.gain_drift, self.tilt_drift) < 0:
+        if not all(
+            0.0 <= n < math.inf for n in (self.read_noise, self.gain_drift, self.tilt_drift)
+        ):
             raise ValueError(
                 f"read_noise, gain_drift, tilt_drift: expected 0 or more, found "
                 f"{self.read_noise}, {self.gain_drift}, {self.tilt_drift}"

@@ -62,8 +62,19 @@ class BlockTruth:
                 f"C10, C01, C11: expected C10 + C01 above 0 MPa and finite C11, "
                 f"found {self.C10}, {self.C01}, {self.C11}"
             )
-        if not 0.0 < self.shift_solved < self.specimen.width / 2.0 - EDGE:
-            raise ValueError(f"shift_solved: expected a small shift, found {self.shift_solved} mm")
+        block = self.specimen
+        if block.pin != "bar" or any(block.pin_shift) or block.pin_rotation != 0.0:
+            raise ValueError(
+                "specimen: expected a straight bar in the middle, as shifts and angles of samples "
+                f"are drawn by themselves, found a pin {block.pin} shifted by {block.pin_shift} mm "
+                f"and turned by {block.pin_rotation} degrees"
+            )
+        room = block.width / 2.0 - EDGE
+        if self.shift_cells is not None and not 0.0 < self.shift_solved < room:
+            raise ValueError(
+                f"shift_solved: expected a shift above 0 and below {room:g} mm, half the width of "
+                f"{block.width:g} mm less {EDGE:g} mm, found {self.shift_solved} mm"
+            )
 
     @property
     def kappa(self) -> float:
@@ -124,9 +135,15 @@ class TruthResponse:
 
         Points are counted from the block's centre; the pin stands at x = `shift`. The field goes
         with the pin, and what the nearness of a side changes is a parabola in the shift through
-        the fields at -`shift_solved`, 0 and `shift_solved`.
+        the fields at -`shift_solved`, 0 and `shift_solved`. Raises ValueError for a shift that
+        leaves no room beside the pin's edge.
         """
         half = self.truth.specimen.width / 2.0
+        if abs(shift) >= half - EDGE:
+            raise ValueError(
+                f"shift: expected less than {half - EDGE:g} mm, half the width less {EDGE:g} mm, "
+                f"found {shift:g} mm"
+            )
         centred = points.copy()
         centred[:, 0] = pin_at_centre(points[:, 0], shift, half)
         found = self.fine.field_at(centred, travel)
