@@ -27,6 +27,8 @@ Array = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 
 QUARTER = 4.0
+TOLERANCE = 1e-9
+"""mm, of places on a face"""
 OVERCLOSURE = 50.0
 """CalculiX's contact pressure per overclosure, MPa/mm: 0.2 MPa are 4 um"""
 STICK = 2.0
@@ -155,31 +157,31 @@ _FACES = {
 
 def deck(case: PinCase, size: int) -> tuple[str, Array, IntArray]:
     """Input of CalculiX; all positions of the block (n, 3) mm; its nodes on the front face."""
-    block = case.specimen
     positions, nodes = calculix.bricks(block_mesh(case, size))
-    pin, shell = pin_bricks(block)
+    pin, shell = pin_bricks(case.specimen)
     n, first = len(positions), len(nodes) + 1
     lines = calculix.node_lines(np.vstack([positions, pin]))
     lines += calculix.element_lines("C3D20R", "BLOCK", nodes)
     lines += calculix.element_lines("C3D8", "PIN", shell + n, first)
-    x, y, z = positions.T
-    tolerance = 1e-9
-    front = np.flatnonzero(z > block.depth / 2.0 - tolerance)
-    for name, members in (
-        ("PINNODES", np.arange(n, n + len(pin))),
-        ("BASE", np.flatnonzero(y < tolerance)),
-        ("MIDDLEX", np.flatnonzero(x < tolerance)),
-        ("MIDDLEZ", np.flatnonzero(z < tolerance)),
-        ("FRONT", front),
-    ):
+    front = np.flatnonzero(positions[:, 2] > case.specimen.depth / 2.0 - TOLERANCE)
+    lines += calculix.node_set_lines("PINNODES", range(n, n + len(pin)))
+    lines += calculix.node_set_lines("FRONT", front.tolist())
+    for axis, name in enumerate(("MIDDLEX", "BASE", "MIDDLEZ")):
+        members = np.flatnonzero(positions[:, axis] < TOLERANCE)
         lines += calculix.node_set_lines(name, members.tolist())
     lines += ["*SURFACE, NAME=TOP"]
     for face, corners in _FACES.items():
-        on_top = (y[nodes[:, corners]] > block.height - tolerance).all(axis=1)
+        height = positions[nodes[:, corners], 1]
+        on_top = (height > case.specimen.height - TOLERANCE).all(axis=1)
         lines += [f"{e + 1}, S{face}" for e in np.flatnonzero(on_top)]
     lines += ["*SURFACE, NAME=FACETS"]
     lines += [f"{e}, S1" for e in range(first, first + len(shell))]
-    lines += calculix.rubber_lines(case.constants, 2.0 * case.kappa * case.bulk_ratio, "BLOCK")
+    return "\n".join([*lines, *_model_lines(case)]) + "\n", positions, front
+
+
+def _model_lines(case: PinCase) -> list[str]:
+    """Materials, contact, supports and steps."""
+    lines = calculix.rubber_lines(case.constants, 2.0 * case.kappa * case.bulk_ratio, "BLOCK")
     lines += ["*MATERIAL, NAME=STEEL", "*ELASTIC", "10., 0.3"]  # every node of it is held
     lines += ["*SOLID SECTION, ELSET=PIN, MATERIAL=STEEL", "*SURFACE INTERACTION, NAME=TOUCH"]
     lines += ["*SURFACE BEHAVIOR, PRESSURE-OVERCLOSURE=LINEAR", f"{OVERCLOSURE:g}, 1e-5, 1e-3"]
@@ -193,7 +195,7 @@ def deck(case: PinCase, size: int) -> tuple[str, Array, IntArray]:
         lines += ["*BOUNDARY", f"PINNODES, 2, 2, {-travel:.12e}"]
         lines += ["*NODE PRINT, NSET=PINNODES, TOTALS=ONLY, FREQUENCY=1000", "RF"]
         lines += ["*NODE PRINT, NSET=FRONT, FREQUENCY=1000", "U", "*END STEP"]
-    return "\n".join(lines) + "\n", positions, front
+    return lines
 
 
 @dataclass(frozen=True)

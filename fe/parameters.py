@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -25,8 +25,12 @@ Surface = TypeVar("Surface")
 """how what touches the body depends on the parameters"""
 
 
-def check_asked(sensitivities: tuple[str, ...] | None) -> None:
-    """Raise ValueError unless these are different names, or None."""
+def keep_asked(model: Any) -> None:
+    """Make a frozen model's `sensitivities` a tuple; raise ValueError unless different names.
+
+    None is left.
+    """
+    sensitivities = model.sensitivities
     if sensitivities is None:
         return
     if not isinstance(sensitivities, (tuple, list)) or not all(
@@ -35,6 +39,7 @@ def check_asked(sensitivities: tuple[str, ...] | None) -> None:
         raise ValueError(f"sensitivities: expected a tuple of names, found {sensitivities!r}")
     if len(set(sensitivities)) < len(sensitivities):
         raise ValueError(f"sensitivities: expected each name once, found {sensitivities}")
+    object.__setattr__(model, "sensitivities", tuple(sensitivities))
 
 
 def check_names(names: tuple[str, ...], known: tuple[str, ...]) -> None:

@@ -56,6 +56,22 @@ def test_the_error_holds_that_the_draws_are_of_a_short_chain() -> None:
     assert np.std(gains) == pytest.approx(np.mean(stated), rel=0.2)
 
 
+def test_errors_of_draws_are_those_of_their_chain_too() -> None:
+    """By n = 100 draws of a chain that is worth as many, each is sqrt(2) larger."""
+    draws = np.random.default_rng(4).standard_normal((300, 2))
+    rows = (draws[:100], draws[100:], np.eye(2))
+    alone, of_chain = (
+        nested_gain(*rows, np.random.default_rng(1), chain) for chain in (np.inf, 100.0)
+    )
+    for bound in ("lower", "upper"):
+        one, other = getattr(alone, bound), getattr(of_chain, bound)
+        assert other.mean == one.mean
+        assert other.error == pytest.approx(np.sqrt(2.0) * one.error)
+    slopes = np.random.default_rng(5).standard_normal((100, 2, 2))
+    one, other = (laplace_gain(slopes, np.eye(2), np.eye(2), chain=c) for c in (np.inf, 100.0))
+    assert other.error == pytest.approx(np.sqrt(2.0) * one.error)
+
+
 def test_nested_monte_carlo_holds_the_closed_form_between_its_bounds() -> None:
     rng = np.random.default_rng(2)
     jacobian = rng.standard_normal((5, 3))

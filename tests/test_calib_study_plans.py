@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,7 +15,8 @@ from calib.inference.noise import NoiseSettings
 from calib.inference.planned import FirstOrderForward
 from calib.inference.tangent_errors import Mistaken
 from calib.study.config import load_study
-from calib.study.design_next import _between, _least_sd, _left_out
+from calib.study.context import Context, block_pin_model
+from calib.study.design_next import _between, _draws, _least_sd, _left_out
 from calib.study.plans import (
     Errors,
     _other_blocks,
@@ -26,6 +28,7 @@ from calib.study.plans import (
 from calib.study.views import Run, Seen
 from calib.study.views_file import kept_run
 from fe import BlockPin, BlockPinModel, Contact
+from fe.executors import serial_map
 
 
 @pytest.mark.parametrize(
@@ -187,5 +190,19 @@ def test_fe_runs_of_plans_are_kept_by_model_and_ratios(
     assert kept_run(tmp_path, model, theta[1:] + 1e-9) is None
     [path] = tmp_path.iterdir()
     path.write_bytes(b"cut")
-    with pytest.raises(ValueError, match=f"{path}: not a readable npz file"):
+    with pytest.raises(ValueError, match=f"{path}: found no whole FE run in it; delete it and ask"):
         kept_run(tmp_path, model, theta[1:])
+
+
+def test_draws_of_a_plan_are_worth_what_their_chain_is(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    study = load_study("virtual")
+    times = np.array([[20.0, 25.0], [22.0, 24.0]])  # (ensemble, coordinate), steps
+    result = SimpleNamespace(draws=np.zeros((5000, 2)), autocorrelation_time=times)
+    monkeypatch.setattr(
+        "calib.study.design_next.load_samples", lambda *_: SimpleNamespace(result=result)
+    )
+    context = Context(study, tmp_path, block_pin_model, serial_map, print, show_progress=False)
+    draws, chain = _draws(context, study.hypotheses[0])
+    assert draws.shape == (4500, 2) and chain == pytest.approx(200.0)

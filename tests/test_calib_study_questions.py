@@ -16,6 +16,7 @@ from analytic_block import analytic_block
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from test_calib_inference_leave_out import FORCE, TRAVEL, draws
 
+from calib.asking_verbs import _say_answer
 from calib.cli import main
 from calib.inference.coordinates import Space, Unknown
 from calib.inference.data_parts import Part
@@ -48,6 +49,7 @@ from calib.study.figure_style import png_bytes
 from calib.study.finished import changed_since, chosen, finished
 from calib.study.identify import facts, tables
 from calib.study.identify_figure import identify_figure
+from calib.study.posterior_stage import _hashes
 from calib.study.second_test import load_second_test
 from calib.study.stages import run_study
 from calib.study.study_file import write_study
@@ -242,6 +244,38 @@ def test_a_study_without_its_posterior_is_asked_nothing(
             f"calib: {tmp_path}: found no posterior.nc, expected the folder of a finished study\n"
         )
         assert capsys.readouterr().err == said
+
+
+def test_a_posterior_is_known_by_mesh_errors_and_boxes_too(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    study = load_study("virtual")
+    names = ["data.npz", "data.json", "map.json", "boxes.json", "refinement.json"]
+    for hypothesis in ("stuck", "sliding"):
+        names += [f"emulator_{hypothesis}.npz", f"samples_{hypothesis}.npz"]
+        names += [f"check/{hypothesis}/mesh_error.{end}" for end in ("json", "npz")]
+    for name in names:
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text(name)
+    monkeypatch.setattr("calib.study.posterior_stage.kept_box", lambda *_: None)
+    assert _hashes(tmp_path, study) == {name: hash_of_file(tmp_path / name) for name in names}
+
+
+def test_an_answer_stands_where_its_report_cannot_be_drawn(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "report.html").touch()
+
+    def damaged(*_: object) -> None:
+        raise ValueError("diagnostics.json: not a JSON file")
+
+    monkeypatch.setattr("calib.study.finished.finished", damaged)
+    _say_answer(tmp_path, ["found"], [tmp_path / "evidence.json"])
+    assert capsys.readouterr().out.splitlines() == [
+        "found",
+        "report.html is not drawn again: diagnostics.json: not a JSON file",
+        f"wrote {tmp_path / 'evidence.json'}",
+    ]
 
 
 def test_the_boxes_that_a_posterior_was_made_with_must_be_there(tmp_path: Path) -> None:

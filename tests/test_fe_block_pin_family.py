@@ -238,3 +238,11 @@ def test_targets_and_counts_are_kept_as_plain_numbers_that_do_not_change() -> No
     assert model.cells == (3, 2, 2) and hash(model) == hash(replace(model))
     assert [type(travel) for travel in model.travel] == [float, float]
     assert type(replace(TEMPLATE, travel=(1,)).travel[0]) is float
+    grid, asked_for = [3, 2], ["r", "s"]
+    plate = TensileModel(NotchedPlate(), (2, 2, 1), (1.0,), field_grid=grid)
+    model = replace(TEMPLATE, field_grid=grid, sensitivities=asked_for)
+    at_points = replace(TEMPLATE, field_grid=np.array([[1.0, 1.0], [3.0, 2.0]]))
+    grid[0], asked_for[0] = -4, "t"
+    assert plate.field_grid == model.field_grid == (3, 2) and model.sensitivities == ("r", "s")
+    assert at_points.field_grid == ((1.0, 1.0), (3.0, 2.0))
+    assert len({hash(plate), hash(model), hash(at_points)}) == 3

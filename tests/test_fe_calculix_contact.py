@@ -12,12 +12,13 @@ from benchmarks.calculix_contact import CASES, compare, pin_bricks
 from fe import BlockPin
 from fe.pin_surface import bar_distance
 
-pytestmark = pytest.mark.skipif(
+needs_ccx = pytest.mark.skipif(
     not calculix.available(),
     reason="ccx is not installed (apt-get install calculix-ccx): no comparison with CalculiX",
 )
 
 
+@needs_ccx
 @pytest.mark.lasting
 @pytest.mark.parametrize(("number", "share"), [(0, 0.03), (2, 0.06)], ids=["sliding", "friction"])
 def test_force_and_front_face_under_a_bar_are_those_of_calculix(number: int, share: float) -> None:
@@ -27,6 +28,7 @@ def test_force_and_front_face_under_a_bar_are_those_of_calculix(number: int, sha
     assert (found.field_rms < share * found.field_size).all()
 
 
+@needs_ccx
 @pytest.mark.slow
 @pytest.mark.parametrize("number", [3, 4], ids=["sliding", "friction"])
 def test_force_and_front_face_under_a_round_pin_are_those_of_calculix(number: int) -> None:
@@ -52,6 +54,7 @@ def test_facets_lie_on_the_pins_surface_and_look_outwards(pin) -> None:
     assert np.abs(gaps).max() < 1e-12
 
 
+@needs_ccx
 def test_a_deck_that_ccx_cannot_solve_is_refused_with_what_it_printed(monkeypatch) -> None:
     solve = calculix.run
     broken = ("MATERIAL=STEEL", "MATERIAL=NONE")

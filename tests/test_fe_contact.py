@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from fe.contact import (
+    FREE,
     TIED_TO_FLOOR,
     TIED_TO_PIN,
     PenaltyLaw,
@@ -22,8 +23,9 @@ from fe.specimens.block_pin import BlockPin, BlockPinModel, Contact
 PIN = RigidPin(height=2.5, half_width=2.0, fillet=0.3, stiffness=500.0, ramp=0.1)
 
 
-def patch():
-    model = BlockPinModel(BlockPin(), Contact("slide", "slide"), (4, 2, 2), (0.5,))
+def patch(base="slide"):
+    """A block of rough displacement; with friction its base stands on springs."""
+    model = BlockPinModel(BlockPin(), Contact(base, base), (4, 2, 2), (0.5,))
     discrete = model.discretise()
     rng = np.random.default_rng(5)
     u = 0.15 * rng.standard_normal(discrete.elements.positions.shape)
@@ -31,11 +33,11 @@ def patch():
     return discrete, u
 
 
-def evaluate(discrete, u, memory, travel):
+def evaluate(discrete, u, memory, travel, pin=PIN):
     system = empty_system(discrete.faces)
     ties = memory.ties
     tied = ties.kind, ties.hold, ties.anchor
-    energy, force = contact_system(u, discrete.faces, *tied, travel, PIN, True, system)
+    energy, force = contact_system(u, discrete.faces, *tied, travel, pin, True, system)
     return energy, force, system
 
 
@@ -85,14 +87,17 @@ def test_penalty_derivatives_match_finite_differences(gap):
     assert penalty(gap, 500.0, 0.1)[2] == pytest.approx((slope[1] - slope[0]) / (2 * h), abs=1e-4)
 
 
-def test_contact_force_is_the_gradient_of_its_energy_and_tangent_its_derivative():
-    discrete, u = patch()
-    memory = mixed_memory(discrete)
-    _, _, system = evaluate(discrete, u, memory, 0.4)
+@pytest.mark.parametrize("base", ["slide", 0.3])
+def test_contact_force_is_the_gradient_of_its_energy_and_tangent_its_derivative(base):
+    discrete, u = patch(base)
+    assert discrete.faces.base.any() == (base != "slide")
+    memory, pin = mixed_memory(discrete), PIN._replace(base_stiffness=2e4)
+    memory.ties.kind[discrete.faces.base] = FREE
+    _, _, system = evaluate(discrete, u, memory, 0.4, pin)
     rng = np.random.default_rng(1)
     du = rng.standard_normal(u.shape)
     h = 1e-6
-    plus, minus = (evaluate(discrete, u + k * h * du, memory, 0.4) for k in (1, -1))
+    plus, minus = (evaluate(discrete, u + k * h * du, memory, 0.4, pin) for k in (1, -1))
     along = np.sum(system.force * du[discrete.faces.nodes])
     assert along == pytest.approx((plus[0] - minus[0]) / (2 * h), rel=1e-6)
     change = np.einsum("caikb,cbk->cai", system.tangent, du[discrete.faces.nodes])

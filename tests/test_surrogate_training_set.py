@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from surrogate.partial_runs import PartialRuns
 from surrogate.training_set import TrainingSet
 
 
@@ -53,8 +54,14 @@ def test_one_fingerprint_is_one_order_in_memory() -> None:
         np.asfortranarray(here.displacement),
     )
     assert turned.fingerprint == here.fingerprint
-    for name in ("ratios", "force", "displacement"):
-        assert getattr(turned, name).flags.c_contiguous
+    half = np.asfortranarray(np.where(np.arange(3) < 2, here.force, np.nan))
+    early = PartialRuns(np.asfortranarray(here.ratios), half, None)
+    for made, names in (
+        (turned, ("ratios", "force", "displacement")),
+        (early, ("ratios", "force")),
+    ):
+        for name in names:
+            assert getattr(made, name).flags.c_contiguous
 
 
 def test_a_force_that_is_not_positive_is_refused_by_run_and_step() -> None:

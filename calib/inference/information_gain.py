@@ -81,10 +81,10 @@ def nested_gain(
 ) -> NestedGain:
     """Nested Monte Carlo, which needs neither linearity nor normal parameters.
 
-    `outer` (N, n) and `inner` (M, n) are the means at independent draws of the parameters. Each
-    outer one is measured once; its log density is held against the log of the average over the
-    inner ones (Ryan, J. Comput. Graph. Stat. 12, 2003; bounds as in Foster et al. 2020). `chain` as
-    in `laplace_gain`.
+    `outer` (N, n) and `inner` (M, n) are the means at draws of the parameters. Each outer one is
+    measured once; its log density is held against the log of the average over the inner ones (Ryan,
+    J. Comput. Graph. Stat. 12, 2003; bounds as in Foster et al. 2020). `chain` as in
+    `laplace_gain`.
     """
     factor = np.linalg.cholesky(covariance)
     white = solve_triangular(factor, outer.T, lower=True).T

@@ -21,7 +21,7 @@ from calib.study.config import Study
 from calib.study.context import Context, stream
 from calib.study.data_stage import StudyData, load_data
 from calib.study.early_runs import beyond_complete_runs
-from calib.study.local_design import BOXES, LOCAL, kept_box
+from calib.study.local_design import BOXES, LOCAL, REFINEMENT, kept_box
 from calib.study.mesh_error_file import load_mesh_error, mesh_error_files
 from calib.study.mesh_remarks import distance_sentence, errors_sentence
 from calib.study.posterior_setup import emulator_posterior, noise_of
@@ -159,7 +159,7 @@ def _mesh_remark(out: Path, study: Study, hypothesis: Hypothesis) -> str:
 
 def _hashes(out: Path, study: Study) -> dict[str, str]:
     paths = [out / "data.npz", out / "data.json", out / "map.json"]
-    paths += [path for path in (out / BOXES,) if path.is_file()]
+    paths += [path for path in (out / BOXES, out / REFINEMENT) if path.is_file()]
     for hypothesis in study.hypotheses:
         paths += [emulator_path(out, hypothesis), samples_path(out, hypothesis.name)]
         paths += mesh_error_files(out, hypothesis)

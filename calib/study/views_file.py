@@ -25,9 +25,13 @@ def kept_run(store: Path, model: BlockPinModel, ratios: Array) -> Run | None:
     path = _path(store, model, ratios)
     if not path.is_file():
         return None
-    parts = read_npz(
-        path, [*OF_RUN, *(f"{face}_{name}" for face in FACES for name in Seen._fields)]
-    )
+    names = [*OF_RUN, *(f"{face}_{name}" for face in FACES for name in Seen._fields)]
+    try:
+        parts = read_npz(path, names)
+    except ValueError as error:
+        raise ValueError(
+            f"{path}: found no whole FE run in it; delete it and ask `calib design-next` again"
+        ) from error
     of_run = (parts[name] for name in OF_RUN)
     faces = {face: Seen(*(parts[f"{face}_{name}"] for name in Seen._fields)) for face in FACES}
     return Run._make([*of_run, faces])
@@ -43,5 +47,5 @@ def keep_run(store: Path, model: BlockPinModel, run: Run) -> None:
 
 
 def _path(store: Path, model: BlockPinModel, ratios: Array) -> Path:
-    key = hash_of([run_identity(model), np.asarray(ratios, dtype=np.float64).tolist()])
-    return store / f"{key[:16]}.npz"
+    name = hash_of([run_identity(model), np.asarray(ratios, dtype=np.float64).tolist()])
+    return store / f"{name}.npz"

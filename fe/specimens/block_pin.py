@@ -26,7 +26,7 @@ from fe.load_stepping import TravelState
 from fe.material_parameters import MaterialParameters, all_parameters, ratio_parameters
 from fe.materials.material import Material, mooney_rivlin_of_ratios
 from fe.newton import NewtonOptions
-from fe.parameters import Parameters, check_asked, check_names
+from fe.parameters import Parameters, check_names, keep_asked
 from fe.potential import Problem
 from fe.pressing import press
 from fe.progress import Progress, listener
@@ -52,7 +52,7 @@ from fe.specimens.block_pin_part import (
     modelled_part,
 )
 from fe.specimens.checks import check_bulk_ratio, check_kinds, check_travel, keep_counts
-from fe.specimens.field_grid import FieldGrid
+from fe.specimens.field_grid import FieldGrid, keep_field_grid
 from fe.specimens.ring_mesh import Cells, Rings, check_rings
 from fe.specimens.turned_bar import edge_crosses_elements
 from fe.specimens.under_pin import pressed_of, problem_of
@@ -121,7 +121,7 @@ class BlockPinModel:
         check_kinds(self, steps=StepOptions, newton=NewtonOptions)
         if not isinstance(self.cells, Rings):
             keep_counts(self, "cells", (1, 1, 1))
-        check_asked(self.sensitivities)
+        keep_asked(self)
         keep_targets(self)
         check_travel(self.travel, self.specimen.height, "block's height")
         check_bulk_ratio(self.bulk_ratio)
@@ -130,6 +130,7 @@ class BlockPinModel:
         if isinstance(self.cells, Rings):
             check_rings(self.specimen, self.part)
         check_field_grid(self.field_grid, self.specimen, self.part)
+        keep_field_grid(self)
         if not isinstance(self.plane_strain, bool):
             raise ValueError(f"plane_strain: expected True or False, found {self.plane_strain!r}")
         if self.plane_strain:

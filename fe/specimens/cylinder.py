@@ -23,7 +23,7 @@ from fe.driven_response import DrivenSpecimen, Schedule
 from fe.field_motion import field_probe
 from fe.force_control import keep_targets
 from fe.newton import NewtonOptions
-from fe.parameters import check_asked
+from fe.parameters import keep_asked
 from fe.plane_elements import axisymmetric_elements, hoop_equations, with_hoop
 from fe.plate import Edges, Plate, ring_edges
 from fe.positive_numbers import is_number
@@ -104,7 +104,7 @@ class CylinderModel:
         keep_counts(self, "cells", (1, 1))
         check_counts("n_point", self.n_point, 1)
         keep_targets(self)
-        check_asked(self.sensitivities)
+        keep_asked(self)
         check_travel(self.travel, self.specimen.height, "height")
         if self.ends not in ("bonded", "slide"):
             raise ValueError(f"ends: expected 'bonded' or 'slide', found {self.ends!r}")

@@ -26,7 +26,7 @@ from fe.load_stepping import TravelState
 from fe.material_parameters import MaterialParameters, all_parameters, ratio_parameters
 from fe.materials.material import Material, mooney_rivlin_of_ratios
 from fe.newton import NewtonOptions
-from fe.parameters import check_asked, check_names
+from fe.parameters import check_names, keep_asked
 from fe.pin_surface import under_flat
 from fe.plane_elements import axisymmetric_elements, hoop_equations
 from fe.plate import ring_edges
@@ -127,7 +127,7 @@ class DiscPinModel:
         keep_counts(self, "cells", (1, 1))
         check_counts("n_point", self.n_point, 1)
         keep_targets(self)
-        check_asked(self.sensitivities)
+        keep_asked(self)
         check_travel(self.travel, self.specimen.height, "height")
         check_bulk_ratio(self.bulk_ratio)
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import numpy.typing as npt
 
@@ -28,3 +30,11 @@ def own_points(grid: FieldGrid) -> Array | None:
         what = repr(grid) if found is None else f"shape {found.shape}"
         raise ValueError(f"field_grid: expected points (x, y) in mm, or two counts, found {what}")
     return found
+
+
+def keep_field_grid(model: Any) -> None:
+    """Make a frozen model's `field_grid` a tuple of ints or of points, which does not change."""
+    found = own_points(model.field_grid)
+    counts = tuple(int(n) for n in model.field_grid) if found is None else None
+    kept = counts if found is None else tuple((x, y) for x, y in found.tolist())
+    object.__setattr__(model, "field_grid", kept)

@@ -24,9 +24,9 @@ from fe.driven_response import DrivenSpecimen, Schedule
 from fe.field_motion import field_probe
 from fe.force_control import keep_targets
 from fe.newton import NewtonOptions
-from fe.parameters import check_asked
+from fe.parameters import keep_asked
 from fe.specimens.checks import check_bulk_ratio, check_kinds, check_lengths, keep_counts
-from fe.specimens.field_grid import FieldGrid, own_points
+from fe.specimens.field_grid import FieldGrid, keep_field_grid, own_points
 from fe.steps import StepOptions
 
 Array = npt.NDArray[np.float64]
@@ -156,8 +156,9 @@ class TensileModel:
         check_kinds(self, specimen=NotchedPlate, steps=StepOptions, newton=NewtonOptions)
         keep_counts(self, "cells", (1, 2, 1))
         check_field_grid(self.field_grid, self.specimen)
+        keep_field_grid(self)
         keep_targets(self)
-        check_asked(self.sensitivities)
+        keep_asked(self)
         check_bulk_ratio(self.bulk_ratio)
 
     def points(self) -> Array:

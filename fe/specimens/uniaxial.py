@@ -25,7 +25,7 @@ from fe.driven_response import DrivenSpecimen, Schedule
 from fe.field_motion import field_probe
 from fe.force_control import keep_targets
 from fe.newton import NewtonOptions
-from fe.parameters import check_asked
+from fe.parameters import keep_asked
 from fe.specimens.checks import (
     check_bulk_ratio,
     check_kinds,
@@ -81,7 +81,7 @@ class UniaxialModel:
         check_kinds(self, specimen=Bar, steps=StepOptions, newton=NewtonOptions)
         keep_counts(self, "field_grid", (1, 1))
         keep_targets(self)
-        check_asked(self.sensitivities)
+        keep_asked(self)
         check_bulk_ratio(self.bulk_ratio)
         if self.direction not in ("tension", "compression"):
             raise ValueError(
