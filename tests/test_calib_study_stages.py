@@ -540,6 +540,20 @@ def test_a_validation_appears_in_the_report(
     assert "`calib validate` makes them anew" in (out / "report.html").read_text()
 
 
+def test_runs_of_the_check_are_not_called_unused_where_refine_alone_runs_again(
+    thesis: Run, tmp_path: Path
+) -> None:
+    out = tmp_path / "copy"
+    shutil.copytree(thesis.out, out)
+    (out / "emulator_sliding.npz").unlink()
+    ran = run_stages(_context(thesis.study, out))
+    assert "refine" in ran and "check" not in ran
+    manifests = sorted(path.relative_to(out) for path in out.glob("check/**/manifest.json"))
+    assert len(manifests) > 1
+    for name in manifests:
+        assert (out / name).read_bytes() == (thesis.out / name).read_bytes()
+
+
 @pytest.mark.lasting
 def test_an_answer_stands_in_every_report_after_it_and_tells_when_the_posterior_is_another(
     thesis: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

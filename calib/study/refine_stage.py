@@ -30,7 +30,7 @@ from calib.study.train_stage import design_runs, fit_and_judge
 from calib.study.training_runs import rows
 from calib.study.unknowns import by_constants, design_box, parameters_of
 from calib.study.verification import campaigns_added, n_rounds, refinement_is_kept
-from fe.campaign import CampaignFailed, CampaignPlan, load_campaign, run_campaigns
+from fe.campaign import CampaignFailed, CampaignPlan, list_campaign, load_campaign, run_campaigns
 from fe.campaign_result import Campaign
 from fe.progress_bar import progress_bar
 from surrogate.refine import STOP_BELOW
@@ -80,6 +80,9 @@ def _add_runs(context: Context) -> None:
     added = {h.name: load_campaign(plan(context, h, loops[h.name].ratios)) for h in hypotheses}
     found = {h.name: described(context, h, loops[h.name], added[h.name]) for h in hypotheses}
     write_json(context.out / REFINEMENT, found)
+    for checked in check_sets(context):  # the last of them may be there, and are not unused
+        if checked.store.is_dir():
+            list_campaign(checked)
 
 
 def load_refinement(context: Context, hypothesis: Hypothesis) -> Campaign:
