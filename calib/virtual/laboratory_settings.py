@@ -247,7 +247,7 @@ class LaboratorySettings:
 BEFORE_APPROACH = 2.0
 """s: when the reference image is taken"""
 SURE = 4.0
-"""SDs beyond which nothing is drawn: of the hand that presses the trigger, of contact"""
+"""SDs of the hand that presses the trigger"""
 MISPLACED_SHARE = 1 / 3
 """of samples, where the number of the misplaced is not asked for"""
 
