@@ -82,9 +82,10 @@ def _contact(sd: float, room: float, rng: np.random.Generator) -> float:
     `room` is how much further, mm, than the programme the truth was computed.
     """
     if 0.0 <= room < LEAST_ROOM * sd:
+        most = room / LEAST_ROOM
         raise ValueError(
-            f"contact_sd_mm: expected at most {room / LEAST_ROOM:.4f} mm, as the truth was computed "
-            f"for {room:.4f} mm of the crosshead beyond the last increment, found {sd:g} mm; fewer "
+            f"contact_sd_mm: expected at most {most:.4f} mm, as the truth was computed for "
+            f"{room:.4f} mm of the crosshead beyond the last increment, found {sd:g} mm; fewer "
             "increments, or a truth to a longer travel, leave more"
         )
     contact = float(sd * rng.standard_normal())
