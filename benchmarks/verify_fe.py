@@ -3,7 +3,7 @@
     python -m benchmarks.verify_fe [--only PART ...] [--cases CASE ...] [--draws 200] [--workers 1]
         [--out FILE]
 
-Parts: felupe, calculix, taylor (a minute each), calculix_contact (ten minutes), turned (bars, five
+Parts: felupe, calculix, taylor (a minute each), calculix_contact (25 minutes), turned (bars, five
 minutes), gci and bounds (ten minutes each), directions (the fitting meshes refined in one
 coordinate at a time, an hour), sobol (200 draws over pins and contacts on the sampling meshes, half
 an hour), sobol_fitting (20 of them on the fitting meshes, an hour or more).  Each part replaces its

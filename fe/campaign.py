@@ -37,9 +37,10 @@ class CampaignFailed(RuntimeError):  # noqa: N818 - says what happened
 class CampaignPlan:
     """What is to be run and where it is kept.
 
-    Raises ValueError for a model with forces asked, for a design that `checked_theta` refuses or a
-    method `check_rows(theta)` of the model, if it has one, for a store that is a file, and for a
-    fingerprint or `design` that does not consist of finite JSON values, TypeError where no
+    Raises ValueError for a model with forces asked, for `parameters` other than the attribute
+    `columns` (or `parameters`) of a model that has one, for a design that `checked_theta` refuses
+    or a method `check_rows(theta)` of the model, if it has one, for a store that is a file, and for
+    a fingerprint or `design` that does not consist of finite JSON values, TypeError where no
     fingerprint is given for a model that is no dataclass.
     """
 

@@ -43,7 +43,7 @@ def run_machine(
     settings: LaboratorySettings,
     rng: np.random.Generator,
 ) -> MachineRun:
-    """Test one sample that is `stiffness` times as stiff as the mean one.
+    """Test one sample that is `stiffness` times as stiff as the median one.
 
     The frame yields by the force at rest; what relaxes moves it by less than its rounding.
     Raises ValueError when the protocol goes further than the truth was computed, or so far that

@@ -27,7 +27,8 @@ class BlockTruth:
     """What is pressed, and on which meshes its response is computed.
 
     The field of a shifted pin is that of the fine quarter model plus the change that a coarser half
-    model shows for a shift of `shift_solved`. Raises ValueError for impossible numbers.
+    model shows for a shift of `shift_solved`. Raises ValueError for impossible numbers, and for
+    a pin that is no straight bar in the middle.
     """
 
     C10: float = 0.00518

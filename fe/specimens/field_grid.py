@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fe.positive_numbers import as_numbers
-from fe.specimens.checks import check_counts
+from fe.specimens.checks import check_counts, keep_counts
 
 Array = npt.NDArray[np.float64]
 
@@ -33,8 +33,12 @@ def own_points(grid: FieldGrid) -> Array | None:
 
 
 def keep_field_grid(model: Any) -> None:
-    """Make a frozen model's `field_grid` a tuple of ints or of points, which does not change."""
+    """Make a frozen model's `field_grid` a tuple of ints or of points, which does not change.
+
+    Raises ValueError as `own_points` does.
+    """
     found = own_points(model.field_grid)
-    counts = tuple(int(n) for n in model.field_grid) if found is None else None
-    kept = counts if found is None else tuple((x, y) for x, y in found.tolist())
-    object.__setattr__(model, "field_grid", kept)
+    if found is None:
+        keep_counts(model, "field_grid", (1, 1))
+    else:
+        object.__setattr__(model, "field_grid", tuple((x, y) for x, y in found.tolist()))
